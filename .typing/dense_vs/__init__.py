@@ -1,0 +1,1 @@
+../../dense_vs/__init__.py

@@ -1,0 +1,1 @@
+"""Dense visual servoing without calibration."""

@@ -1,0 +1,97 @@
+"""How kernels over images are launched: row bands on all CPU cores, one grid on a GPU.
+
+Warp runs a CPU launch on one core but releases the interpreter lock meanwhile, so an image is cut into
+bands of rows and each band is launched from its own thread. A pixel kernel starts with
+
+    def kernel(row_begin: int, column_step: int, ...):
+        world, row, column = wp.tid()
+        y = row_begin + row
+        for x in range(column, width, column_step):
+
+On a CPU the grid is (worlds, rows of the band, 1): a thread walks a whole row, which is about 1.7 times as
+fast as a thread a pixel. On a GPU it is (worlds, height, width): a thread a pixel. No pixel depends
+on another one's result, so any number of threads gives the same bits.
+"""
+
+import os
+from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
+from functools import cache
+from typing import Any
+
+import warp as wp
+
+
+def available_cores() -> int:
+    """Cores that this process may run on."""
+    if hasattr(os, "sched_getaffinity"):
+        return len(os.sched_getaffinity(0))
+    return os.cpu_count() or 1
+
+
+@cache
+def _pool(workers: int) -> ThreadPoolExecutor:
+    return ThreadPoolExecutor(workers, thread_name_prefix="dense-vs")
+
+
+class PixelLaunch:
+    """A pixel kernel bound to its arrays: recorded once, launched every frame without packing arguments.
+
+    Args:
+        kernel: pixel kernel, as in the module's docstring.
+        shape: (worlds, height, width) of the image it walks.
+        arguments: what follows ``row_begin`` and ``column_step``, inputs before outputs.
+        device: Warp device of the arrays.
+        threads: row bands launched at once on a CPU; ignored on a GPU.
+    """
+
+    def __init__(
+        self,
+        kernel: wp.Kernel,
+        shape: tuple[int, int, int],
+        arguments: Sequence[Any],
+        device: Any,
+        threads: int = 1,
+    ):
+        worlds, height, width = shape
+        device = wp.get_device(device)
+        if device.is_cpu:
+            bands = min(threads, height)
+            edges = [height * band // bands for band in range(bands + 1)]
+            grids = [(first, (worlds, last - first, 1)) for first, last in zip(edges, edges[1:], strict=False)]
+            column_step = 1
+        else:
+            grids = [(0, (worlds, height, width))]
+            column_step = width
+        self._arguments = arguments  # keeps the arrays alive as long as the recorded pointers
+        self._commands = [
+            wp.launch(
+                kernel,
+                dim=grid,
+                inputs=[row_begin, column_step, *arguments],
+                device=device,
+                record_cmd=True,
+                record_tape=False,
+            )
+            for row_begin, grid in grids
+        ]
+
+    def __call__(self) -> None:
+        """Run on the arrays' present content; on a CPU the result is there on return."""
+        first, *others = self._commands
+        pool = _pool(len(others)) if others else None
+        futures = [pool.submit(command.launch) for command in others] if pool else []
+        first.launch()
+        for future in futures:
+            future.result()
+
+
+def launch_pixels(
+    kernel: wp.Kernel,
+    shape: tuple[int, int, int],
+    arguments: Sequence[Any],
+    device: Any,
+    threads: int = 1,
+) -> None:
+    """Launch a pixel kernel once; see :class:`PixelLaunch` for the arguments."""
+    PixelLaunch(kernel, shape, arguments, device, threads)()
