@@ -1,0 +1,97 @@
+"""What the public API accepts as an array, and how it reaches the device.
+
+NumPy and Warp arrays and anything with ``__array_interface__``, ``__cuda_array_interface__`` or
+``__dlpack__`` are taken, without a copy where they already lie on the device.
+"""
+
+from typing import Any
+
+import numpy as np
+import warp as wp
+
+from dense_vs.errors import DenseVSError
+
+
+def _host_or_gpu(value: Any, name: str, expected: str) -> np.ndarray | wp.array:
+    """The value as a NumPy array, or as a Warp array where it lies on a GPU."""
+    if isinstance(value, wp.array):
+        return value.numpy() if value.device.is_cpu else value
+    if isinstance(value, np.ndarray):
+        return value
+    try:
+        if hasattr(value, "__cuda_array_interface__"):
+            return wp.array(value, copy=False)
+        if hasattr(value, "__dlpack_device__") and value.__dlpack_device__()[0] != 1:  # not kDLCPU
+            return wp.from_dlpack(value)
+        return np.asarray(value)
+    except (TypeError, ValueError, RuntimeError, AttributeError, BufferError) as error:
+        raise DenseVSError(f"{name} is a {type(value).__name__}; expected {expected} ({error})") from error
+
+
+def vec2_image(value: Any, name: str, shape: tuple[int, int, int], device: wp.Device) -> wp.array:
+    """A dense vector image as a ``(worlds, height, width)`` Warp array of vec2 on ``device``.
+
+    Args:
+        value: float32, ``(worlds, height, width, 2)``, or without the first axis for one world.
+        name: what to call it in an error.
+        shape: expected (worlds, height, width).
+        device: where it is needed.
+
+    Raises:
+        DenseVSError: another shape or dtype.
+    """
+    full = (*shape, 2)
+    accepted = (full, full[1:]) if shape[0] == 1 else (full,)
+    expected = f"a float32 array of shape {accepted[-1]}"
+    array = _host_or_gpu(value, name, expected)
+    if isinstance(array, np.ndarray):
+        got, dtype_name = array.shape, array.dtype.name
+    else:
+        got = (*array.shape, *getattr(array.dtype, "_shape_", ()))
+        dtype_name = getattr(array.dtype, "_wp_scalar_type_", array.dtype).__name__
+    if got not in accepted or dtype_name != "float32":
+        raise DenseVSError(f"{name} has shape {got} and dtype {dtype_name}; expected {expected}")
+    if isinstance(array, np.ndarray):
+        contiguous = np.ascontiguousarray(array).reshape(full)
+        return wp.array(contiguous, dtype=wp.vec2, device=device, copy=not device.is_cpu)
+    contiguous = array.contiguous()
+    image = wp.array(ptr=contiguous.ptr, dtype=wp.vec2, shape=shape, device=contiguous.device)
+    image._source = contiguous  # the view does not own the memory
+    return image if image.device == device else image.to(device)
+
+
+def real_vector(value: Any, name: str, shape: tuple[int, ...]) -> np.ndarray:
+    """A few finite numbers as a float64 NumPy array of ``shape``; -1 in ``shape`` takes any length.
+
+    Raises:
+        DenseVSError: another shape, not floating point, or a value that is not finite.
+    """
+    shown = str(tuple("any" if n < 0 else n for n in shape)).replace("'", "")
+    expected = f"finite floating-point numbers of shape {shown}"
+    array = _host_or_gpu(value, name, expected)
+    if isinstance(array, wp.array):
+        array = array.numpy()
+    fits = array.ndim == len(shape) and all(want in (-1, got) for want, got in zip(shape, array.shape, strict=True))
+    if not fits or array.dtype.kind != "f":
+        raise DenseVSError(f"{name} has shape {array.shape} and dtype {array.dtype}; expected {expected}")
+    if not np.isfinite(array).all():
+        raise DenseVSError(f"{name} is {array.tolist()}; expected {expected}")
+    return array.astype(np.float64)
+
+
+def points_array(value: Any, name: str) -> np.ndarray:
+    """Image points as float64 ``(K, 2)``; lists and whole numbers are welcome, one point counts as K = 1.
+
+    Raises:
+        DenseVSError: another shape, or a coordinate that is not finite.
+    """
+    expected = "finite image points of shape (K, 2)"
+    try:
+        array = np.asarray(value.numpy() if isinstance(value, wp.array) else value, dtype=np.float64)
+    except (TypeError, ValueError) as error:
+        raise DenseVSError(f"{name} is {value!r}; expected {expected}") from error
+    if array.shape == (2,):
+        array = array[None]
+    if array.ndim != 2 or array.shape[1] != 2 or not np.isfinite(array).all():
+        raise DenseVSError(f"{name} has shape {array.shape} and values {array.tolist()}; expected {expected}")
+    return array

@@ -1,0 +1,111 @@
+"""Dense optical flow between two grey images, in the convention that DIJE's equations (13) to (15) use.
+
+``u(x)`` is stored at the pixels of the present frame and points from where the surface point was to where it
+is: ``x - u(x)`` is its old place. OpenCV's functions answer at the pixels of their first image, so they are
+called from the present image to the previous one and the answer is negated.
+"""
+
+from collections.abc import Callable
+from typing import Any
+
+import cv2
+import numpy as np
+
+from dense_vs.errors import DenseVSError
+
+
+def _farneback(window: int, levels: int, iterations: int) -> Callable[[], Callable]:
+    def make() -> Callable:
+        def calculate(present: np.ndarray, previous: np.ndarray) -> np.ndarray:
+            return cv2.calcOpticalFlowFarneback(
+                present, previous, None, 0.5, levels, window, iterations, 5, 1.1, 0  # type: ignore[call-overload]
+            )
+
+        return calculate
+
+    return make
+
+
+def _dis(preset: int, **settings: int) -> Callable[[], Callable]:
+    def make() -> Callable:
+        method = cv2.DISOpticalFlow.create(preset)
+        for name, value in settings.items():
+            getattr(method, f"set{name}")(value)
+
+        def calculate(present: np.ndarray, previous: np.ndarray) -> np.ndarray:
+            return method.calc(present, previous, None)  # type: ignore[call-overload]
+
+        return calculate
+
+    return make
+
+
+METHODS: dict[str, Callable[[], Callable]] = {
+    "dis": _dis(cv2.DISOPTICAL_FLOW_PRESET_ULTRAFAST, FinestScale=0),
+    "dis-medium": _dis(cv2.DISOPTICAL_FLOW_PRESET_MEDIUM),
+    "dis-ultrafast": _dis(cv2.DISOPTICAL_FLOW_PRESET_ULTRAFAST),
+    "farneback": _farneback(window=11, levels=2, iterations=1),
+    "farneback-paper": _farneback(window=15, levels=3, iterations=3),
+}
+
+
+class FlowEstimator:
+    """Dense flow by one of OpenCV's methods.
+
+    Args:
+        method: ``"dis"``, dense inverse search down to the full resolution (default); ``"farneback"``,
+            polynomial expansion with a small window; ``"farneback-paper"``, window 15, 3 levels, 3 iterations;
+            ``"dis-medium"`` and ``"dis-ultrafast"``, OpenCV's presets.
+        height, width: image size [px].
+
+    Raises:
+        DenseVSError: unknown method or a size below 16.
+    """
+
+    def __init__(self, method: str = "dis", height: int = 240, width: int = 320):
+        if method not in METHODS:
+            raise DenseVSError(f"flow method {method!r} is unknown; expected one of {', '.join(METHODS)}")
+        for name, value in (("height", height), ("width", width)):
+            if not isinstance(value, (int, np.integer)) or value < 16:
+                raise DenseVSError(f"{name} is {value!r}; expected a whole number of at least 16")
+        self.method = method
+        self.height, self.width = int(height), int(width)
+        self._calculate = METHODS[method]()
+
+    def __call__(self, previous_gray: Any, gray: Any) -> np.ndarray:
+        """Flow of the present image, float32 ``(H, W, 2)`` [px per frame].
+
+        Args:
+            previous_gray, gray: uint8 ``(H, W)``, the image one frame ago and now.
+
+        Raises:
+            DenseVSError: another shape or dtype.
+        """
+        images = []
+        for name, image in (("previous_gray", previous_gray), ("gray", gray)):
+            array = np.asarray(image)
+            if array.shape != (self.height, self.width) or array.dtype != np.uint8:
+                raise DenseVSError(
+                    f"{name} has shape {array.shape} and dtype {array.dtype}; "
+                    f"expected uint8 of shape {(self.height, self.width)}"
+                )
+            images.append(np.ascontiguousarray(array))
+        previous, present = images
+        flow = self._calculate(present, previous)
+        return np.negative(flow, out=flow)
+
+
+def to_gray(image: Any) -> np.ndarray:
+    """Grey image, uint8 ``(H, W)``, of an RGB ``(H, W, 3)`` or already grey uint8 image.
+
+    Raises:
+        DenseVSError: another shape or dtype.
+    """
+    array = np.asarray(image)
+    if array.dtype == np.uint8 and array.ndim == 2:
+        return array
+    if array.dtype == np.uint8 and array.ndim == 3 and array.shape[2] == 3:
+        return cv2.cvtColor(array, cv2.COLOR_RGB2GRAY)
+    raise DenseVSError(
+        f"image has shape {array.shape} and dtype {array.dtype}; expected uint8 of shape (H, W, 3) or (H, W)"
+    )

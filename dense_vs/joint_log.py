@@ -1,0 +1,171 @@
+"""Joint positions over time, on their own clock ticks, interpolated to the camera's.
+
+A camera and a robot's encoders report at different rates. ``dq`` of a frame is the joint displacement between
+two image time stamps, so the positions are interpolated linearly to them.
+"""
+
+import csv
+import os
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from dense_vs.arrays import real_vector
+from dense_vs.errors import DenseVSError
+
+
+@dataclass(frozen=True)
+class JointLog:
+    """Positions of named joints over time.
+
+    Attributes:
+        names: N joint names.
+        times: float64 ``(T,)`` [s], increasing.
+        positions: float64 ``(T, N)`` [rad, m for a prismatic joint].
+    """
+
+    names: tuple[str, ...]
+    times: np.ndarray
+    positions: np.ndarray
+
+    def __post_init__(self):
+        if self.times.ndim != 1 or self.positions.shape != (len(self.times), len(self.names)):
+            raise DenseVSError(
+                f"joint log has times of shape {self.times.shape} and positions of shape {self.positions.shape}; "
+                f"expected (T,) and (T, {len(self.names)})"
+            )
+        if len(self.times) < 2:
+            raise DenseVSError(f"joint log has {len(self.times)} rows; expected at least 2")
+        backward = np.flatnonzero(np.diff(self.times) <= 0)
+        if backward.size:
+            k = backward[0]
+            raise DenseVSError(
+                f"joint log times do not increase: row {k + 2} has {self.times[k + 1]} s after "
+                f"{self.times[k]} s in row {k + 1}"
+            )
+
+    def at(self, times: np.ndarray) -> np.ndarray:
+        """Positions at ``times`` ``(M,)`` [s], float64 ``(M, N)``.
+
+        Raises:
+            DenseVSError: a time outside the log.
+        """
+        times = np.asarray(times, dtype=np.float64)
+        if times.size and (times.min() < self.times[0] or times.max() > self.times[-1]):
+            raise DenseVSError(
+                f"times {times.min():.3f} to {times.max():.3f} s are not all in the joint log, "
+                f"which covers {self.times[0]:.3f} to {self.times[-1]:.3f} s"
+            )
+        return np.stack([np.interp(times, self.times, q) for q in self.positions.T], axis=1)
+
+    def select(self, names: Sequence[str]) -> "JointLog":
+        """The log of some of the joints, in the order asked for.
+
+        Raises:
+            DenseVSError: a name that is not in the log, or twice in ``names``.
+        """
+        for name in names:
+            if name not in self.names:
+                raise DenseVSError(f"joint {name!r} is not in the log; it has {', '.join(self.names)}")
+        if len(set(names)) != len(names) or not names:
+            raise DenseVSError(f"joints are {', '.join(names) or 'none'}; expected each name once")
+        columns = [self.names.index(name) for name in names]
+        return JointLog(tuple(names), self.times, self.positions[:, columns])
+
+    def shifted(self, seconds: float) -> "JointLog":
+        """The log with ``seconds`` added to its times."""
+        return JointLog(self.names, self.times + seconds, self.positions)
+
+    @classmethod
+    def read_csv(cls, path: str | os.PathLike[str]) -> "JointLog":
+        """Read a CSV file: a header, time [s] in the first column, a named joint in every other one.
+
+        Raises:
+            DenseVSError: no such file, no header, a row of another length, a cell that is not a finite
+                number (with its line), times that do not increase.
+        """
+        try:
+            with open(path, newline="", encoding="utf-8-sig") as stream:
+                rows = [row for row in csv.reader(stream) if any(cell.strip() for cell in row)]
+        except (OSError, UnicodeDecodeError, csv.Error) as error:
+            reason = getattr(error, "strerror", None) or error
+            raise DenseVSError(f"cannot read joint log {path}: {reason}") from error
+        if not rows:
+            raise DenseVSError(f"joint log {path} is empty; expected a header and rows of numbers")
+        header = [cell.strip() for cell in rows[0]]
+        if len(header) < 2 or all(_is_number(cell) for cell in header):
+            raise DenseVSError(
+                f"joint log {path} starts with {','.join(header)!r}; expected a header naming the time column "
+                "and at least one joint"
+            )
+        names = header[1:]
+        if len(set(names)) != len(names) or not all(names):
+            raise DenseVSError(f"joint log {path} names its joints {names}; expected each column a name of its own")
+        numbers = np.empty((len(rows) - 1, len(header)))
+        for k, row in enumerate(rows[1:]):
+            if len(row) != len(header):
+                raise DenseVSError(
+                    f"joint log {path}, row {k + 1} after the header, has {len(row)} columns; expected {len(header)}"
+                )
+            for column, cell in enumerate(row):
+                if not _is_number(cell) or not np.isfinite(float(cell)):
+                    raise DenseVSError(
+                        f"joint log {path}, row {k + 1} after the header, column {header[column]!r} holds {cell!r}; "
+                        "expected a finite number"
+                    )
+                numbers[k, column] = float(cell)
+        return cls(tuple(names), numbers[:, 0].copy(), numbers[:, 1:].copy())
+
+
+class JointBuffer:
+    """The last seconds of a live robot's joints, for interpolation to image time stamps.
+
+    Args:
+        joints: number of joints N.
+        capacity: readings kept.
+    """
+
+    def __init__(self, joints: int, capacity: int = 256):
+        self._times = np.zeros(capacity)
+        self._positions = np.zeros((capacity, joints))
+        self._count = 0
+
+    def add(self, positions: np.ndarray, time: float) -> None:
+        """Take a reading; one that is not newer than the last is the same reading again and is left out.
+
+        Raises:
+            DenseVSError: not N finite numbers, or a time that is not finite.
+        """
+        positions = real_vector(positions, "joint positions", (self._positions.shape[1],))
+        if not np.isfinite(time):
+            raise DenseVSError(f"joint time stamp is {time}; expected seconds")
+        if self._count and time <= self._times[self._count - 1]:
+            return
+        if self._count == len(self._times):
+            kept = self._count // 2
+            self._times[:kept] = self._times[self._count - kept :]
+            self._positions[:kept] = self._positions[self._count - kept :]
+            self._count = kept
+        self._times[self._count] = time
+        self._positions[self._count] = positions
+        self._count += 1
+
+    def at(self, time: float) -> np.ndarray:
+        """Positions ``(N,)`` at ``time``, the first or last reading outside them.
+
+        Raises:
+            DenseVSError: no reading yet.
+        """
+        if not self._count:
+            raise DenseVSError("no joint reading yet; expected add() first")
+        times, positions = self._times[: self._count], self._positions[: self._count]
+        return np.array([np.interp(time, times, q) for q in positions.T])
+
+
+def _is_number(cell: str) -> bool:
+    try:
+        float(cell)
+    except ValueError:
+        return False
+    return True

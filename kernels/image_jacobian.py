@@ -1,0 +1,218 @@
+"""The dense image Jacobian's filter: predict (13), (14) and update (9) to (12) of DIJE in one pass.
+
+A pixel's state is its 2 x N Jacobian. The kernels are specialised on the number of joints N, so that a
+pixel's matrix stays in registers; :func:`jacobian_kernels` builds them once per N.
+
+Prediction moves the Jacobian image along a displacement image v: y = x - v(x), repeated as
+y = x - v(y). With v = J dq, bilinear sampling and the product with dq commute, so sampling the two
+numbers of v stands for sampling the 2N of J: the whole iteration costs less than one more sample of J.
+"""
+
+from functools import cache
+from types import SimpleNamespace
+
+import warp as wp
+
+from dense_vs.kernels.bilinear import bilinear
+
+wp.set_module_options({"enable_backward": False})
+
+sample_vec2 = bilinear(wp.vec2)
+
+
+@wp.func
+def finite(u: wp.vec2) -> bool:
+    """Whether both components are numbers."""
+    return wp.isfinite(u[0]) and wp.isfinite(u[1])
+
+
+@wp.func
+def displacement(
+    image: wp.array3d(dtype=wp.vec2), world: int, x: int, y: int, iterations: int, width: int, height: int
+) -> wp.vec2:
+    """Displacement [px] of the point now at (x, y): v(x), then v(x - v(x)), ... ``iterations`` times."""
+    moved = wp.vec2(0.0, 0.0)
+    if iterations > 0:
+        moved = image[world, y, x]
+        if not finite(moved):
+            return wp.vec2(0.0, 0.0)
+    for _ in range(iterations - 1):
+        moved = sample_vec2(image, world, x, y, moved, width, height)
+    return moved
+
+
+@cache
+def jacobian_kernels(joints: int) -> SimpleNamespace:
+    """Kernels for ``joints`` joints, with the element types ``Jacobian`` (2, N) and ``JointVector`` (N)."""
+    Jacobian = wp.types.matrix((2, joints), wp.float32)
+    Covariance = wp.types.matrix((joints, joints), wp.float32)
+    JointVector = wp.types.vector(joints, wp.float32)
+    sample_jacobian = bilinear(Jacobian)
+    sample_variance = bilinear(JointVector)
+
+    def kernel_in(form: str):
+        # A module a form and N: a new N never recompiles the others, an unused form is never compiled.
+        return wp.kernel(module=f"{__name__}_{form}_{joints}", enable_backward=False)
+
+    @wp.func
+    def innovation(flow: wp.vec2, jacobian: Jacobian, dq: JointVector) -> wp.vec2:
+        """u - J dq [px]; zero where the flow is not finite, which leaves the prediction as it is."""
+        if finite(flow):
+            return flow - jacobian * dq
+        return wp.vec2(0.0, 0.0)
+
+    @kernel_in("shared")
+    def predicted_flow(
+        row_begin: int,
+        column_step: int,
+        # In:
+        jacobian_in: wp.array3d(dtype=Jacobian),
+        dq_in: wp.array(dtype=JointVector),
+        # Out:
+        flow_out: wp.array3d(dtype=wp.vec2),
+    ):
+        """J dq at every pixel [px]."""
+        world, row, column = wp.tid()
+        y = row_begin + row
+        dq = dq_in[world]
+        for x in range(column, jacobian_in.shape[2], column_step):
+            flow_out[world, y, x] = jacobian_in[world, y, x] * dq
+
+    @kernel_in("shared")
+    def update_shared(
+        row_begin: int,
+        column_step: int,
+        # In:
+        jacobian_in: wp.array3d(dtype=Jacobian),
+        displacement_in: wp.array3d(dtype=wp.vec2),
+        iterations: int,
+        flow_in: wp.array3d(dtype=wp.vec2),
+        dq_in: wp.array(dtype=JointVector),
+        gain_in: wp.array(dtype=JointVector),
+        # Out:
+        jacobian_out: wp.array3d(dtype=Jacobian),
+    ):
+        """J <- J' + (u - J' dq) K^T, (10) and (12) with one gain K for the image."""
+        world, row, column = wp.tid()
+        y = row_begin + row
+        height = jacobian_in.shape[1]
+        width = jacobian_in.shape[2]
+        dq = dq_in[world]
+        gain = gain_in[world]
+        for x in range(column, width, column_step):
+            moved = displacement(displacement_in, world, x, y, iterations, width, height)
+            prior = sample_jacobian(jacobian_in, world, x, y, moved, width, height)
+            error = innovation(flow_in[world, y, x], prior, dq)
+            jacobian_out[world, y, x] = prior + wp.outer(error, gain)
+
+    @kernel_in("diagonal")
+    def update_diagonal(
+        row_begin: int,
+        column_step: int,
+        # In:
+        jacobian_in: wp.array3d(dtype=Jacobian),
+        variance_in: wp.array3d(dtype=JointVector),
+        displacement_in: wp.array3d(dtype=wp.vec2),
+        iterations: int,
+        move_variance: int,
+        flow_in: wp.array3d(dtype=wp.vec2),
+        dq_in: wp.array(dtype=JointVector),
+        process_noise: float,
+        drift_noise: float,
+        measurement_noise: float,
+        max_variance: float,
+        # Out:
+        jacobian_out: wp.array3d(dtype=Jacobian),
+        variance_out: wp.array3d(dtype=JointVector),
+    ):
+        """(9) to (11): a variance per pixel and joint, covariances dropped."""
+        world, row, column = wp.tid()
+        y = row_begin + row
+        height = jacobian_in.shape[1]
+        width = jacobian_in.shape[2]
+        dq = dq_in[world]
+        growth = process_noise * wp.dot(dq, dq) + drift_noise
+        for x in range(column, width, column_step):
+            moved = displacement(displacement_in, world, x, y, iterations, width, height)
+            prior = sample_jacobian(jacobian_in, world, x, y, moved, width, height)
+            variance = variance_in[world, y, x]
+            if move_variance != 0:
+                variance = sample_variance(variance_in, world, x, y, moved, width, height)
+            for i in range(wp.static(joints)):
+                variance[i] = wp.min(variance[i] + growth, max_variance)
+            flow = flow_in[world, y, x]
+            projected = wp.cw_mul(variance, dq)
+            gain = projected * (1.0 / (wp.dot(projected, dq) + measurement_noise))
+            jacobian_out[world, y, x] = prior + wp.outer(innovation(flow, prior, dq), gain)
+            if finite(flow):
+                variance = variance - wp.cw_mul(gain, projected)
+            variance_out[world, y, x] = variance
+
+    @kernel_in("full")
+    def update_full(
+        row_begin: int,
+        column_step: int,
+        # In:
+        jacobian_in: wp.array3d(dtype=Jacobian),
+        covariance_in: wp.array3d(dtype=Covariance),
+        displacement_in: wp.array3d(dtype=wp.vec2),
+        iterations: int,
+        flow_in: wp.array3d(dtype=wp.vec2),
+        dq_in: wp.array(dtype=JointVector),
+        process_noise: float,
+        drift_noise: float,
+        measurement_noise: float,
+        max_variance: float,
+        # Out:
+        jacobian_out: wp.array3d(dtype=Jacobian),
+        covariance_out: wp.array3d(dtype=Covariance),
+    ):
+        """Qian and Su's filter: a full N x N covariance per pixel."""
+        world, row, column = wp.tid()
+        y = row_begin + row
+        height = jacobian_in.shape[1]
+        width = jacobian_in.shape[2]
+        dq = dq_in[world]
+        growth = process_noise * wp.dot(dq, dq) + drift_noise
+        for x in range(column, width, column_step):
+            moved = displacement(displacement_in, world, x, y, iterations, width, height)
+            prior = sample_jacobian(jacobian_in, world, x, y, moved, width, height)
+            covariance = covariance_in[world, y, x]
+            scale = JointVector()
+            for i in range(wp.static(joints)):
+                covariance[i, i] = covariance[i, i] + growth
+                scale[i] = wp.min(1.0, wp.sqrt(max_variance / covariance[i, i]))
+            covariance = wp.cw_mul(covariance, wp.outer(scale, scale))
+            flow = flow_in[world, y, x]
+            projected = covariance * dq
+            gain = projected * (1.0 / (wp.dot(projected, dq) + measurement_noise))
+            jacobian_out[world, y, x] = prior + wp.outer(innovation(flow, prior, dq), gain)
+            if finite(flow):
+                covariance = covariance - wp.outer(gain, projected)
+            covariance_out[world, y, x] = covariance
+
+    @kernel_in("shared")
+    def sample_points(
+        # In:
+        jacobian_in: wp.array3d(dtype=Jacobian),
+        points_in: wp.array2d(dtype=wp.vec2),
+        # Out:
+        jacobian_out: wp.array2d(dtype=Jacobian),
+    ):
+        """J at (worlds, K) points, (16)."""
+        world, point = wp.tid()
+        p = points_in[world, point]
+        jacobian_out[world, point] = sample_jacobian(
+            jacobian_in, world, 0, 0, -p, jacobian_in.shape[2], jacobian_in.shape[1]
+        )
+
+    return SimpleNamespace(
+        Jacobian=Jacobian,
+        Covariance=Covariance,
+        JointVector=JointVector,
+        predicted_flow=predicted_flow,
+        update_shared=update_shared,
+        update_diagonal=update_diagonal,
+        update_full=update_full,
+        sample_points=sample_points,
+    )
