@@ -1,1 +1,47 @@
-"""Dense visual servoing without calibration."""
+"""Dense visual servoing without calibration.
+
+Learn, while a robot moves, how every pixel of its camera image answers to every joint, and bring any point of
+its body where it should be in the image. Names are imported when first used.
+"""
+
+from importlib import import_module
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from dense_vs.babbling import Babbling as Babbling
+    from dense_vs.errors import DenseVSError as DenseVSError
+    from dense_vs.flow import FlowEstimator as FlowEstimator
+    from dense_vs.jacobian import DenseJacobian as DenseJacobian
+    from dense_vs.joint_log import JointLog as JointLog
+    from dense_vs.pipeline import FramePipeline as FramePipeline
+    from dense_vs.robot import Camera as Camera
+    from dense_vs.robot import Robot as Robot
+    from dense_vs.servo import VisualServo as VisualServo
+    from dense_vs.servo_loop import ServoLoop as ServoLoop
+    from dense_vs.tracker import PointTracker as PointTracker
+
+_HOMES = {
+    "Babbling": "babbling",
+    "Camera": "robot",
+    "DenseJacobian": "jacobian",
+    "DenseVSError": "errors",
+    "FlowEstimator": "flow",
+    "FramePipeline": "pipeline",
+    "JointLog": "joint_log",
+    "PointTracker": "tracker",
+    "Robot": "robot",
+    "ServoLoop": "servo_loop",
+    "VisualServo": "servo",
+}
+
+__all__ = list(_HOMES)
+
+
+def __getattr__(name: str) -> object:
+    if name not in _HOMES:
+        raise AttributeError(f"module 'dense_vs' has no attribute {name!r}")
+    return getattr(import_module(f"dense_vs.{_HOMES[name]}"), name)
+
+
+def __dir__() -> list[str]:
+    return sorted(_HOMES)

@@ -1,0 +1,91 @@
+"""Motor babbling: random joint motion that excites every joint independently, before J is known.
+
+The filter learns J only along the joint steps it has seen, so their second-moment matrix sum(dq dq^T) must have
+rank N. Sinusoids of one frequency span two dimensions whatever their phases. Each joint here follows
+its own Ornstein-Uhlenbeck process, smoothed once, which spans all of them within a few seconds.
+"""
+
+from typing import Any
+
+import numpy as np
+
+from dense_vs.errors import DenseVSError
+
+
+class Babbling:
+    """Joint steps of smooth random motion about a posture.
+
+    Args:
+        joints: number of joints N.
+        amplitude: standard deviation of a joint's excursion [rad]; it stays within three of them.
+        time_constant: of the random process [s]; smaller is livelier.
+        max_flow: image motion that the babbling slows down to, 99th percentile [px per frame]. Optical flow
+            gets unreliable above about 5.
+        frame_time: time between frames [s].
+        seed: of the random process.
+
+    Raises:
+        DenseVSError: a value out of range.
+    """
+
+    def __init__(
+        self,
+        joints: int,
+        *,
+        amplitude: float = 0.15,
+        time_constant: float = 0.4,
+        max_flow: float = 4.0,
+        frame_time: float = 1 / 30,
+        seed: int = 0,
+    ):
+        if not joints >= 1:
+            raise DenseVSError(f"joints is {joints!r}; expected a whole number of at least 1")
+        for name, value in (
+            ("amplitude", amplitude),
+            ("time_constant", time_constant),
+            ("max_flow", max_flow),
+            ("frame_time", frame_time),
+        ):
+            if not np.isfinite(value) or value <= 0:
+                raise DenseVSError(f"{name} is {value!r}; expected a finite number above 0")
+        self.max_flow = max_flow
+        self.rate = 0.5
+        self._amplitude, self._time_constant, self._frame_time = amplitude, time_constant, frame_time
+        self._random = np.random.default_rng(seed)
+        self._noise = np.zeros(joints)
+        self._offset = np.zeros(joints)
+        self._moments = np.zeros((joints, joints))
+
+    @property
+    def excitation(self) -> float:
+        """Smallest eigenvalue of sum(dq dq^T) so far [rad^2]; J is known to about sqrt(r / excitation)."""
+        return float(np.linalg.eigvalsh(self._moments)[0])
+
+    def step(self, flow: Any = None) -> np.ndarray:
+        """The next joint step ``(N,)`` [rad].
+
+        Args:
+            flow: ``(H, W, 2)`` [px], the last frame's flow; where given, it sets the pace.
+        """
+        if flow is not None:
+            self._adapt(np.asarray(flow))
+        dt = min(self.rate * self._frame_time / self._time_constant, 0.5)
+        kick = self._random.normal(size=self._noise.shape)
+        self._noise += -dt * self._noise + np.sqrt(2 * dt) * kick
+        # A first-order lag of a unit OU process of the same time constant has variance 1/2.
+        goal = np.sqrt(2) * self._amplitude * self._noise
+        moved = np.clip(self._offset + dt * (goal - self._offset), -3 * self._amplitude, 3 * self._amplitude)
+        delta = moved - self._offset
+        self._offset = moved
+        self._moments += np.outer(delta, delta)
+        return delta
+
+    def _adapt(self, flow: np.ndarray) -> None:
+        """Slow down at once where the image moves too fast, speed up a little where it does not."""
+        speed = np.abs(flow[::4, ::4]).max(axis=2)
+        moving = speed[np.isfinite(speed)]
+        fastest = float(np.percentile(moving, 99)) if moving.size else 0.0
+        if fastest > self.max_flow:
+            self.rate = max(self.rate * max(self.max_flow / fastest, 0.5), 0.02)
+        else:
+            self.rate = min(self.rate * 1.02, 1.0)

@@ -1,0 +1,123 @@
+"""The visual servoing law, DIJE (17): joint step = k_p J# (p_target - p).
+
+Beyond the paper: J# is the damped pseudoinverse J^T (J J^T + d^2 I)^-1, which stays small where J is
+small or unlearnt; the step is bounded, joint limits are kept by moving the remaining joints, and a small dither
+keeps the estimator excited.
+"""
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from dense_vs.arrays import real_vector
+from dense_vs.errors import DenseVSError
+
+
+@dataclass(frozen=True, kw_only=True)
+class ServoOptions:
+    """How hard the servo pulls.
+
+    Attributes:
+        gain: k_p of (17), the share of the error to remove per command.
+        damping: d [px/rad]; 0 is the pseudoinverse of (17) as printed.
+        max_step: largest joint step per command [rad]; a larger one is shortened as a whole.
+        dither: standard deviation of the joint step that is added [rad].
+    """
+
+    gain: float = 0.2
+    damping: float = 15.0
+    max_step: float = 0.03
+    dither: float = 0.001
+
+    def __post_init__(self):
+        for name in ("gain", "damping", "max_step", "dither"):
+            value = getattr(self, name)
+            positive = name in ("gain", "max_step")
+            number = isinstance(value, (int, float, np.number)) and not isinstance(value, bool)
+            if not number or not np.isfinite(value) or value < 0 or (positive and value == 0):
+                bound = "above 0" if positive else "of at least 0"
+                raise DenseVSError(f"{name} is {value!r}; expected a finite number {bound}")
+
+
+class VisualServo:
+    """Computes the joint step that brings an image point nearer to its target.
+
+    Args:
+        joints: number of joints N.
+        joint_limits: ``(N, 2)`` least and greatest position [rad]; without them none are kept.
+        seed: of the dither.
+        options: the fields of :class:`ServoOptions`.
+
+    Raises:
+        DenseVSError: limits of another shape or in the wrong order, an option that is unknown or out of range.
+    """
+
+    def __init__(self, joints: int, *, joint_limits: Any = None, seed: int = 0, **options: Any):
+        if isinstance(joints, bool) or not isinstance(joints, (int, np.integer)) or joints < 1:
+            raise DenseVSError(f"joints is {joints!r}; expected a whole number of at least 1")
+        try:
+            self.options = ServoOptions(**options)
+        except TypeError as error:
+            names = ", ".join(ServoOptions.__dataclass_fields__)
+            raise DenseVSError(f"unknown option in {', '.join(options)}; expected some of {names}") from error
+        self.joints = int(joints)
+        self.joint_limits = np.array([[-np.inf, np.inf]] * self.joints)
+        if joint_limits is not None:
+            limits = np.asarray(joint_limits, dtype=np.float64)
+            if limits.shape != (self.joints, 2) or not (limits[:, 0] < limits[:, 1]).all():
+                raise DenseVSError(
+                    f"joint_limits are {limits.tolist()}; expected {self.joints} pairs of least and greatest position"
+                )
+            self.joint_limits = limits
+        self._random = np.random.default_rng(seed)
+
+    def __call__(self, jacobian: Any, point: Any, target: Any, positions: Any = None) -> np.ndarray:
+        """Joint step ``(N,)`` [rad] towards the target.
+
+        Args:
+            jacobian: ``(2, N)`` [px/rad], J at the point (16).
+            point, target: ``(2,)`` [px].
+            positions: ``(N,)`` [rad], where the joints are; needed where there are limits.
+
+        Raises:
+            DenseVSError: another shape, a value that is not finite, or positions missing.
+        """
+        J = real_vector(jacobian, "jacobian", (2, self.joints))
+        error = real_vector(np.asarray(target, dtype=float) - np.asarray(point, dtype=float), "target - point", (2,))
+        room = np.array([[-np.inf, np.inf]] * self.joints)
+        if np.isfinite(self.joint_limits).any():
+            if positions is None:
+                raise DenseVSError("positions are missing; expected the joint positions, as there are joint limits")
+            q = real_vector(positions, "positions", (self.joints,))
+            # A joint outside its limits may come back, not go further out.
+            room = np.stack(
+                [np.minimum(self.joint_limits[:, 0] - q, 0.0), np.maximum(self.joint_limits[:, 1] - q, 0.0)], axis=1
+            )
+        step = self._within(room, J, self.options.gain * error)
+        if self.options.dither and np.any(step):
+            step = step + self._random.normal(0.0, self.options.dither, self.joints)
+        return np.clip(step, room[:, 0], room[:, 1])
+
+    def _within(self, room: np.ndarray, J: np.ndarray, motion: np.ndarray) -> np.ndarray:
+        """Damped least-squares step for an image motion [px]; joints that meet their limit stop there and the
+        others take over what is left.
+        """
+        step = np.zeros(self.joints)
+        free = np.ones(self.joints, dtype=bool)
+        for _ in range(self.joints):
+            step[free] = self._solve(J[:, free], motion - J[:, ~free] @ step[~free])
+            longest = np.abs(step).max()
+            if longest > self.options.max_step:
+                step *= self.options.max_step / longest
+            over = free & ((step < room[:, 0]) | (step > room[:, 1]))
+            if not over.any():
+                break
+            step[over] = np.clip(step[over], room[over, 0], room[over, 1])
+            free &= ~over
+        return step
+
+    def _solve(self, J: np.ndarray, motion: np.ndarray) -> np.ndarray:
+        if self.options.damping == 0:
+            return np.linalg.pinv(J) @ motion
+        return J.T @ np.linalg.solve(J @ J.T + self.options.damping**2 * np.eye(2), motion)

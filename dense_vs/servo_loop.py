@@ -1,0 +1,187 @@
+"""The closed loop on a robot: babble until J is learnt, then bring a point of the body to image targets."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from dense_vs.babbling import Babbling
+from dense_vs.errors import DenseVSError
+from dense_vs.flow import FlowEstimator
+from dense_vs.jacobian import DenseJacobian
+from dense_vs.joint_log import JointBuffer
+from dense_vs.pipeline import Frame, FramePipeline
+from dense_vs.robot import Camera, Robot
+from dense_vs.servo import VisualServo
+from dense_vs.tracker import PointTracker
+
+SAME_SURFACE = 0.5  # relative difference in J below which two pixels count as one surface
+
+
+@dataclass(frozen=True)
+class Reach:
+    """How a reach ended.
+
+    Attributes:
+        target: x, y [px].
+        frames: frames it took.
+        error_px: distance of the tracked point from the target at the end.
+        reached: whether it stayed within the tolerance.
+        lost: whether the tracker had lost the point at the end.
+    """
+
+    target: tuple[float, float]
+    frames: int
+    error_px: float
+    reached: bool
+    lost: bool
+
+
+class ServoLoop:
+    """Runs camera, flow, estimator, tracker and servo, a frame at a time.
+
+    Args:
+        camera, robot: of one robot, on one clock.
+        estimator: for the camera's images once scaled and the robot's joints; made to fit unless given.
+        servo: the control law; made with the robot's ``joint_limits``, where it has them, unless given.
+        flow: of the estimator's size; the default method unless given.
+        babbling: the motion before J is known; the default unless given.
+        scale: factor on the image size.
+        threads: CPU threads of an estimator made here.
+        device: of an estimator made here.
+        seed: of babbling and dither made here.
+        on_frame: called with the loop after every frame; a viewer, a recorder, an evaluation.
+
+    Raises:
+        DenseVSError: parts that do not fit each other.
+    """
+
+    def __init__(
+        self,
+        camera: Camera,
+        robot: Robot,
+        *,
+        estimator: DenseJacobian | None = None,
+        servo: VisualServo | None = None,
+        flow: FlowEstimator | None = None,
+        babbling: Babbling | None = None,
+        scale: float = 1.0,
+        device: str = "auto",
+        threads: int | None = None,
+        seed: int = 0,
+        on_frame: Callable[["ServoLoop"], None] | None = None,
+    ):
+        self.camera, self.robot = camera, robot
+        joints = len(robot.joint_names)
+        self.joint_limits = getattr(robot, "joint_limits", None)
+        image, time = camera.read()
+        if estimator is None:
+            height, width = (round(side * scale) for side in np.asarray(image).shape[:2])
+            estimator = DenseJacobian(
+                height=height, width=width, joints=joints, device=device, threads=threads, on_bad_flow="skip"
+            )
+        if estimator.options.joints != joints:
+            raise DenseVSError(
+                f"estimator has {estimator.options.joints} joints; the robot has {joints}: "
+                f"{', '.join(robot.joint_names)}"
+            )
+        self.estimator = estimator
+        self.servo = servo or VisualServo(joints, joint_limits=self.joint_limits, seed=seed)
+        self.babbling = babbling or Babbling(joints, seed=seed)
+        self.pipeline = FramePipeline(estimator, flow, scale=scale)
+        self.tracker: PointTracker | None = None
+        self.target: np.ndarray | None = None
+        self.on_frame = on_frame
+        self._buffer = JointBuffer(joints)
+        self._take(image, time)
+
+    @property
+    def frame(self) -> Frame:
+        """The last frame."""
+        assert self.pipeline.frame is not None  # the constructor took one
+        return self.pipeline.frame
+
+    @property
+    def point(self) -> np.ndarray:
+        """Where the tracked point is, ``(2,)`` [px].
+
+        Raises:
+            DenseVSError: none is defined yet.
+        """
+        if self.tracker is None:
+            raise DenseVSError("no point is defined; expected define_point() first")
+        return self.tracker.points[0]
+
+    def step(self, delta: np.ndarray) -> Frame:
+        """Command a joint step ``(N,)`` [rad], then take the next image through estimator and tracker."""
+        self.robot.command(delta)
+        frame = self._take(*self.camera.read())
+        if self.tracker is not None:
+            self.tracker.update(frame.flow, frame.gray)
+        if self.on_frame is not None:
+            self.on_frame(self)
+        return frame
+
+    def babble(self, seconds: float) -> None:
+        """Move at random for that long on the camera's clock, learning J."""
+        if not np.isfinite(seconds) or seconds <= 0:
+            raise DenseVSError(f"babbling of {seconds!r} s; expected a finite number above 0")
+        end = self.frame.time + seconds
+        while self.frame.time < end:
+            self.step(self._limited(self.babbling.step(self.frame.flow)))
+
+    def define_point(self, point: Any, **options: Any) -> None:
+        """Choose the point of the body to control, at its place in the last image [px].
+
+        Pixels whose J differs from the point's by more than half are left out of its alignment:
+        they move otherwise, so they are another body or the background.
+
+        Args:
+            point: ``(2,)`` [px].
+            options: of :class:`PointTracker`.
+        """
+        J = np.asarray(self.estimator.jacobian)
+        own = self.estimator.at(point)[0]
+        size = np.linalg.norm(own)
+        weights = np.linalg.norm(J - own, axis=(2, 3)) <= SAME_SURFACE * size if size > 0 else None
+        self.tracker = PointTracker(point, self.frame.gray, weights=weights, **options)
+
+    def reach(
+        self, target: Any, *, tolerance: float = 1.0, settle_frames: int = 5, max_frames: int = 150
+    ) -> Reach:
+        """Servo the defined point to a target.
+
+        Args:
+            target: ``(2,)`` [px].
+            tolerance: distance that counts as there [px].
+            settle_frames: frames it has to stay there.
+            max_frames: frames after which it gives up.
+
+        Raises:
+            DenseVSError: no point defined, or a target that is not two finite numbers.
+        """
+        self.target = np.asarray(target, dtype=np.float64)
+        if self.target.shape != (2,) or not np.isfinite(self.target).all():
+            raise DenseVSError(f"target is {target!r}; expected x and y in pixels")
+        settled = frames = 0
+        distance = float(np.hypot(*(self.point - self.target)))
+        while frames < max_frames and settled < settle_frames:
+            J = self.estimator.at(self.point)[0]
+            self.step(self.servo(J, self.point, self.target, self.frame.positions))
+            frames += 1
+            distance = float(np.hypot(*(self.point - self.target)))
+            settled = settled + 1 if distance <= tolerance else 0
+        lost = bool(self.tracker is not None and self.tracker.lost[0])
+        goal = float(self.target[0]), float(self.target[1])
+        return Reach(goal, frames, distance, settled >= settle_frames and not lost, lost)
+
+    def _take(self, image: np.ndarray, time: float) -> Frame:
+        self._buffer.add(*self.robot.joints())
+        return self.pipeline.process(image, time, self._buffer.at(time))
+
+    def _limited(self, delta: np.ndarray) -> np.ndarray:
+        if self.joint_limits is None:
+            return delta
+        limits = np.asarray(self.joint_limits)
+        return np.clip(self.frame.positions + delta, limits[:, 0], limits[:, 1]) - self.frame.positions
