@@ -1,0 +1,227 @@
+"""One frame of physics, by MuJoCo's C engine (one world on a CPU) or by MuJoCo-Warp (batches and GPUs).
+
+Both hold the poses that rendering and truth read in a MuJoCo-Warp ``Data``, and both command joints alike: a target
+moves by the commanded step once a frame, within the joint limits, and the actuators follow it along a linear
+ramp over the physics steps of the frame.
+"""
+
+from abc import ABC, abstractmethod
+
+import mujoco
+import mujoco_warp as mjw
+import numpy as np
+import warp as wp
+
+from dense_vs.kernels.joint_command import move_targets_kernel, ramp_control_kernel
+from dense_vs.sims.scene import FRAME_SECONDS, Scene
+
+
+class Physics(ABC):
+    """State of B worlds of a scene with N chosen joints and S physics steps a frame."""
+
+    def __init__(self, scene: Scene, worlds: int, device: wp.Device):
+        self.scene = scene
+        self.device = device
+        state = mujoco.MjData(scene.model)
+        state.qpos[:] = scene.home_qpos
+        mujoco.mj_forward(scene.model, state)
+        with wp.ScopedDevice(device):
+            self.model = mjw.put_model(scene.model)
+            self.data = mjw.put_data(scene.model, state, nworld=worlds)
+        self._qpos_columns = scene.model.jnt_qposadr[scene.joints]
+
+    @abstractmethod
+    def reset(self, qpos: np.ndarray) -> None:
+        """Rest at qpos (B, nq) at time 0, targets there, joint history of one entry."""
+
+    @abstractmethod
+    def advance(self, step: np.ndarray) -> None:
+        """One frame with the targets moved by step (B, N)."""
+
+    @abstractmethod
+    def update_poses(self) -> None:
+        """Bring every pose in ``data`` up to its joint and mocap positions."""
+
+    @abstractmethod
+    def joint_history(self) -> np.ndarray:
+        """Joint positions (B, S, N) after each physics step of the last frame."""
+
+    @abstractmethod
+    def host_state(self, world: int) -> mujoco.MjData:
+        """Poses of one world in float64; valid until the next call."""
+
+    def joint_positions(self) -> np.ndarray:
+        """(B, N)."""
+        return self.joint_history()[:, -1]
+
+    def _home_ctrl(self, qpos: np.ndarray) -> np.ndarray:
+        ctrl = self.scene.home_ctrl.copy()
+        ctrl[self.scene.actuators] = self.scene.ctrl_per_position * qpos[self._qpos_columns]
+        return ctrl
+
+
+class HostPhysics(Physics):
+    """MuJoCo's C engine for one world; the poses are copied into ``data``, which lies on the CPU."""
+
+    # Poses that rendering and truth read, by their common name in both engines.
+    _POSES = ("geom_xpos", "geom_xmat", "cam_xpos", "cam_xmat", "light_xpos", "light_xdir", "xaxis", "xanchor")
+
+    def __init__(self, scene: Scene, device: wp.Device):
+        super().__init__(scene, 1, device)
+        self._state = mujoco.MjData(scene.model)
+        self._target = np.zeros(len(scene.joints))
+        self._history = np.zeros((1, scene.substeps, len(scene.joints)))
+        pairs = [(getattr(self.data, name).numpy()[0], getattr(self._state, name)) for name in self._POSES]
+        if scene.model.nflexvert:
+            pairs.append((self.data.flexvert_xpos.numpy()[0], self._state.flexvert_xpos))
+        self._poses = [(view, source.reshape(view.shape)) for view, source in pairs]
+        self._mocap_position = self.data.mocap_pos.numpy()
+        self._time = self.data.time.numpy()
+
+    def reset(self, qpos: np.ndarray) -> None:
+        """Rest at qpos (1, nq) at time 0."""
+        state = self._state
+        mujoco.mj_resetData(self.scene.model, state)
+        state.qpos[:] = qpos[0]
+        state.ctrl[:] = self._home_ctrl(qpos[0])
+        self._target = state.qpos[self._qpos_columns].copy()
+        self._history = np.repeat(self._target[None, None], 1, axis=1)
+        self._time[0] = 0.0
+
+    def advance(self, step: np.ndarray) -> None:
+        """One frame."""
+        scene, state = self.scene, self._state
+        previous = self._target
+        self._target = np.clip(previous + step[0], *scene.joint_limits.T)
+        self._history = np.empty((1, scene.substeps, len(previous)))
+        for s in range(scene.substeps):
+            fraction = (s + 1) / scene.substeps
+            position = previous + fraction * (self._target - previous)
+            state.ctrl[scene.actuators] = scene.ctrl_per_position * position
+            mujoco.mj_step(scene.model, state)
+            self._history[0, s] = state.qpos[self._qpos_columns]
+        self._time[0] = state.time
+
+    def update_poses(self) -> None:
+        """mj_step leaves the poses of the start of its last step; the image shows those of its end."""
+        model, state = self.scene.model, self._state
+        if model.nmocap:
+            state.mocap_pos[:] = self._mocap_position[0]
+        mujoco.mj_kinematics(model, state)
+        mujoco.mj_comPos(model, state)
+        mujoco.mj_camlight(model, state)
+        if model.nflex:
+            mujoco.mj_flex(model, state)
+        for view, source in self._poses:
+            view[...] = source
+
+    def joint_history(self) -> np.ndarray:
+        """(1, S, N)."""
+        return self._history
+
+    def host_state(self, world: int) -> mujoco.MjData:
+        """The engine's own state."""
+        return self._state
+
+
+class WarpPhysics(Physics):
+    """MuJoCo-Warp for B worlds; nothing leaves the device during a frame, so a frame can be captured as a graph."""
+
+    def __init__(self, scene: Scene, worlds: int, device: wp.Device):
+        super().__init__(scene, worlds, device)
+        count = len(scene.joints)
+        with wp.ScopedDevice(device):
+            self.joint_step = wp.zeros((worlds, count), dtype=float)
+            self._previous = wp.zeros((worlds, count), dtype=float)
+            self._target = wp.zeros((worlds, count), dtype=float)
+            self._history = wp.zeros((scene.substeps, worlds, scene.model.nq), dtype=float)
+            self._limits = wp.array(scene.joint_limits, dtype=wp.vec2)
+            self._ctrl_per_position = wp.array(scene.ctrl_per_position, dtype=float)
+            self._actuators = wp.array(scene.actuators, dtype=int)
+        self._history_rows = [self._history[s] for s in range(scene.substeps)]
+        self._frames = 0
+        self._host = mujoco.MjData(scene.model)
+
+    def reset(self, qpos: np.ndarray) -> None:
+        """Rest at qpos (B, nq) at time 0."""
+        data = self.data
+        data.qpos.assign(qpos.astype(np.float32))
+        data.ctrl.assign(np.stack([self._home_ctrl(q) for q in qpos]).astype(np.float32))
+        for array in (data.qvel, data.act, data.qacc_warmstart, data.time):
+            array.zero_()
+        self._target.assign(qpos[:, self._qpos_columns].astype(np.float32))
+        self._frames = 0
+
+    def advance(self, step: np.ndarray) -> None:
+        """One frame."""
+        self.joint_step.assign(step.astype(np.float32))
+        self.advance_on_device()
+
+    def advance_on_device(self) -> None:
+        """One frame with the content of ``joint_step``."""
+        with wp.ScopedDevice(self.device):
+            wp.launch(
+                move_targets_kernel,
+                dim=self._target.shape,
+                inputs=[self.joint_step, self._limits],
+                outputs=[self._previous, self._target],
+            )
+            for s, row in enumerate(self._history_rows):
+                wp.launch(
+                    ramp_control_kernel,
+                    dim=self._target.shape,
+                    inputs=[
+                        self._previous,
+                        self._target,
+                        (s + 1) / self.scene.substeps,
+                        self._ctrl_per_position,
+                        self._actuators,
+                    ],
+                    outputs=[self.data.ctrl],
+                )
+                mjw.step(self.model, self.data)
+                wp.copy(row, self.data.qpos)
+        self._frames += 1
+
+    def update_poses(self) -> None:
+        """Poses of the end of the frame; a step leaves those of its start."""
+        with wp.ScopedDevice(self.device):
+            mjw.kinematics(self.model, self.data)
+            mjw.com_pos(self.model, self.data)
+            mjw.camlight(self.model, self.data)
+            if self.scene.model.nflex:
+                mjw.flex(self.model, self.data)
+
+    def joint_history(self) -> np.ndarray:
+        """(B, S, N), or (B, 1, N) before the first frame."""
+        if self._frames == 0:
+            return self.data.qpos.numpy()[:, None, self._qpos_columns].astype(float)
+        return self._history.numpy().transpose(1, 0, 2)[..., self._qpos_columns].astype(float)
+
+    def joint_positions(self) -> np.ndarray:
+        """(B, N)."""
+        return self.data.qpos.numpy()[:, self._qpos_columns].astype(float)
+
+    def host_state(self, world: int) -> mujoco.MjData:
+        """The world's joint and mocap positions, with poses computed by the C engine."""
+        model, state = self.scene.model, self._host
+        state.qpos[:] = self.data.qpos.numpy()[world]
+        if model.nmocap:
+            state.mocap_pos[:] = self.data.mocap_pos.numpy()[world]
+            state.mocap_quat[:] = self.data.mocap_quat.numpy()[world]
+        mujoco.mj_kinematics(model, state)
+        mujoco.mj_comPos(model, state)
+        mujoco.mj_camlight(model, state)
+        return state
+
+
+def make_physics(scene: Scene, worlds: int, device: wp.Device) -> Physics:
+    """The engine for that many worlds on that device."""
+    if worlds == 1 and device.is_cpu:
+        return HostPhysics(scene, device)
+    return WarpPhysics(scene, worlds, device)
+
+
+def history_times(frame: int, entries: int) -> np.ndarray:
+    """Times [s] of the joint history's entries at a frame."""
+    return FRAME_SECONDS * (frame - 1 + np.arange(1, entries + 1) / entries)

@@ -1,0 +1,133 @@
+"""Images of the worlds by MuJoCo-Warp's ray tracer: colour, depth along the optical axis, and geom ids.
+
+The ray tracer casts the ray of pixel (x, y) through ((x + 0.5)/W, (y + 0.5)/H) of the image, so with pixel centres
+at integer coordinates the principal point of a symmetric camera is ((W - 1)/2, (H - 1)/2).
+"""
+
+import copy
+import itertools
+from concurrent.futures import ThreadPoolExecutor
+
+import mujoco
+import mujoco_warp as mjw
+import numpy as np
+import warp as wp
+
+from dense_vs.kernels.launch import PixelLaunch
+from dense_vs.kernels.packed_image import unpack_image_kernel
+
+
+class Renderer:
+    """Renders the poses in ``data`` into ``rgb``, ``depth`` and ``ids``, arrays that stay where they are.
+
+    Args:
+        model: MuJoCo model.
+        device_model, data: the same on the device; ``data`` holds the poses.
+        camera: id of the camera.
+        shape: (worlds, height, width).
+        device: Warp device.
+        threads: row bands rendered at once on a CPU.
+    """
+
+    def __init__(
+        self,
+        model: mujoco.MjModel,
+        device_model: mjw.Model,
+        data: mjw.Data,
+        camera: int,
+        shape: tuple[int, int, int],
+        device: wp.Device,
+        threads: int,
+    ):
+        worlds, height, width = shape
+        self._model = device_model
+        self._data = data
+        self._device = device
+        with wp.ScopedDevice(device):
+            self._context = mjw.create_render_context(
+                model,
+                nworld=worlds,
+                cam_res=(width, height),
+                render_rgb=True,
+                render_depth=True,
+                render_seg=True,
+                cam_active=[camera],
+            )
+            self.rgb = wp.zeros(shape, dtype=wp.vec3ub)  # (worlds, height, width, 3) uint8
+            self.ids = wp.full(shape, -1, dtype=int)  # geom id, -1 for none
+            self._bands = _row_bands(self._context, height, width, threads if device.is_cpu else 1)
+        self.depth = self._context.depth_data.reshape(shape)  # m, 0 for no surface
+        geom = int(mujoco.mjtObj.mjOBJ_GEOM)
+        self._unpack = PixelLaunch(
+            unpack_image_kernel,
+            shape,
+            [self._context.rgb_data, self._context.seg_data, geom, self.rgb, self.ids],
+            device,
+            threads,
+        )
+        self._pool = ThreadPoolExecutor(len(self._bands) - 1) if len(self._bands) > 1 else None
+
+    def render(self) -> None:
+        """Render the present poses of all worlds."""
+        # The current device is global to the process, so it is set here and not in the bands' threads.
+        with wp.ScopedDevice(self._device):
+            mjw.refit_bvh(self._model, self._data, self._context)
+            first, *others = self._bands
+            if self._pool is None or first._megakernel is None:
+                self._render_band(first)
+                for band in others:
+                    band._megakernel = first._megakernel  # one kernel serves all bands
+                    self._render_band(band)
+            else:
+                futures = [self._pool.submit(self._render_band, band) for band in others]
+                self._render_band(first)
+                for future in futures:
+                    future.result()
+        self._unpack()
+
+    def _render_band(self, band: mjw.RenderContext) -> None:
+        mjw.render(self._model, self._data, band)
+
+
+def _row_bands(context: mjw.RenderContext, height: int, width: int, count: int) -> list[mjw.RenderContext]:
+    """The render context as that many cameras, each seeing a band of rows and writing it in place.
+
+    A Warp launch runs on one core of a CPU, and the ray tracer takes its rays from an array: a band is a
+    context whose rays and outputs are views of the whole one's.
+    """
+    edges = [height * band // count for band in range(count + 1)]
+    bands = []
+    for first, last in itertools.pairwise(edges):
+        rows = slice(first * width, last * width)
+        band = copy.copy(context)
+        band.cam_res = wp.array([(width, last - first)], dtype=wp.vec2i)
+        band.total_rays = (last - first) * width
+        band.ray = context.ray[rows]
+        band.ray_offset = context.ray_offset[rows]
+        band.rgb_data = context.rgb_data[:, rows]
+        band.depth_data = context.depth_data[:, rows]
+        band.seg_data = context.seg_data[:, rows]
+        bands.append(band)
+    return bands
+
+
+def camera_intrinsics(model: mujoco.MjModel, camera: int, height: int, width: int) -> np.ndarray:
+    """(3, 3) matrix of the renderer's pinhole camera in px, pixel centres at integer coordinates.
+
+    A camera given by field of view keeps its vertical one. A camera given by focal length and sensor size has
+    its sensor cropped to the image's aspect ratio, as the ray tracer does.
+    """
+    sensor_width, sensor_height = (float(s) for s in model.cam_sensorsize[camera])
+    if sensor_height > 0.0:
+        focal_x, focal_y, principal_x, principal_y = (float(v) for v in model.cam_intrinsic[camera])
+        if width * sensor_height > height * sensor_width:
+            sensor_height = sensor_width * height / width
+        else:
+            sensor_width = sensor_height * width / height
+        fx, fy = focal_x * width / sensor_width, focal_y * height / sensor_height
+        cx = (0.5 - principal_x / sensor_width) * width - 0.5
+        cy = (0.5 - principal_y / sensor_height) * height - 0.5
+    else:
+        fx = fy = 0.5 * height / np.tan(0.5 * np.deg2rad(float(model.cam_fovy[camera])))
+        cx, cy = 0.5 * (width - 1), 0.5 * (height - 1)
+    return np.array([[fx, 0.0, cx], [0.0, fy, cy], [0.0, 0.0, 1.0]])

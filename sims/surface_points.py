@@ -1,0 +1,107 @@
+"""Points fixed to the scene's surfaces: where they are in the image, exactly, and whether the camera sees them.
+
+All in float64 on the host from MuJoCo's poses and ray caster, for a few points at a time: the yardstick of
+trackers and servo laws.
+"""
+
+from dataclasses import dataclass
+
+import mujoco
+import numpy as np
+
+from dense_vs.errors import DenseVSError
+
+_RENDERED_GROUPS = np.array([1, 1, 1, 0, 0, 0], dtype=np.uint8)  # those that MuJoCo-Warp renders
+_SEE_THROUGH = 1e-9  # m, to go on behind a surface that the renderer culls
+
+
+@dataclass(frozen=True)
+class SurfacePoint:
+    """A point fixed to a geom, one in each world."""
+
+    geoms: np.ndarray  # (worlds,) geom ids
+    local: np.ndarray  # (worlds, 3) in the geom's frame [m]
+
+
+def camera_pose(state: mujoco.MjData, camera: int) -> np.ndarray:
+    """T_world_camera (4, 4); camera axes x right, y down, z forward."""
+    pose = np.eye(4)
+    pose[:3, :3] = state.cam_xmat[camera].reshape(3, 3) * np.array([1.0, -1.0, -1.0])
+    pose[:3, 3] = state.cam_xpos[camera]
+    return pose
+
+
+def project(point: np.ndarray, intrinsics: np.ndarray, pose: np.ndarray) -> np.ndarray:
+    """Pixel (2,) of a world point (3,); nan behind the camera."""
+    ray = pose[:3, :3].T @ (point - pose[:3, 3])
+    if ray[2] <= 0.0:
+        return np.full(2, np.nan)
+    return (intrinsics @ (ray / ray[2]))[:2]
+
+
+def world_point(state: mujoco.MjData, geom: int, local: np.ndarray) -> np.ndarray:
+    """World position (3,) of a point given in a geom's frame."""
+    return state.geom_xpos[geom] + state.geom_xmat[geom].reshape(3, 3) @ local
+
+
+def surface_point(
+    model: mujoco.MjModel, state: mujoco.MjData, intrinsics: np.ndarray, pose: np.ndarray, pixel: np.ndarray
+) -> tuple[int, np.ndarray]:
+    """Geom and point in its frame that a pixel (2,) shows; geom -1 when it shows none."""
+    ray = pose[:3, :3] @ np.linalg.solve(intrinsics, np.append(pixel, 1.0))
+    geom, distance = _first_hit(model, state, pose[:3, 3], ray)
+    if geom < 0:
+        return -1, np.zeros(3)
+    hit = pose[:3, 3] + distance * ray
+    return geom, state.geom_xmat[geom].reshape(3, 3).T @ (hit - state.geom_xpos[geom])
+
+
+def is_seen(model: mujoco.MjModel, state: mujoco.MjData, pose: np.ndarray, geom: int, point: np.ndarray) -> bool:
+    """Whether nothing lies between the camera and a world point on the surface of a geom.
+
+    A point on the far side of its own geom is not seen.
+    """
+    ray = point - pose[:3, 3]
+    hit, distance = _first_hit(model, state, pose[:3, 3], ray)
+    # A micrometre at a metre: the ray caster and the poses are float64.
+    return hit == geom and abs(distance - 1.0) < 1e-6
+
+
+def named_point(model: mujoco.MjModel, state: mujoco.MjData, name: str) -> np.ndarray:
+    """World position (3,) of the site, else body, else geom of that name.
+
+    Raises:
+        DenseVSError: no such name; the message lists the sites.
+    """
+    for kind, positions in (
+        (mujoco.mjtObj.mjOBJ_SITE, state.site_xpos),
+        (mujoco.mjtObj.mjOBJ_BODY, state.xpos),
+        (mujoco.mjtObj.mjOBJ_GEOM, state.geom_xpos),
+    ):
+        index = mujoco.mj_name2id(model, kind, name)
+        if index >= 0:
+            return positions[index]
+    sites = ", ".join(repr(model.site(i).name) for i in range(model.nsite)) or "none"
+    bodies = ", ".join(repr(model.body(i).name) for i in range(1, model.nbody))
+    raise DenseVSError(f"point {name!r} is not in the model; expected a site ({sites}), body ({bodies}) or geom")
+
+
+def _first_hit(model: mujoco.MjModel, state: mujoco.MjData, origin: np.ndarray, ray: np.ndarray) -> tuple[int, float]:
+    """First geom on a ray, and its distance in lengths of the ray, by the renderer's rule.
+
+    The renderer does not draw a surface seen from its inside, so a camera inside a geom looks out of it.
+    """
+    geom = np.array([-1], dtype=np.int32)
+    normal = np.zeros(3)
+    travelled = 0.0
+    length = float(np.linalg.norm(ray))
+    for _ in range(2 * model.ngeom + 1):
+        start = origin + travelled * ray
+        distance = mujoco.mj_ray(model, state, start, ray, _RENDERED_GROUPS, True, -1, geom, normal)
+        if distance < 0.0:
+            return -1, np.inf
+        travelled += distance
+        if np.dot(normal, ray) <= 0.0:
+            return int(geom[0]), travelled
+        travelled += _SEE_THROUGH / length
+    return -1, np.inf
