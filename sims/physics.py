@@ -27,7 +27,7 @@ class Physics(ABC):
         mujoco.mj_forward(scene.model, state)
         with wp.ScopedDevice(device):
             self.model = mjw.put_model(scene.model)
-            self.data = mjw.put_data(scene.model, state, nworld=worlds)
+            self.data = _put_data(scene.model, state, worlds)
         self._qpos_columns = scene.model.jnt_qposadr[scene.joints]
 
     @abstractmethod
@@ -213,6 +213,20 @@ class WarpPhysics(Physics):
         mujoco.mj_comPos(model, state)
         mujoco.mj_camlight(model, state)
         return state
+
+
+def _put_data(model: mujoco.MjModel, state: mujoco.MjData, worlds: int) -> mjw.Data:
+    """MuJoCo-Warp data, without its constraint solver where the model disables constraints.
+
+    The solver would find nothing to solve, at twice the time and twice the kernels to compile. MuJoCo-Warp 4.0
+    leaves it out when there is no room for constraints, but its integrators read the generalised force from ``efc.Ma``,
+    which only the solver writes: without constraints that force is ``qfrc_smooth``.
+    """
+    if not model.opt.disableflags & int(mujoco.mjtDisableBit.mjDSBL_CONSTRAINT):
+        return mjw.put_data(model, state, nworld=worlds)
+    data = mjw.put_data(model, state, nworld=worlds, njmax=0, nconmax=0)
+    data.efc.Ma = data.qfrc_smooth
+    return data
 
 
 def make_physics(scene: Scene, worlds: int, device: wp.Device) -> Physics:
