@@ -43,10 +43,12 @@ class Distractor:
 
     def __init__(self, path: DistractorPath, mocap: int, device: wp.Device):
         self._mocap = mocap
-        self._path = [
-            wp.array(a, dtype=wp.vec3, device=device) for a in (path.centre, path.amplitude, path.frequency, path.phase)
-        ]
+        with wp.ScopedDevice(device):
+            self._centre = wp.array(path.centre, dtype=wp.vec3)
+            self._amplitude = wp.array(path.amplitude, dtype=wp.vec3)
+            self._frequency = wp.array(path.frequency, dtype=wp.vec3)
+            self._phase = wp.array(path.phase, dtype=wp.vec3)
 
     def place(self, time: wp.array, position: wp.array) -> None:
         """Position [m] at the worlds' times [s], shapes (worlds,) and (worlds, nmocap)."""
-        lissajous_positions(*self._path, time, self._mocap, position)
+        lissajous_positions(self._centre, self._amplitude, self._frequency, self._phase, time, self._mocap, position)

@@ -134,11 +134,10 @@ class WarpPhysics(Physics):
             self.joint_step = wp.zeros((worlds, count), dtype=float)
             self._previous = wp.zeros((worlds, count), dtype=float)
             self._target = wp.zeros((worlds, count), dtype=float)
-            self._history = wp.zeros((scene.substeps, worlds, scene.model.nq), dtype=float)
+            self._history = [wp.zeros((worlds, scene.model.nq), dtype=float) for _ in range(scene.substeps)]
             self._limits = wp.array(scene.joint_limits, dtype=wp.vec2)
             self._ctrl_per_position = wp.array(scene.ctrl_per_position, dtype=float)
             self._actuators = wp.array(scene.actuators, dtype=int)
-        self._history_rows = [self._history[s] for s in range(scene.substeps)]
         self._frames = 0
         self._host = mujoco.MjData(scene.model)
 
@@ -166,7 +165,7 @@ class WarpPhysics(Physics):
                 inputs=[self.joint_step, self._limits],
                 outputs=[self._previous, self._target],
             )
-            for s, row in enumerate(self._history_rows):
+            for s, positions in enumerate(self._history):
                 wp.launch(
                     ramp_control_kernel,
                     dim=self._target.shape,
@@ -180,7 +179,7 @@ class WarpPhysics(Physics):
                     outputs=[self.data.ctrl],
                 )
                 mjw.step(self.model, self.data)
-                wp.copy(row, self.data.qpos)
+                wp.copy(positions, self.data.qpos)
         self._frames += 1
 
     def update_poses(self) -> None:
@@ -196,7 +195,7 @@ class WarpPhysics(Physics):
         """(B, S, N), or (B, 1, N) before the first frame."""
         if self._frames == 0:
             return self.data.qpos.numpy()[:, None, self._qpos_columns].astype(float)
-        return self._history.numpy().transpose(1, 0, 2)[..., self._qpos_columns].astype(float)
+        return np.stack([entry.numpy() for entry in self._history], axis=1)[..., self._qpos_columns].astype(float)
 
     def joint_positions(self) -> np.ndarray:
         """(B, N)."""

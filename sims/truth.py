@@ -49,7 +49,7 @@ class GroundTruth:
             joints = wp.array(scene.joints, dtype=int)
             slides = wp.array(slides.astype(np.int32), dtype=int)
             influence = wp.array(influence, dtype=float)
-            members = wp.array(scene.moved.any(axis=1).astype(np.uint8), dtype=wp.uint8)
+            members = wp.array(np.any(scene.moved, axis=1).astype(np.uint8), dtype=wp.uint8)
         camera = wp.vec4(intrinsics[0, 0], intrinsics[1, 1], intrinsics[0, 2], intrinsics[1, 2])
         seen = [renderer.ids, renderer.depth, camera, scene.camera]
         arguments = [*seen, data.cam_xpos, data.cam_xmat, data.xanchor, data.xaxis, joints, slides, influence]

@@ -5,8 +5,6 @@ import pytest
 
 from dense_vs.sims import SimWorld
 
-SMALL = {"height": 60, "width": 80}
-
 # A slide that carries two hinges and the camera; gears, ranges and a keyframe that matter; a geom that no
 # chosen joint moves; a joint without an actuator; a camera given by sensor and focal length, off centre.
 EYE_IN_HAND = """
@@ -79,7 +77,7 @@ def planar():
 
 @pytest.fixture(scope="session")
 def eye_in_hand(eye_in_hand_file):
-    return _moved(SimWorld(eye_in_hand_file, camera="hand", device="cpu", **SMALL))
+    return _moved(SimWorld(eye_in_hand_file, camera="hand", device="cpu", height=60, width=80))
 
 
 @pytest.fixture(params=["arm", "planar", "eye_in_hand"])
