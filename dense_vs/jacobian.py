@@ -2,13 +2,15 @@
 
 ``u = J dq`` relates the optical flow u [px] of a pixel to the joint step dq [rad] between two frames (1).
 Each frame the estimate is moved with the image (13), (14) and corrected by the flow (9) to (12). Beyond the
-paper: one full covariance that all pixels share (it holds no image data, see ``kernels/covariance.py``),
-process noise that grows with the motion, and a second step of the fixed point that (14) begins.
+paper, and measured better: one full covariance that all pixels share, for it holds no image data; the image
+Hessian dJ/dq estimated beside J, so that J follows the posture (both in ``kernels/covariance.py``); process
+noise that grows with the motion; a second step of the fixed point that (14) begins.
 """
 
 import json
 import os
 import zipfile
+from collections.abc import Callable
 from dataclasses import asdict, fields
 from typing import Any
 
@@ -20,7 +22,7 @@ from dense_vs.device import resolve_device, resolve_threads
 from dense_vs.errors import DenseVSError
 from dense_vs.files import atomic_write
 from dense_vs.jacobian_options import JacobianOptions
-from dense_vs.kernels.covariance import fixed_gain, update_shared_covariance
+from dense_vs.kernels.covariance import fixed_gain, regressors, update_shared_covariance
 from dense_vs.kernels.flow_field import count_bad_flow
 from dense_vs.kernels.image_jacobian import jacobian_kernels
 from dense_vs.kernels.launch import PixelLaunch, launch_pixels
@@ -55,7 +57,8 @@ class DenseJacobian:
         self.options = JacobianOptions(**options)
         self.device = resolve_device(device)
         self.threads = resolve_threads(threads)
-        self._kernels = jacobian_kernels(self.options.joints)
+        assert self.options.order is not None  # the options have resolved it
+        self._kernels = jacobian_kernels(self.options.joints, self.options.order)
         self._shape = (self.options.worlds, self.options.height, self.options.width)
         self._allocate()
         self._record_launches()
@@ -68,10 +71,18 @@ class DenseJacobian:
         On a CPU a read-only NumPy view, valid until the next ``update``: copy what is to be kept. On a
         GPU a Warp array that stays there (``.numpy()`` reads it back, dlpack shares it).
         """
-        if not self.device.is_cpu:
-            matrix = self._jacobian[self._now]
-            return matrix[0] if self.options.worlds == 1 else matrix
-        return self._unbatch(_read_only(self._jacobian[self._now].numpy()))
+        state = self._state[self._now]
+        if self.device.is_cpu:
+            return self._unbatch(_read_only(state.numpy()[..., : self.options.joints]))
+        scalars = wp.array(
+            ptr=state.ptr,
+            dtype=wp.float32,
+            shape=(*self._shape, 2, self.options.joints),
+            strides=(*state.strides, 4 * self._kernels.columns, 4),
+            device=self.device,
+        )
+        scalars._source = state  # the view does not own the memory
+        return scalars[0] if self.options.worlds == 1 else scalars
 
     @property
     def variance(self) -> np.ndarray:
@@ -82,8 +93,10 @@ class DenseJacobian:
         elif form == "full":
             variance = np.diagonal(self._covariance[self._now].numpy(), axis1=-2, axis2=-1)
         else:
-            shared = np.diagonal(self._covariance[self._now].numpy(), axis1=1, axis2=2).astype(np.float32)
-            variance = np.broadcast_to(shared[:, None, None], (*self._shape, self.options.joints))
+            shared = np.diagonal(self._covariance[self._now].numpy(), axis1=1, axis2=2)[:, : self.options.joints]
+            variance = np.broadcast_to(
+                shared.astype(np.float32)[:, None, None], (*self._shape, self.options.joints)
+            )
         return self._unbatch(_read_only(variance))
 
     @property
@@ -94,7 +107,8 @@ class DenseJacobian:
         stored = self._covariance[self._now].numpy()
         if self.options.covariance == "diagonal":
             stored = stored[..., None] * np.eye(self.options.joints, dtype=np.float32)
-        return self._unbatch(stored.copy())
+        joints = self.options.joints
+        return self._unbatch(stored[..., :joints, :joints].copy())
 
     @property
     def skipped_pixels(self) -> int | np.ndarray:
@@ -123,7 +137,8 @@ class DenseJacobian:
                 "DenseJacobian(on_bad_flow='skip')"
             )
         self._dq.assign(joint_step)
-        self._gain_launch[self._now]()
+        self._regress()
+        self._update_gain[self._now]()
         if self.options.prediction == "model":
             self._predict[self._now]()
         self._correct[self._now]()
@@ -136,9 +151,11 @@ class DenseJacobian:
         Raises:
             DenseVSError: ``dq`` is not N finite floating-point numbers.
         """
-        steps = wp.array(self._joint_step(dq), dtype=self._kernels.JointVector, device=self.device)
+        row = np.zeros((self.options.worlds, self._kernels.columns), dtype=np.float32)
+        row[:, : self.options.joints] = self._joint_step(dq)
+        regressor = wp.array(row, dtype=self._kernels.StateRow, device=self.device)
         out = wp.empty(self._shape, dtype=wp.vec2, device=self.device)
-        arguments = [self._jacobian[self._now], steps, out]
+        arguments = [self._state[self._now], regressor, out]
         launch_pixels(self._kernels.predicted_flow, self._shape, arguments, self.device, self.threads)
         return self._unbatch(out.numpy())
 
@@ -158,23 +175,23 @@ class DenseJacobian:
         else:
             batch = real_vector(points, "points", (worlds, -1, 2))
         at = wp.array(batch.astype(np.float32), dtype=wp.vec2, device=self.device)
-        out = wp.empty(at.shape, dtype=self._kernels.Jacobian, device=self.device)
-        inputs = [self._jacobian[self._now], at]
+        out = wp.empty(at.shape, dtype=self._kernels.State, device=self.device)
+        inputs = [self._state[self._now], at]
         wp.launch(self._kernels.sample_points, dim=at.shape, inputs=inputs, outputs=[out], device=self.device)
-        return self._unbatch(out.numpy())
+        return self._unbatch(out.numpy()[..., : self.options.joints].copy())
 
     def reset(self) -> None:
-        """Forget everything: J = 0, variance p0."""
+        """Forget everything: J = 0 and H = 0 with their initial variances."""
         initial = self.options.initial_variance
         self._now = 0
-        self._jacobian[0].zero_()
+        self._state[0].zero_()
         if self.options.covariance == "diagonal":
             self._covariance[0].fill_(initial)
         else:
-            shape = self._covariance[0].shape
-            identity = initial * np.eye(self.options.joints)
-            cells = shape if self.options.covariance == "full" else shape[:1]
-            self._covariance[0].assign(np.broadcast_to(identity, (*cells, *identity.shape)))
+            columns, joints = self._kernels.columns, self.options.joints
+            variances = np.where(np.arange(columns) < joints, initial, self.options.initial_hessian_variance)
+            cells = self._shape if self.options.covariance == "full" else self._shape[:1]
+            self._covariance[0].assign(np.broadcast_to(np.diag(variances), (*cells, columns, columns)))
         self._bad.zero_()
         self.updates = 0
 
@@ -191,7 +208,7 @@ class DenseJacobian:
                 format_version=FORMAT_VERSION,
                 options=json.dumps(asdict(self.options)),
                 updates=self.updates,
-                jacobian=self._jacobian[self._now].numpy(),
+                state=self._state[self._now].numpy(),
                 covariance=self._covariance[self._now].numpy(),
             )
 
@@ -217,13 +234,13 @@ class DenseJacobian:
             )
         try:
             options = json.loads(str(content["options"]))
-            jacobian, covariance = content["jacobian"], content["covariance"]
+            state, covariance = content["state"], content["covariance"]
             updates = int(content["updates"])
         except (KeyError, ValueError) as error:
             raise DenseVSError(f"{path} is damaged: {error}") from error
         estimator = cls(device=device, threads=threads, **options)
         for name, array, expected in (
-            ("jacobian", jacobian, estimator._jacobian[0].numpy()),
+            ("state", state, estimator._state[0].numpy()),
             ("covariance", covariance, estimator._covariance[0].numpy()),
         ):
             if array.shape != expected.shape or array.dtype != expected.dtype or not np.isfinite(array).all():
@@ -231,37 +248,35 @@ class DenseJacobian:
                     f"{path} is damaged: {name} has shape {array.shape} and dtype {array.dtype}; "
                     f"expected finite values of shape {expected.shape} and dtype {expected.dtype}"
                 )
-        estimator._jacobian[0].assign(jacobian)
+        estimator._state[0].assign(state)
         estimator._covariance[0].assign(covariance)
         estimator.updates = updates
         return estimator
 
     def _allocate(self) -> None:
-        worlds, joints = self.options.worlds, self.options.joints
+        worlds, columns = self.options.worlds, self._kernels.columns
         kernels, device = self._kernels, self.device
-        self._jacobian = [wp.zeros(self._shape, dtype=kernels.Jacobian, device=device) for _ in range(2)]
+        self._state = [wp.zeros(self._shape, dtype=kernels.State, device=device) for _ in range(2)]
         shape, dtype = {
             "diagonal": (self._shape, kernels.JointVector),
             "full": (self._shape, kernels.Covariance),
-        }.get(self.options.covariance, ((worlds, joints, joints), wp.float64))
+        }.get(self.options.covariance, ((worlds, columns, columns), wp.float64))
         self._covariance = [wp.zeros(shape, dtype=dtype, device=device) for _ in range(2)]
         if self.options.covariance == "fixed":
             self._covariance[1] = self._covariance[0]
         self._flow = wp.zeros(self._shape, dtype=wp.vec2, device=device)
         self._bad = wp.zeros(self._shape[:2], dtype=int, device=device)
-        self._dq = wp.zeros((worlds, joints), dtype=wp.float32, device=device)
-        self._gain = wp.zeros((worlds, joints), dtype=wp.float32, device=device)
-        self._projected = wp.zeros((worlds, joints), dtype=wp.float64, device=device)
+        self._dq = wp.zeros((worlds, self.options.joints), dtype=wp.float32, device=device)
+        self._regressor = wp.zeros((worlds, columns), dtype=wp.float32, device=device)
+        self._gain = wp.zeros((worlds, columns), dtype=wp.float32, device=device)
+        self._projected = wp.zeros((worlds, columns), dtype=wp.float64, device=device)
         self._model_flow = wp.zeros(self._shape, dtype=wp.vec2, device=device)
 
     def _record_launches(self) -> None:
         """Bind every kernel to its arrays, once for each of the two roles of the double buffers."""
         options, kernels = self.options, self._kernels
-
-        def pixels(kernel: wp.Kernel, arguments: list[Any]) -> PixelLaunch:
-            return PixelLaunch(kernel, self._shape, arguments, self.device, self.threads)
-
-        dq, gain = (_as_vectors(array, kernels.JointVector) for array in (self._dq, self._gain))
+        dq = _as_vectors(self._dq, kernels.JointVector)
+        regressor, gain = (_as_vectors(array, kernels.StateRow) for array in (self._regressor, self._gain))
         displacement, iterations = {
             "model": (self._model_flow, options.prediction_iterations),
             "flow": (self._flow, 1),
@@ -269,38 +284,43 @@ class DenseJacobian:
         }[options.prediction]
         noises = [options.process_noise, options.drift_noise, options.measurement_noise, options.max_variance]
 
-        self._count_bad = pixels(count_bad_flow, [self._flow, self._bad])
-        self._predict, self._correct, self._gain_launch = [], [], []
+        self._count_bad = self._pixels(count_bad_flow, [self._flow, self._bad])
+        self._regress = self._worlds(regressors, [self._dq, self._regressor], kernels.columns)
+        self._update_gain, self._predict, self._correct = [], [], []
         for now in range(2):
-            jacobian, covariance = self._jacobian[now], self._covariance[now]
-            next_jacobian, next_covariance = self._jacobian[1 - now], self._covariance[1 - now]
-            self._predict.append(pixels(kernels.predicted_flow, [jacobian, dq, self._model_flow]))
-            self._gain_launch.append(self._record_gain(covariance, next_covariance, noises))
+            state, covariance = self._state[now], self._covariance[now]
+            next_state, next_covariance = self._state[1 - now], self._covariance[1 - now]
+            self._predict.append(self._pixels(kernels.predicted_flow, [state, regressor, self._model_flow]))
+            self._update_gain.append(self._record_gain(covariance, next_covariance, noises))
             moved = [displacement, iterations]
             if options.covariance == "diagonal":
                 moved.append(int(options.move_variance))
             if options.covariance in ("diagonal", "full"):
                 kernel = kernels.update_diagonal if options.covariance == "diagonal" else kernels.update_full
-                arguments = [jacobian, covariance, *moved, self._flow, dq, *noises, next_jacobian, next_covariance]
+                arguments = [state, covariance, *moved, self._flow, dq, *noises, next_state, next_covariance]
             else:
                 kernel = kernels.update_shared
-                arguments = [jacobian, *moved, self._flow, dq, gain, next_jacobian]
-            self._correct.append(pixels(kernel, arguments))
+                arguments = [state, *moved, self._flow, dq, regressor, gain, next_state]
+            self._correct.append(self._pixels(kernel, arguments))
 
-    def _record_gain(self, covariance: wp.array, next_covariance: wp.array, noises: list[float]) -> Any:
+    def _record_gain(self, covariance: wp.array, next_covariance: wp.array, noises: list[Any]) -> Callable[[], None]:
         """The launch that computes the image's one gain; nothing where each pixel has its own."""
-        if self.options.covariance in ("diagonal", "full"):
-            return lambda: None
-        if self.options.covariance == "shared":
-            kernel = update_shared_covariance
-            arguments = [self._dq, covariance, *noises, self._projected, next_covariance, self._gain]
-        else:
-            kernel = fixed_gain
-            arguments = [self._dq, self.options.initial_variance, self.options.measurement_noise, self._gain]
-        launch = wp.launch(
-            kernel, dim=self.options.worlds, inputs=arguments, device=self.device, record_cmd=True
-        )
-        return launch.launch
+        options = self.options
+        if options.covariance == "shared":
+            hessian = [options.hessian_noise, options.initial_hessian_variance]
+            outputs = [self._projected, next_covariance, self._gain]
+            return self._worlds(update_shared_covariance, [self._dq, covariance, *noises, *hessian, *outputs])
+        if options.covariance == "fixed":
+            weights = [options.initial_variance, options.measurement_noise]
+            return self._worlds(fixed_gain, [self._dq, *weights, self._gain])
+        return lambda: None
+
+    def _pixels(self, kernel: wp.Kernel, arguments: list[Any]) -> Callable[[], None]:
+        return PixelLaunch(kernel, self._shape, arguments, self.device, self.threads)
+
+    def _worlds(self, kernel: wp.Kernel, arguments: list[Any], per_world: int | None = None) -> Callable[[], None]:
+        dim = self.options.worlds if per_world is None else (self.options.worlds, per_world)
+        return wp.launch(kernel, dim=dim, inputs=arguments, device=self.device, record_cmd=True).launch
 
     def _joint_step(self, dq: Any) -> np.ndarray:
         worlds, joints = self.options.worlds, self.options.joints

@@ -13,6 +13,8 @@ OnBadFlow = Literal["error", "skip"]
 
 MAX_JOINTS = 64
 MAX_JOINTS_FULL = 8
+MAX_JOINTS_ORDER_2 = 8
+MAX_JOINTS_DEFAULT_ORDER_2 = 6
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -25,16 +27,21 @@ class JacobianOptions:
         height, width: image size [px].
         joints: number of joints N.
         worlds: independent estimates kept side by side.
+        order: 2 (default of ``"shared"`` up to 6 joints) estimates the image Hessian dJ/dq beside J, so that J is
+            carried along as the posture changes; 1 takes J as constant at a point of the body, as the paper does.
         covariance: ``"shared"``, one full N x N matrix for the image (default); ``"diagonal"``, a variance
             per pixel and joint, (9) to (11); ``"fixed"``, the constant weight of (12); ``"full"``, an
             N x N matrix per pixel (Qian and Su), for at most 8 joints.
         prediction: displacement that J is moved by: ``"model"``, J dq (14); ``"flow"``, the measured flow
             (13); ``"none"``.
         prediction_iterations: steps of y = x - J(y) dq in ``"model"``; 1 is (14) as printed.
-        process_noise: variance that J gains per squared joint step [px^2/rad^4]; J changes as the robot moves.
+        process_noise: variance that J gains per squared joint step [px^2/rad^4], as it changes with the
+            robot's motion; 300 unless given, 1e4 in order 1.
         drift_noise: variance that J gains per update, the paper's q in (9) [px^2/rad^2].
         measurement_noise: variance r of a flow component [px^2]; rho of (12) in ``"fixed"``.
         initial_variance: p0 [px^2/rad^2]; the weight W of (12) in ``"fixed"``.
+        hessian_noise: variance that H gains per squared joint step [px^2/rad^6].
+        initial_hessian_variance: variance of H at the start, and its bound [px^2/rad^4].
         max_variance: bound on a variance, reached where a joint is not excited [px^2/rad^2];
             ``initial_variance`` unless given.
         move_variance: whether ``"diagonal"`` moves the variance with J; the paper does not. The
@@ -47,13 +54,16 @@ class JacobianOptions:
     width: int
     joints: int
     worlds: int = 1
+    order: int | None = None
     covariance: CovarianceForm = "shared"
     prediction: Prediction = "model"
     prediction_iterations: int = 2
-    process_noise: float = 1e4
+    process_noise: float | None = None
     drift_noise: float = 0.0
     measurement_noise: float = 0.01
     initial_variance: float = 1e4
+    hessian_noise: float = 300.0
+    initial_hessian_variance: float = 1e4
     max_variance: float | None = None
     move_variance: bool = False
     on_bad_flow: OnBadFlow = "error"
@@ -83,9 +93,21 @@ class JacobianOptions:
                 f"covariance 'full' with {self.joints} joints; expected at most {MAX_JOINTS_FULL}, "
                 "or one of shared, diagonal, fixed"
             )
-        for name in ("process_noise", "drift_noise"):
+        if self.order is None:
+            second = self.covariance == "shared" and self.joints <= MAX_JOINTS_DEFAULT_ORDER_2
+            object.__setattr__(self, "order", 2 if second else 1)
+        if self.order not in (1, 2):
+            raise DenseVSError(f"order is {self.order!r}; expected 1 or 2")
+        if self.order == 2 and (self.covariance != "shared" or self.joints > MAX_JOINTS_ORDER_2):
+            raise DenseVSError(
+                f"order 2 with covariance {self.covariance!r} and {self.joints} joints; expected covariance "
+                f"'shared' and at most {MAX_JOINTS_ORDER_2} joints, or order 1"
+            )
+        if self.process_noise is None:
+            object.__setattr__(self, "process_noise", 300.0 if self.order == 2 else 1e4)
+        for name in ("process_noise", "drift_noise", "hessian_noise"):
             self._check_noise(name, positive=False)
-        for name in ("measurement_noise", "initial_variance"):
+        for name in ("measurement_noise", "initial_variance", "initial_hessian_variance"):
             self._check_noise(name, positive=True)
         if self.max_variance is None:
             object.__setattr__(self, "max_variance", self.initial_variance)

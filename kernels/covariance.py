@@ -2,13 +2,34 @@
 
 With the same p0, q and r at every pixel, the covariance recursion of DIJE (9) and (11) holds no
 image data: it is the same at every pixel, and so is the gain. Kept once for the image it can be the
-full N x N matrix of Qian and Su's filter instead of its diagonal, at no cost per pixel. Float64, because
+full matrix of Qian and Su's filter instead of its diagonal, at no cost per pixel. Float64, because
 variances of unexcited joints stand beside ones 1e6 times smaller.
+
+State of second order (beyond the paper). J changes as the robot moves, by its derivative, the image Hessian
+H_ij = dJ_i / dq_j = H_ji, which stays nearly constant at a point of the body. With its N (N + 1) / 2 columns
+after the N of J, the state's transition and observation are
+
+    J_i <- J_i + sum_m H_im dq_m                u = J dq - 1/2 sum_ij H_ij dq_i dq_j   (J after the step)
+
+and the filter stays linear, with one covariance for all pixels.
 """
 
 import warp as wp
 
 wp.set_module_options({"enable_backward": False})
+
+
+def state_columns(joints: int, order: int) -> int:
+    """Columns of the state: N of J, and N (N + 1) / 2 of H where ``order`` is 2."""
+    return joints + (joints * (joints + 1) // 2 if order == 2 else 0)
+
+
+@wp.func
+def hessian_column(i: int, j: int, joints: int) -> int:
+    """Column of H_ij = H_ji in the state: row by row of the upper triangle, after the columns of J."""
+    low = wp.min(i, j)
+    high = wp.max(i, j)
+    return joints + low * joints - (low * (low - 1)) // 2 + (high - low)
 
 
 @wp.func
@@ -17,6 +38,34 @@ def bound_scale(variance: wp.float64, max_variance: wp.float64) -> wp.float64:
     if variance > max_variance:
         return wp.sqrt(max_variance / variance)
     return wp.float64(1.0)
+
+
+@wp.func
+def regressor_entry(dq: wp.array2d(dtype=wp.float32), world: int, column: int, joints: int) -> wp.float64:
+    """Entry of the row that multiplies the state before the step: u = J dq + 1/2 sum_ij H_ij dq_i dq_j."""
+    if column < joints:
+        return wp.float64(dq[world, column])
+    rest = column - joints
+    i = int(0)
+    while rest >= joints - i:
+        rest -= joints - i
+        i += 1
+    product = wp.float64(dq[world, i]) * wp.float64(dq[world, i + rest])
+    if rest == 0:
+        product *= wp.float64(0.5)
+    return product
+
+
+@wp.kernel
+def regressors(
+    # In:
+    dq_in: wp.array2d(dtype=wp.float32),
+    # Out:
+    regressor_out: wp.array2d(dtype=wp.float32),
+):
+    """Row that predicts the flow from the state before the step, a thread a world and column."""
+    world, column = wp.tid()
+    regressor_out[world, column] = wp.float32(regressor_entry(dq_in, world, column, dq_in.shape[1]))
 
 
 @wp.kernel
@@ -28,46 +77,76 @@ def update_shared_covariance(
     drift_noise: wp.float64,
     measurement_noise: wp.float64,
     max_variance: wp.float64,
+    hessian_noise: wp.float64,
+    max_hessian_variance: wp.float64,
     # Out:
     projected_out: wp.array2d(dtype=wp.float64),
     covariance_out: wp.array3d(dtype=wp.float64),
     gain_out: wp.array2d(dtype=wp.float32),
 ):
-    """Predict P, compute K = P dq / (dq^T P dq + r) and update P, a thread a world.
+    """Predict P <- F P F^T + Q, gain K = P h / (h^T P h + r), update P <- P - K (P h)^T, a thread a world.
 
-    P grows by (q |dq|^2 + q0) I, is scaled to S P S with a diagonal S where a variance exceeds its bound
-    (which keeps it positive definite, as clipping the diagonal would not), and shrinks by K (P dq)^T.
+    Q is (q |dq|^2 + q0) I for J and q_H |dq|^2 I for H. Where a variance exceeds its bound P is scaled to
+    S P S with a diagonal S, which keeps it positive definite as clipping the diagonal would not.
     """
     world = wp.tid()
     joints = dq_in.shape[1]
+    columns = covariance_in.shape[1]
 
-    growth = wp.float64(0.0)
+    for i in range(columns):
+        for j in range(columns):
+            covariance_out[world, i, j] = covariance_in[world, i, j]
+    if columns > joints:
+        for i in range(joints):
+            for j in range(columns):
+                change = wp.float64(0.0)
+                for m in range(joints):
+                    row = hessian_column(i, m, joints)
+                    change += covariance_out[world, row, j] * wp.float64(dq_in[world, m])
+                covariance_out[world, i, j] += change
+        for j in range(joints):
+            for i in range(columns):
+                change = wp.float64(0.0)
+                for m in range(joints):
+                    column = hessian_column(j, m, joints)
+                    change += covariance_out[world, i, column] * wp.float64(dq_in[world, m])
+                covariance_out[world, i, j] += change
+
+    squared = wp.float64(0.0)
     for i in range(joints):
         dq = wp.float64(dq_in[world, i])
-        growth += dq * dq
-    growth = process_noise * growth + drift_noise
-
-    for i in range(joints):
-        scale_i = bound_scale(covariance_in[world, i, i] + growth, max_variance)
-        for j in range(joints):
-            scale_j = bound_scale(covariance_in[world, j, j] + growth, max_variance)
-            value = covariance_in[world, i, j]
-            if i == j:
-                value += growth
-            covariance_out[world, i, j] = value * scale_i * scale_j
+        squared += dq * dq
+    for i in range(columns):
+        growth = hessian_noise * squared
+        bound = max_hessian_variance
+        if i < joints:
+            growth = process_noise * squared + drift_noise
+            bound = max_variance
+        covariance_out[world, i, i] += growth
+        scale = bound_scale(covariance_out[world, i, i], bound)
+        if scale < wp.float64(1.0):
+            for j in range(columns):
+                covariance_out[world, i, j] *= scale
+                covariance_out[world, j, i] *= scale
 
     innovation_variance = measurement_noise
-    for i in range(joints):
+    for i in range(columns):
         projected = wp.float64(0.0)
-        for j in range(joints):
-            projected += covariance_out[world, i, j] * wp.float64(dq_in[world, j])
+        for j in range(columns):
+            entry = regressor_entry(dq_in, world, j, joints)
+            if j >= joints:
+                entry = -entry
+            projected += covariance_out[world, i, j] * entry
         projected_out[world, i] = projected
-        innovation_variance += projected * wp.float64(dq_in[world, i])
+        entry = regressor_entry(dq_in, world, i, joints)
+        if i >= joints:
+            entry = -entry
+        innovation_variance += projected * entry
 
-    for i in range(joints):
+    for i in range(columns):
         gain = projected_out[world, i] / innovation_variance
         gain_out[world, i] = wp.float32(gain)
-        for j in range(joints):
+        for j in range(columns):
             covariance_out[world, i, j] -= gain * projected_out[world, j]
 
 
@@ -87,6 +166,4 @@ def fixed_gain(
         dq = wp.float64(dq_in[world, i])
         squared += dq * dq
     for i in range(dq_in.shape[1]):
-        gain_out[world, i] = wp.float32(
-            weight * wp.float64(dq_in[world, i]) / (forgetting + weight * squared)
-        )
+        gain_out[world, i] = wp.float32(weight * wp.float64(dq_in[world, i]) / (forgetting + weight * squared))

@@ -1,11 +1,12 @@
 """The dense image Jacobian's filter: predict (13), (14) and update (9) to (12) of DIJE in one pass.
 
-A pixel's state is its 2 x N Jacobian. The kernels are specialised on the number of joints N, so that a
-pixel's matrix stays in registers; :func:`jacobian_kernels` builds them once per N.
+A pixel's state is its 2 x N Jacobian, followed in the state of second order by the columns of the image
+Hessian (see ``covariance.py``). The kernels are specialised on the number of joints and the order, so that
+a pixel's matrix stays in registers; :func:`jacobian_kernels` builds them once for each.
 
-Prediction moves the Jacobian image along a displacement image v: y = x - v(x), repeated as
-y = x - v(y). With v = J dq, bilinear sampling and the product with dq commute, so sampling the two
-numbers of v stands for sampling the 2N of J: the whole iteration costs less than one more sample of J.
+Prediction moves the state image along a displacement image v: y = x - v(x), repeated as y = x - v(y).
+With v = J dq, bilinear sampling and the product with dq commute, so sampling the two numbers of v
+stands for sampling the columns of the state: the iteration costs less than one more sample of J.
 """
 
 from functools import cache
@@ -14,6 +15,7 @@ from types import SimpleNamespace
 import warp as wp
 
 from dense_vs.kernels.bilinear import bilinear
+from dense_vs.kernels.covariance import state_columns
 
 wp.set_module_options({"enable_backward": False})
 
@@ -42,75 +44,98 @@ def displacement(
 
 
 @cache
-def jacobian_kernels(joints: int) -> SimpleNamespace:
-    """Kernels for ``joints`` joints, with the element types ``Jacobian`` (2, N) and ``JointVector`` (N)."""
-    Jacobian = wp.types.matrix((2, joints), wp.float32)
-    Covariance = wp.types.matrix((joints, joints), wp.float32)
+def jacobian_kernels(joints: int, order: int = 1) -> SimpleNamespace:
+    """Kernels for ``joints`` joints and a state of ``order`` 1 or 2, with their element types.
+
+    ``State`` is (2, C) with C = :func:`state_columns`; ``StateRow`` (C); ``JointVector`` (N); ``Covariance``
+    (N, N). The kernels with a covariance per pixel exist for order 1.
+    """
+    columns = state_columns(joints, order)
+    State = wp.types.matrix((2, columns), wp.float32)
+    StateRow = wp.types.vector(columns, wp.float32)
     JointVector = wp.types.vector(joints, wp.float32)
-    sample_jacobian = bilinear(Jacobian)
+    Covariance = wp.types.matrix((joints, joints), wp.float32)
+    sample_state = bilinear(State)
     sample_variance = bilinear(JointVector)
 
     def kernel_in(form: str):
-        # A module a form and N: a new N never recompiles the others, an unused form is never compiled.
-        return wp.kernel(module=f"{__name__}_{form}_{joints}", enable_backward=False)
+        # A module a form and size: a new size never recompiles the others, an unused form is never compiled.
+        return wp.kernel(module=f"{__name__}_{form}_{joints}_{order}", enable_backward=False)
 
     @wp.func
-    def innovation(flow: wp.vec2, jacobian: Jacobian, dq: JointVector) -> wp.vec2:
-        """u - J dq [px]; zero where the flow is not finite, which leaves the prediction as it is."""
+    def innovation(flow: wp.vec2, state: State, regressor: StateRow) -> wp.vec2:
+        """u - predicted u [px]; zero where the flow is not finite, which leaves the prediction as it is."""
         if finite(flow):
-            return flow - jacobian * dq
+            return flow - state * regressor
         return wp.vec2(0.0, 0.0)
+
+    @wp.func
+    def advance(state: State, dq: JointVector) -> State:
+        """J_i + sum_m H_im dq_m; the columns of H stay."""
+        if wp.static(order == 2):
+            column = int(wp.static(joints))
+            for i in range(wp.static(joints)):
+                for j in range(i, wp.static(joints)):
+                    state[0, i] = state[0, i] + state[0, column] * dq[j]
+                    state[1, i] = state[1, i] + state[1, column] * dq[j]
+                    if j > i:
+                        state[0, j] = state[0, j] + state[0, column] * dq[i]
+                        state[1, j] = state[1, j] + state[1, column] * dq[i]
+                    column += 1
+        return state
 
     @kernel_in("shared")
     def predicted_flow(
         row_begin: int,
         column_step: int,
         # In:
-        jacobian_in: wp.array3d(dtype=Jacobian),
-        dq_in: wp.array(dtype=JointVector),
+        state_in: wp.array3d(dtype=State),
+        regressor_in: wp.array(dtype=StateRow),
         # Out:
         flow_out: wp.array3d(dtype=wp.vec2),
     ):
-        """J dq at every pixel [px]."""
+        """State times regressor at every pixel [px]: J dq, and its second-order term where there is one."""
         world, row, column = wp.tid()
         y = row_begin + row
-        dq = dq_in[world]
-        for x in range(column, jacobian_in.shape[2], column_step):
-            flow_out[world, y, x] = jacobian_in[world, y, x] * dq
+        regressor = regressor_in[world]
+        for x in range(column, state_in.shape[2], column_step):
+            flow_out[world, y, x] = state_in[world, y, x] * regressor
 
     @kernel_in("shared")
     def update_shared(
         row_begin: int,
         column_step: int,
         # In:
-        jacobian_in: wp.array3d(dtype=Jacobian),
+        state_in: wp.array3d(dtype=State),
         displacement_in: wp.array3d(dtype=wp.vec2),
         iterations: int,
         flow_in: wp.array3d(dtype=wp.vec2),
         dq_in: wp.array(dtype=JointVector),
-        gain_in: wp.array(dtype=JointVector),
+        regressor_in: wp.array(dtype=StateRow),
+        gain_in: wp.array(dtype=StateRow),
         # Out:
-        jacobian_out: wp.array3d(dtype=Jacobian),
+        state_out: wp.array3d(dtype=State),
     ):
-        """J <- J' + (u - J' dq) K^T, (10) and (12) with one gain K for the image."""
+        """State <- F(moved state) + (u - predicted u) K^T, (10) and (12) with one gain K for the image."""
         world, row, column = wp.tid()
         y = row_begin + row
-        height = jacobian_in.shape[1]
-        width = jacobian_in.shape[2]
+        height = state_in.shape[1]
+        width = state_in.shape[2]
         dq = dq_in[world]
+        regressor = regressor_in[world]
         gain = gain_in[world]
         for x in range(column, width, column_step):
             moved = displacement(displacement_in, world, x, y, iterations, width, height)
-            prior = sample_jacobian(jacobian_in, world, x, y, moved, width, height)
-            error = innovation(flow_in[world, y, x], prior, dq)
-            jacobian_out[world, y, x] = prior + wp.outer(error, gain)
+            prior = sample_state(state_in, world, x, y, moved, width, height)
+            error = innovation(flow_in[world, y, x], prior, regressor)
+            state_out[world, y, x] = advance(prior, dq) + wp.outer(error, gain)
 
     @kernel_in("diagonal")
     def update_diagonal(
         row_begin: int,
         column_step: int,
         # In:
-        jacobian_in: wp.array3d(dtype=Jacobian),
+        jacobian_in: wp.array3d(dtype=State),
         variance_in: wp.array3d(dtype=JointVector),
         displacement_in: wp.array3d(dtype=wp.vec2),
         iterations: int,
@@ -122,7 +147,7 @@ def jacobian_kernels(joints: int) -> SimpleNamespace:
         measurement_noise: float,
         max_variance: float,
         # Out:
-        jacobian_out: wp.array3d(dtype=Jacobian),
+        jacobian_out: wp.array3d(dtype=State),
         variance_out: wp.array3d(dtype=JointVector),
     ):
         """(9) to (11): a variance per pixel and joint, covariances dropped."""
@@ -134,7 +159,7 @@ def jacobian_kernels(joints: int) -> SimpleNamespace:
         growth = process_noise * wp.dot(dq, dq) + drift_noise
         for x in range(column, width, column_step):
             moved = displacement(displacement_in, world, x, y, iterations, width, height)
-            prior = sample_jacobian(jacobian_in, world, x, y, moved, width, height)
+            prior = sample_state(jacobian_in, world, x, y, moved, width, height)
             variance = variance_in[world, y, x]
             if move_variance != 0:
                 variance = sample_variance(variance_in, world, x, y, moved, width, height)
@@ -153,7 +178,7 @@ def jacobian_kernels(joints: int) -> SimpleNamespace:
         row_begin: int,
         column_step: int,
         # In:
-        jacobian_in: wp.array3d(dtype=Jacobian),
+        jacobian_in: wp.array3d(dtype=State),
         covariance_in: wp.array3d(dtype=Covariance),
         displacement_in: wp.array3d(dtype=wp.vec2),
         iterations: int,
@@ -164,7 +189,7 @@ def jacobian_kernels(joints: int) -> SimpleNamespace:
         measurement_noise: float,
         max_variance: float,
         # Out:
-        jacobian_out: wp.array3d(dtype=Jacobian),
+        jacobian_out: wp.array3d(dtype=State),
         covariance_out: wp.array3d(dtype=Covariance),
     ):
         """Qian and Su's filter: a full N x N covariance per pixel."""
@@ -176,7 +201,7 @@ def jacobian_kernels(joints: int) -> SimpleNamespace:
         growth = process_noise * wp.dot(dq, dq) + drift_noise
         for x in range(column, width, column_step):
             moved = displacement(displacement_in, world, x, y, iterations, width, height)
-            prior = sample_jacobian(jacobian_in, world, x, y, moved, width, height)
+            prior = sample_state(jacobian_in, world, x, y, moved, width, height)
             covariance = covariance_in[world, y, x]
             scale = JointVector()
             for i in range(wp.static(joints)):
@@ -194,22 +219,22 @@ def jacobian_kernels(joints: int) -> SimpleNamespace:
     @kernel_in("shared")
     def sample_points(
         # In:
-        jacobian_in: wp.array3d(dtype=Jacobian),
+        state_in: wp.array3d(dtype=State),
         points_in: wp.array2d(dtype=wp.vec2),
         # Out:
-        jacobian_out: wp.array2d(dtype=Jacobian),
+        state_out: wp.array2d(dtype=State),
     ):
-        """J at (worlds, K) points, (16)."""
+        """The state at (worlds, K) points, (16)."""
         world, point = wp.tid()
         p = points_in[world, point]
-        jacobian_out[world, point] = sample_jacobian(
-            jacobian_in, world, 0, 0, -p, jacobian_in.shape[2], jacobian_in.shape[1]
-        )
+        state_out[world, point] = sample_state(state_in, world, 0, 0, -p, state_in.shape[2], state_in.shape[1])
 
     return SimpleNamespace(
-        Jacobian=Jacobian,
-        Covariance=Covariance,
+        columns=columns,
+        State=State,
+        StateRow=StateRow,
         JointVector=JointVector,
+        Covariance=Covariance,
         predicted_flow=predicted_flow,
         update_shared=update_shared,
         update_diagonal=update_diagonal,

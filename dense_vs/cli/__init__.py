@@ -1,0 +1,3 @@
+"""The ``dense-vs`` command."""
+
+from dense_vs.cli.main import main as main

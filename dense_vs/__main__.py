@@ -1,0 +1,7 @@
+"""``python -m dense_vs``."""
+
+import sys
+
+from dense_vs.cli import main
+
+sys.exit(main())

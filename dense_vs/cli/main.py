@@ -1,0 +1,52 @@
+"""Finds the subcommand, runs it, and turns errors that a user can mend into one line and exit code 2."""
+
+import argparse
+import sys
+from collections.abc import Sequence
+from importlib import import_module
+
+from dense_vs.errors import DenseVSError
+
+# Commands that need a simulator stand with it; all are named here and imported when the command line is read.
+COMMANDS = {
+    "estimate": "dense_vs.cli.estimate",
+    "reach": "dense_vs.sims.cli.reach",
+    "record": "dense_vs.sims.cli.record",
+}
+
+
+def build_parser() -> argparse.ArgumentParser:
+    """The parser of all commands."""
+    parser = argparse.ArgumentParser(
+        prog="dense-vs",
+        description="Dense visual servoing without calibration: learn how every pixel answers to every joint.",
+    )
+    commands = parser.add_subparsers(dest="command", required=True, metavar="COMMAND")
+    for name, home in COMMANDS.items():
+        module = import_module(home)
+        command = commands.add_parser(name, help=module.HELP, description=module.__doc__)
+        module.add_arguments(command)
+        command.set_defaults(run=module.run)
+    return parser
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run ``dense-vs`` with ``arguments`` (the process's own unless given); the exit code."""
+    parsed = build_parser().parse_args(arguments)
+    _quiet_warp()
+    try:
+        parsed.run(parsed)
+    except DenseVSError as error:
+        print(f"dense-vs: {' '.join(str(error).split())}", file=sys.stderr)
+        return 2
+    except KeyboardInterrupt:
+        print("dense-vs: interrupted", file=sys.stderr)
+        return 130
+    return 0
+
+
+def _quiet_warp() -> None:
+    """Keep Warp's banner and compile messages out of a command's output."""
+    import warp as wp
+
+    wp.config.log_level = wp.LOG_ERROR

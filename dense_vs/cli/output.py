@@ -1,0 +1,63 @@
+"""What commands print and write: progress, tables, JSON, versions."""
+
+import json
+import platform
+import sys
+from collections.abc import Sequence
+from importlib import metadata
+from pathlib import Path
+from typing import Any
+
+from dense_vs.files import atomic_write
+
+
+class _Silent:
+    """Stands in for a progress bar where tqdm is not installed."""
+
+    def update(self, _: int = 1) -> None:
+        pass
+
+    def set_description(self, _: str) -> None:
+        pass
+
+    def __enter__(self) -> "_Silent":
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        pass
+
+
+def progress(description: str, total: int | None = None) -> Any:
+    """A progress bar on stderr, to be used as a context manager; ``update()`` after every step."""
+    try:
+        from tqdm import tqdm
+    except ImportError:
+        return _Silent()
+    return tqdm(total=total or None, desc=description, unit="frame", file=sys.stderr, dynamic_ncols=True)
+
+
+def table(header: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
+    """Rows under a header, columns aligned right."""
+    cells = [list(header), *[list(row) for row in rows]]
+    widths = [max(len(row[column]) for row in cells) for column in range(len(header))]
+    lines = ["  ".join(cell.rjust(width) for cell, width in zip(row, widths, strict=True)) for row in cells]
+    lines.insert(1, "  ".join("-" * width for width in widths))
+    return "\n".join(lines)
+
+
+def write_json(path: Path, content: Any) -> None:
+    """Write a JSON file, whole or not at all."""
+    with atomic_write(path, "w") as stream:
+        json.dump(content, stream, indent=2)
+        stream.write("\n")
+
+
+def versions() -> dict[str, str]:
+    """Versions of Python and of the packages that decide the results, as far as installed."""
+    found = {"python": platform.python_version()}
+    for package in ("dense-vs", "warp-lang", "numpy", "opencv-python-headless", "mujoco", "mujoco-warp"):
+        try:
+            found[package] = metadata.version(package)
+        except metadata.PackageNotFoundError:
+            continue
+    return found

@@ -1,0 +1,83 @@
+"""The estimator on a recording: a video and a joint log with clocks that need aligning."""
+
+import os
+from collections.abc import Iterator, Sequence
+from typing import Any
+
+import numpy as np
+
+from dense_vs.errors import DenseVSError
+from dense_vs.flow import FlowEstimator
+from dense_vs.jacobian import DenseJacobian
+from dense_vs.joint_log import JointLog
+from dense_vs.pipeline import Frame, FramePipeline, scaled_size
+from dense_vs.video import VideoReader
+
+
+class Recording:
+    """A video and the joint log recorded with it.
+
+    Args:
+        video: file that OpenCV reads.
+        joints: CSV file, see :meth:`JointLog.read_csv`.
+        joint_names: which joints of the log to use; all unless given.
+        time_offset: seconds added to the log's times to bring them onto the video's clock [s].
+        scale: factor on the image size.
+
+    Raises:
+        DenseVSError: a file that cannot be used, or clocks that do not overlap.
+    """
+
+    def __init__(
+        self,
+        video: str | os.PathLike[str],
+        joints: str | os.PathLike[str],
+        *,
+        joint_names: Sequence[str] | None = None,
+        time_offset: float = 0.0,
+        scale: float = 1.0,
+    ):
+        if not np.isfinite(time_offset):
+            raise DenseVSError(f"time_offset is {time_offset}; expected finite seconds")
+        if not 0 < scale <= 1:
+            raise DenseVSError(f"scale is {scale}; expected a number above 0 and at most 1")
+        log = JointLog.read_csv(joints)
+        self.log = (log.select(joint_names) if joint_names is not None else log).shifted(time_offset)
+        self.video = VideoReader(video)
+        self.scale = scale
+        self.skipped_frames = 0
+
+    def estimate(
+        self, *, method: str = "dis", device: str = "auto", threads: int | None = None, **options: Any
+    ) -> Iterator[tuple[Frame, DenseJacobian]]:
+        """Run the estimator over the recording; yields every frame within the log and the estimator after it.
+
+        Frames before the log begins and after it ends are counted in ``skipped_frames`` and left out.
+
+        Args:
+            method: of :class:`FlowEstimator`.
+            device, threads, options: of :class:`DenseJacobian`.
+
+        Raises:
+            DenseVSError: bad options, or fewer than two frames within the log.
+        """
+        height, width = scaled_size((self.video.height, self.video.width), self.scale)
+        options.setdefault("on_bad_flow", "skip")
+        estimator = DenseJacobian(
+            height=height, width=width, joints=len(self.log.names), device=device, threads=threads, **options
+        )
+        pipeline = FramePipeline(estimator, FlowEstimator(method, height, width), scale=self.scale)
+        first, last = self.log.times[0], self.log.times[-1]
+        used, begin, end = 0, np.inf, -np.inf
+        for image, time in self.video:
+            begin, end = min(begin, time), max(end, time)
+            if not first <= time <= last:
+                self.skipped_frames += 1
+                continue
+            used += 1
+            yield pipeline.process(image, time, self.log.at(np.array([time]))[0]), estimator
+        if used < 2:
+            raise DenseVSError(
+                f"video covers {begin:.3f} to {end:.3f} s and the joint log {first:.3f} to {last:.3f} s; "
+                "expected at least two frames within the log (is --time-offset right?)"
+            )

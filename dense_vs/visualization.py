@@ -1,0 +1,80 @@
+"""Pictures of what the estimator holds: flow and Jacobian columns as hue and brightness, DIJE Fig. 2."""
+
+from collections.abc import Sequence
+
+import cv2
+import numpy as np
+
+RED, GREEN, WHITE = (255, 60, 60), (60, 255, 60), (255, 255, 255)
+
+
+def vectors_to_rgb(vectors: np.ndarray, full_scale: float) -> np.ndarray:
+    """Image vectors ``(H, W, 2)`` as RGB uint8: hue is the direction, brightness the length.
+
+    Args:
+        vectors: flow [px] or a column of J [px/rad]; what is not finite is drawn black.
+        full_scale: length of full brightness, in their unit.
+    """
+    x, y = (np.ascontiguousarray(vectors[..., i], dtype=np.float32) for i in range(2))
+    length, angle = cv2.cartToPolar(x, y, angleInDegrees=True)
+    hsv = np.full((*vectors.shape[:2], 3), 255, dtype=np.uint8)
+    bright = np.clip(np.nan_to_num(length, posinf=0.0) * (255 / max(full_scale, 1e-9)), 0, 255)
+    hsv[..., 0] = np.nan_to_num(angle / 2)
+    hsv[..., 2] = bright
+    return cv2.cvtColor(hsv, cv2.COLOR_HSV2RGB)
+
+
+def draw_point(image: np.ndarray, point: Sequence[float] | np.ndarray, kind: str) -> None:
+    """Draw a tracked point (``"point"``, red +) or a target (``"target"``, green x) into an RGB image, as Fig. 6."""
+    colour, marker = (RED, cv2.MARKER_CROSS) if kind == "point" else (GREEN, cv2.MARKER_TILTED_CROSS)
+    place = round(float(point[0])), round(float(point[1]))
+    cv2.drawMarker(image, place, (0, 0, 0), marker, 15, 4, cv2.LINE_AA)
+    cv2.drawMarker(image, place, colour, marker, 13, 2, cv2.LINE_AA)
+
+
+def label(image: np.ndarray, text: str) -> np.ndarray:
+    """A copy of an RGB image with ``text`` in its upper left corner."""
+    labelled = image.copy()
+    for colour, thickness in (((0, 0, 0), 3), (WHITE, 1)):
+        cv2.putText(labelled, text, (6, 15), cv2.FONT_HERSHEY_SIMPLEX, 0.42, colour, thickness, cv2.LINE_AA)
+    return labelled
+
+
+def tile(panels: Sequence[np.ndarray], columns: int) -> np.ndarray:
+    """Panels of one size as a grid, row by row; missing ones are black."""
+    blank = np.zeros_like(panels[0])
+    padded = [*panels, *[blank] * (-len(panels) % columns)]
+    rows = [np.hstack(padded[first : first + columns]) for first in range(0, len(padded), columns)]
+    return np.vstack(rows)
+
+
+def as_rgb(image: np.ndarray) -> np.ndarray:
+    """A writable RGB copy of an RGB or grey image."""
+    return cv2.cvtColor(image, cv2.COLOR_GRAY2RGB) if image.ndim == 2 else image.copy()
+
+
+class JacobianView:
+    """Draws flow, the columns of J and the predicted flow side by side with a steady brightness.
+
+    Args:
+        joint_names: labels of the columns.
+        flow_scale: flow of full brightness [px per frame].
+    """
+
+    def __init__(self, joint_names: Sequence[str], flow_scale: float = 4.0):
+        self.joint_names = list(joint_names)
+        self.flow_scale = flow_scale
+        self._column_scale = 1.0
+
+    def flow(self, flow: np.ndarray, text: str) -> np.ndarray:
+        """A labelled panel of a flow image."""
+        return label(vectors_to_rgb(flow, self.flow_scale), text)
+
+    def columns(self, jacobian: np.ndarray) -> list[np.ndarray]:
+        """A labelled panel per joint of ``(H, W, 2, N)``; the brightest one percent set the scale, smoothed over time."""
+        lengths = np.abs(jacobian[::4, ::4]).max(axis=2)
+        self._column_scale += 0.1 * (max(float(np.percentile(lengths, 99.5)), 1.0) - self._column_scale)
+        return [
+            label(vectors_to_rgb(jacobian[..., n], self._column_scale), f"dx/d {name}")
+            for n, name in enumerate(self.joint_names)
+        ]
