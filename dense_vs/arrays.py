@@ -23,6 +23,8 @@ def _host_or_gpu(value: Any, name: str, expected: str) -> np.ndarray | wp.array:
             return wp.array(value, copy=False)
         if hasattr(value, "__dlpack_device__") and value.__dlpack_device__()[0] != 1:  # not kDLCPU
             return wp.from_dlpack(value)
+        if hasattr(value, "__dlpack__") and not hasattr(value, "__array__"):
+            return np.from_dlpack(value)
         return np.asarray(value)
     except (TypeError, ValueError, RuntimeError, AttributeError, BufferError) as error:
         raise DenseVSError(f"{name} is a {type(value).__name__}; expected {expected} ({error})") from error
@@ -60,11 +62,11 @@ def vec2_image(value: Any, name: str, shape: tuple[int, int, int], device: wp.De
     return image if image.device == device else image.to(device)
 
 
-def real_vector(value: Any, name: str, shape: tuple[int, ...]) -> np.ndarray:
-    """A few finite numbers as a float64 NumPy array of ``shape``; -1 in ``shape`` takes any length.
+def real_vector(value: Any, name: str, shape: tuple[int, ...], dtype: Any = np.float64) -> np.ndarray:
+    """A few finite numbers as a NumPy array of ``shape`` and ``dtype``; -1 in ``shape`` takes any length.
 
     Raises:
-        DenseVSError: another shape, not floating point, or a value that is not finite.
+        DenseVSError: another shape, not floating point, or a value that is not finite in ``dtype``.
     """
     shown = str(tuple("any" if n < 0 else n for n in shape)).replace("'", "")
     expected = f"finite floating-point numbers of shape {shown}"
@@ -74,9 +76,11 @@ def real_vector(value: Any, name: str, shape: tuple[int, ...]) -> np.ndarray:
     fits = array.ndim == len(shape) and all(want in (-1, got) for want, got in zip(shape, array.shape, strict=True))
     if not fits or array.dtype.kind != "f":
         raise DenseVSError(f"{name} has shape {array.shape} and dtype {array.dtype}; expected {expected}")
-    if not np.isfinite(array).all():
+    with np.errstate(over="ignore"):
+        numbers = array.astype(dtype)
+    if not np.isfinite(numbers).all():
         raise DenseVSError(f"{name} is {array.tolist()}; expected {expected}")
-    return array.astype(np.float64)
+    return numbers
 
 
 def points_array(value: Any, name: str) -> np.ndarray:

@@ -43,7 +43,7 @@ def resolve_threads(threads: int | None = None) -> int:
         source, value = "DENSE_VS_THREADS", text
     try:
         count = int(value)  # type: ignore[arg-type]
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError):
         count = 0
     if count < 1 or (isinstance(value, float) and value != count):
         raise DenseVSError(f"{source} is {value!r}; expected a whole number of at least 1")

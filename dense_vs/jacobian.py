@@ -131,9 +131,11 @@ class DenseJacobian:
         wp.copy(self._flow, vec2_image(flow, "flow", self._shape, self.device))
         self._bad.zero_()
         self._count_bad()
-        if self.options.on_bad_flow == "error" and self._bad.numpy().any():
+        bad = int(self._bad.numpy().sum())
+        if self.options.on_bad_flow == "error" and bad:
+            self._bad.zero_()
             raise DenseVSError(
-                f"flow has {int(self._bad.numpy().sum())} pixels that are not finite; expected finite values, or "
+                f"flow has {bad} pixels that are not finite; expected finite values, or "
                 "DenseJacobian(on_bad_flow='skip')"
             )
         self._dq.assign(joint_step)
@@ -324,9 +326,8 @@ class DenseJacobian:
 
     def _joint_step(self, dq: Any) -> np.ndarray:
         worlds, joints = self.options.worlds, self.options.joints
-        single = worlds == 1 and np.ndim(dq) == 1
-        step = real_vector(dq, "dq", (joints,) if single or worlds == 1 else (worlds, joints))
-        return step.reshape(worlds, joints).astype(np.float32)
+        step = real_vector(dq, "dq", (joints,) if worlds == 1 else (worlds, joints), np.float32)
+        return step.reshape(worlds, joints)
 
     def _unbatch(self, array: np.ndarray) -> np.ndarray:
         return array[0] if self.options.worlds == 1 else array

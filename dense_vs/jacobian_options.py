@@ -96,7 +96,7 @@ class JacobianOptions:
         if self.order is None:
             second = self.covariance == "shared" and self.joints <= MAX_JOINTS_DEFAULT_ORDER_2
             object.__setattr__(self, "order", 2 if second else 1)
-        if self.order not in (1, 2):
+        if isinstance(self.order, bool) or self.order not in (1, 2):
             raise DenseVSError(f"order is {self.order!r}; expected 1 or 2")
         if self.order == 2 and (self.covariance != "shared" or self.joints > MAX_JOINTS_ORDER_2):
             raise DenseVSError(
