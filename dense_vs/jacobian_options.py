@@ -62,7 +62,7 @@ class JacobianOptions:
     drift_noise: float = 0.0
     measurement_noise: float = 0.01
     initial_variance: float = 1e4
-    hessian_noise: float = 300.0
+    hessian_noise: float = 1000.0
     initial_hessian_variance: float = 1e4
     max_variance: float | None = None
     move_variance: bool = False

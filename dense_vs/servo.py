@@ -28,7 +28,7 @@ class ServoOptions:
     gain: float = 0.2
     damping: float = 15.0
     max_step: float = 0.03
-    dither: float = 0.001
+    dither: float = 0.002
 
     def __post_init__(self):
         for name in ("gain", "damping", "max_step", "dither"):

@@ -5,6 +5,8 @@ from collections.abc import Sequence
 import cv2
 import numpy as np
 
+from dense_vs.servo_loop import ServoLoop
+
 RED, GREEN, WHITE = (255, 60, 60), (60, 255, 60), (255, 255, 255)
 
 
@@ -35,8 +37,8 @@ def draw_point(image: np.ndarray, point: Sequence[float] | np.ndarray, kind: str
 def label(image: np.ndarray, text: str) -> np.ndarray:
     """A copy of an RGB image with ``text`` in its upper left corner."""
     labelled = image.copy()
-    for colour, thickness in (((0, 0, 0), 3), (WHITE, 1)):
-        cv2.putText(labelled, text, (6, 15), cv2.FONT_HERSHEY_SIMPLEX, 0.42, colour, thickness, cv2.LINE_AA)
+    for colour, thickness in (((0, 0, 0), 4), (WHITE, 1)):
+        cv2.putText(labelled, text, (6, 17), cv2.FONT_HERSHEY_SIMPLEX, 0.5, colour, thickness, cv2.LINE_AA)
     return labelled
 
 
@@ -71,10 +73,43 @@ class JacobianView:
         return label(vectors_to_rgb(flow, self.flow_scale), text)
 
     def columns(self, jacobian: np.ndarray) -> list[np.ndarray]:
-        """A labelled panel per joint of ``(H, W, 2, N)``; the brightest one percent set the scale, smoothed over time."""
+        """A labelled panel per joint of ``(H, W, 2, N)``; the brightest pixels set the scale, smoothed over time."""
         lengths = np.abs(jacobian[::4, ::4]).max(axis=2)
         self._column_scale += 0.1 * (max(float(np.percentile(lengths, 99.5)), 1.0) - self._column_scale)
         return [
-            label(vectors_to_rgb(jacobian[..., n], self._column_scale), f"dx/d {name}")
+            label(vectors_to_rgb(jacobian[..., n], self._column_scale), f"J of {name}")
             for n, name in enumerate(self.joint_names)
         ]
+
+
+class ReachView:
+    """Draws a servo loop: the camera image with point and target, the flow, and J's columns beside it.
+
+    Args:
+        joint_names: labels of the columns.
+    """
+
+    def __init__(self, joint_names: Sequence[str]):
+        self._columns = JacobianView(joint_names)
+
+    def draw(self, loop: ServoLoop) -> np.ndarray:
+        """RGB uint8, about three times as wide as the camera image and twice as high."""
+        frame = loop.frame
+        height, width = frame.gray.shape
+        camera = cv2.resize(as_rgb(frame.image), (2 * width, 2 * height), interpolation=cv2.INTER_LINEAR)
+        # Pixel centres are whole numbers in both images, so a place maps by 2 x + 0.5.
+        if loop.tracker is not None:
+            draw_point(camera, 2 * loop.point + 0.5, "point")
+        if loop.target is not None:
+            draw_point(camera, 2 * loop.target + 0.5, "target")
+        doing = "babbling: learning J" if loop.tracker is None else "reaching: point +, target x"
+        camera = label(camera, f"{frame.time:6.2f} s  {doing}")
+        flow = np.zeros((height, width, 2), np.float32) if frame.flow is None else frame.flow
+        panels = [self._columns.flow(flow, "optical flow u")]
+        panels += self._columns.columns(np.asarray(loop.estimator.jacobian))
+        rows = -(-len(panels) // 2)
+        side = tile(panels, columns=2)
+        # Rows of the camera image's height in all; the panels keep their shape and the rest stays black.
+        scale = min(2 / rows, 1.0)
+        side = cv2.resize(side, (round(side.shape[1] * scale), 2 * height), interpolation=cv2.INTER_AREA)
+        return np.hstack([camera, side])

@@ -1,10 +1,13 @@
 """Finds the subcommand, runs it, and turns errors that a user can mend into one line and exit code 2."""
 
 import argparse
+import os
 import sys
+import tempfile
 from collections.abc import Sequence
 from importlib import import_module
 
+from dense_vs.cli.output import note_first_run
 from dense_vs.errors import DenseVSError
 
 # Commands that need a simulator stand with it; all are named here and imported when the command line is read.
@@ -34,6 +37,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Run ``dense-vs`` with ``arguments`` (the process's own unless given); the exit code."""
     parsed = build_parser().parse_args(arguments)
     _quiet_warp()
+    note_first_run()
     try:
         parsed.run(parsed)
     except DenseVSError as error:
@@ -46,7 +50,20 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def _quiet_warp() -> None:
-    """Keep Warp's banner and compile messages out of a command's output."""
+    """Keep Warp's banner, its compile messages and its remark that there is no GPU out of a command's output."""
     import warp as wp
 
     wp.config.log_level = wp.LOG_ERROR
+    sys.stderr.flush()
+    stderr = os.dup(2)
+    with tempfile.TemporaryFile("w+") as said:
+        os.dup2(said.fileno(), 2)  # the remark comes from native code
+        try:
+            wp.init()
+        finally:
+            os.dup2(stderr, 2)
+            os.close(stderr)
+        said.seek(0)
+        for line in said:
+            if "Could not find or load the NVIDIA CUDA driver" not in line:
+                print(line, end="", file=sys.stderr)

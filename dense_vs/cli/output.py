@@ -33,7 +33,8 @@ def progress(description: str, total: int | None = None) -> Any:
         from tqdm import tqdm
     except ImportError:
         return _Silent()
-    return tqdm(total=total or None, desc=description, unit="frame", file=sys.stderr, dynamic_ncols=True)
+    every = 0.1 if sys.stderr.isatty() else 10.0  # seconds; a log needs few lines
+    return tqdm(total=total or None, desc=description, unit="frame", mininterval=every, dynamic_ncols=True)
 
 
 def table(header: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
@@ -50,6 +51,16 @@ def write_json(path: Path, content: Any) -> None:
     with atomic_write(path, "w") as stream:
         json.dump(content, stream, indent=2)
         stream.write("\n")
+
+
+def note_first_run() -> None:
+    """Say so where no kernel has been compiled yet, as the first progress then waits for the compiler."""
+    import warp as wp
+
+    wp.init()
+    folder = Path(str(wp.config.kernel_cache_dir))
+    if not folder.is_dir() or not any(folder.iterdir()):
+        print("first run: compiling kernels, which takes up to half a minute", flush=True)
 
 
 def versions() -> dict[str, str]:

@@ -1,0 +1,1 @@
+"""The ``dense-vs`` commands that need a simulator."""

@@ -1,0 +1,139 @@
+"""``dense-vs reach``: a simulated robot babbles, learns its dense image Jacobian and reaches image targets."""
+
+import argparse
+import time
+from contextlib import nullcontext
+from pathlib import Path
+
+import numpy as np
+
+from dense_vs.cli.output import progress, table, versions, write_json
+from dense_vs.errors import DenseVSError
+from dense_vs.sims.cli.options import add_world_arguments, make_world
+
+HELP = "learn J on a simulated robot and bring a point of it to image targets"
+REACHED_PX = 2.0
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the command's arguments."""
+    parser.add_argument("--out", type=Path, required=True, help="folder for reach.mp4, reach.png and summary.json")
+    parser.add_argument("--targets", type=int, default=5, help="number of targets, in random reachable places (default: 5)")
+    parser.add_argument("--babble", type=float, default=10.0, metavar="S", help="seconds of motor babbling first (default: 10)")
+    parser.add_argument(
+        "--point", default="tip", help="point to control: a site, body or geom of the model, or X,Y in pixels (default: tip)"
+    )
+    parser.add_argument("--max-frames", type=int, default=150, help="frames after which a reach is given up (default: 150)")
+    parser.add_argument("--gain", type=float, default=0.2, help="gain k_p of (17) (default: 0.2)")
+    parser.add_argument("--flow", default="dis", metavar="METHOD", help="optical flow method (default: dis)")
+    parser.add_argument("--tracker", default="aligned", help="aligned, fixed_point or paper (15) (default: aligned)")
+    parser.add_argument("--no-video", action="store_true", help="do not draw the video")
+    add_world_arguments(parser)
+
+
+def run(arguments: argparse.Namespace) -> None:
+    """Run the command."""
+    from dense_vs.files import output_folder
+    from dense_vs.flow import FlowEstimator
+    from dense_vs.jacobian import DenseJacobian
+    from dense_vs.plots import plot_reach
+    from dense_vs.servo import VisualServo
+    from dense_vs.sims.reaching import ReachingExperiment
+    from dense_vs.sims.world import FRAME_SECONDS
+    from dense_vs.video import VideoWriter
+    from dense_vs.visualization import ReachView
+
+    if arguments.targets < 1 or arguments.max_frames < 1:
+        raise DenseVSError("--targets and --max-frames are whole numbers of at least 1")
+    started = time.perf_counter()
+    world = make_world(arguments)
+    size = {"height": arguments.height, "width": arguments.width}
+    joints = len(world.joint_names)
+    out = output_folder(arguments.out)
+    view = ReachView(world.joint_names)
+    total = round(arguments.babble / FRAME_SECONDS) + 30 * arguments.targets
+    writer = nullcontext() if arguments.no_video else VideoWriter(out / "reach.mp4", 1 / FRAME_SECONDS)
+    with writer as video, progress("babble", total) as bar:
+
+        def after_frame(experiment: ReachingExperiment) -> None:
+            bar.update()
+            if video is not None:
+                video.write(view.draw(experiment.loop))
+
+        experiment = ReachingExperiment(
+            world,
+            point=_point(arguments.point),
+            seed=arguments.seed,
+            babble_seconds=arguments.babble,
+            on_frame=after_frame,
+            estimator=DenseJacobian(
+                **size, joints=joints, device=arguments.device, threads=arguments.threads, on_bad_flow="skip"
+            ),
+            servo=VisualServo(joints, joint_limits=world.joint_limits, gain=arguments.gain, seed=arguments.seed),
+            flow=FlowEstimator(arguments.flow, **size),
+        )
+        learnt = experiment.learn()
+        experiment.choose(method=arguments.tracker)
+        targets = experiment.targets(arguments.targets)
+        measured = []
+        for number, target in enumerate(targets):
+            bar.set_description(f"target {number + 1} of {len(targets)}")
+            measured.append(experiment.reach(target, max_frames=arguments.max_frames))
+    seconds = time.perf_counter() - started
+    plot_reach(experiment.trace, world.joint_names, out / "reach.png")
+    summary = {
+        "targets": [
+            {
+                "target": list(m.reach.target),
+                "steps": m.reach.frames,
+                "estimated_error_px": m.reach.error_px,
+                "true_error_px": m.true_error_px,
+                "reached": m.reach.reached,
+                "lost": m.reach.lost,
+                "jacobian_error_median": m.jacobian.median,
+            }
+            for m in measured
+        ],
+        "jacobian_error_median": learnt.median,
+        "jacobian_error_p90": learnt.p90,
+        "jacobian_error_inner_median": learnt.inner_median,
+        "seconds": seconds,
+        "fps": len(experiment.trace.times) / seconds,
+        "device": str(experiment.loop.estimator.device),
+        "seed": arguments.seed,
+        "robot": str(arguments.robot),
+        "versions": versions(),
+    }
+    write_json(out / "summary.json", summary)
+    rows = [
+        [
+            f"{m.reach.target[0]:.0f}, {m.reach.target[1]:.0f}",
+            str(m.reach.frames),
+            f"{m.reach.error_px:.2f}",
+            f"{m.true_error_px:.2f}",
+            f"{m.jacobian.median:.3f}",
+            "lost" if m.reach.lost else "yes" if m.reach.reached else "no",
+        ]
+        for m in measured
+    ]
+    print(table(["target [px]", "steps", "estimated error [px]", "TRUE error [px]", "J error", "reached"], rows))
+    close = sum(m.true_error_px < REACHED_PX for m in measured)
+    print(
+        f"J error after {arguments.babble:g} s of babbling: {learnt.median:.3f} (median over robot pixels), "
+        f"{learnt.inner_median:.3f} at pixels 3 px inside the outline"
+    )
+    print(
+        f"{close} of {len(measured)} targets within {REACHED_PX:g} px (true error); "
+        f"{len(experiment.trace.times)} frames in {seconds:.1f} s, simulation included; results in {out}"
+    )
+
+
+def _point(text: str) -> str | np.ndarray:
+    """A name, or the two numbers of "X,Y"."""
+    try:
+        place = np.array([float(part) for part in text.split(",")])
+    except ValueError:
+        return text
+    if place.shape != (2,):
+        raise DenseVSError(f"--point is {text!r}; expected a name or X,Y")
+    return place

@@ -1,0 +1,137 @@
+"""The reaching experiment: babble, learn J, bring a point of the body to targets; DIJE section V-B, Figs. 6 and 7.
+
+The loop sees images and joint readings only. The simulator's truth chooses targets that can be reached and
+measures what came of it.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from dense_vs.babbling import Babbling
+from dense_vs.evaluation import JacobianError, jacobian_error
+from dense_vs.servo_loop import Reach, ServoLoop
+from dense_vs.sims.adapters import SimCamera, SimRobot
+from dense_vs.sims.surface_points import SurfacePoint
+from dense_vs.sims.targets import reachable_targets
+from dense_vs.sims.world import FRAME_SECONDS, SimWorld
+from dense_vs.tracker import sample
+
+
+@dataclass(frozen=True)
+class MeasuredReach:
+    """A reach with what only the simulator knows.
+
+    Attributes:
+        reach: as the loop saw it.
+        true_error_px: distance of the surface point that was chosen from the target.
+        jacobian: error of the dense J at the end of the reach.
+    """
+
+    reach: Reach
+    true_error_px: float
+    jacobian: JacobianError
+
+
+@dataclass
+class Trace:
+    """What happened frame by frame, from the first babbling step on; NaN where there is no point or target yet.
+
+    Attributes:
+        times: [s]; points, true_points, targets: ``(2,)`` each [px]; estimated, true: J at the point ``(2, N)``.
+    """
+
+    times: list[float] = field(default_factory=list)
+    points: list[np.ndarray] = field(default_factory=list)
+    true_points: list[np.ndarray] = field(default_factory=list)
+    targets: list[np.ndarray] = field(default_factory=list)
+    estimated: list[np.ndarray] = field(default_factory=list)
+    true: list[np.ndarray] = field(default_factory=list)
+
+
+class ReachingExperiment:
+    """One robot, one point, several targets.
+
+    Args:
+        world: of one robot.
+        point: site, body or geom of the model, or image point ``(2,)`` [px], that the surface point to control is
+            seen at when the babbling is over.
+        seed: of babbling, dither and targets.
+        babble_seconds: time spent learning J first [s].
+        on_frame: called with the experiment after every frame.
+        loop: options of :class:`ServoLoop`.
+    """
+
+    def __init__(
+        self,
+        world: SimWorld,
+        *,
+        point: Any = "tip",
+        seed: int = 0,
+        babble_seconds: float = 10.0,
+        on_frame: Callable[["ReachingExperiment"], None] | None = None,
+        **loop: Any,
+    ):
+        self.world = world
+        self.babble_seconds = babble_seconds
+        self.trace = Trace()
+        self.surface_point: SurfacePoint | None = None
+        self._point = point
+        self._seed = seed
+        self._on_frame = on_frame
+        joints = len(world.joint_names)
+        loop.setdefault("babbling", Babbling(joints, seed=seed, frame_time=FRAME_SECONDS))
+        self.loop = ServoLoop(
+            SimCamera(world), SimRobot(world), seed=seed, on_frame=self._after_frame, **loop
+        )
+
+    def learn(self) -> JacobianError:
+        """Babble, and return the error of J then."""
+        self.loop.babble(self.babble_seconds)
+        return self.jacobian_error()
+
+    def choose(self, **tracker: Any) -> np.ndarray:
+        """Define the point to control at its present place, as a click in the image would; that place [px]."""
+        pixel = self.world.project(self._point) if isinstance(self._point, str) else np.asarray(self._point, float)
+        self.surface_point = self.world.track_point(pixel)
+        self.loop.define_point(pixel, **tracker)
+        return pixel
+
+    def targets(self, count: int) -> np.ndarray:
+        """Targets ``(count, 2)`` that the chosen point can reach."""
+        assert self.surface_point is not None
+        return reachable_targets(self.world, self.surface_point, count, self._seed)
+
+    def reach(self, target: Any, **options: Any) -> MeasuredReach:
+        """Servo to a target and measure; options of :meth:`ServoLoop.reach`."""
+        assert self.surface_point is not None
+        reach = self.loop.reach(target, **options)
+        true_point = np.asarray(self.world.project(self.surface_point))
+        true_error = float(np.hypot(*(true_point - reach.target)))
+        return MeasuredReach(reach, true_error, self.jacobian_error())
+
+    def jacobian_error(self) -> JacobianError:
+        """Error of the estimate now."""
+        estimated = np.asarray(self.loop.estimator.jacobian)
+        return jacobian_error(estimated, self.world.true_jacobian(), self.world.robot_mask())
+
+    def _after_frame(self, loop: ServoLoop) -> None:
+        unknown = np.full(2, np.nan)
+        trace = self.trace
+        trace.times.append(loop.frame.time)
+        if self.surface_point is None or loop.tracker is None:
+            trace.points.append(unknown)
+            trace.true_points.append(unknown)
+            at = np.asarray(self.world.project(self._point) if isinstance(self._point, str) else self._point)
+        else:
+            trace.points.append(loop.point.copy())
+            trace.true_points.append(np.asarray(self.world.project(self.surface_point)))
+            at = trace.true_points[-1]
+        trace.targets.append(unknown if loop.target is None else loop.target.copy())
+        true = self.world.true_jacobian()
+        trace.true.append(sample(true.reshape(*true.shape[:2], -1), at[None])[0].reshape(true.shape[2:]))
+        trace.estimated.append(loop.estimator.at(at)[0])
+        if self._on_frame is not None:
+            self._on_frame(self)
