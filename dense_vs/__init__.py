@@ -34,7 +34,7 @@ _HOMES = {
     "VisualServo": "servo",
 }
 
-__all__ = list(_HOMES)
+__all__ = list(_HOMES)  # pyright: ignore[reportUnsupportedDunderAll]
 
 
 def __getattr__(name: str) -> object:

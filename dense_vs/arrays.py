@@ -12,10 +12,11 @@ import warp as wp
 from dense_vs.errors import DenseVSError
 
 
-def _host_or_gpu(value: Any, name: str, expected: str) -> np.ndarray | wp.array:
+def _host_or_gpu(value: Any, name: str, expected: str) -> Any:
     """The value as a NumPy array, or as a Warp array where it lies on a GPU."""
     if isinstance(value, wp.array):
-        return value.numpy() if value.device.is_cpu else value
+        device: Any = value.device
+        return value.numpy() if device.is_cpu else value
     if isinstance(value, np.ndarray):
         return value
     try:
@@ -30,7 +31,7 @@ def _host_or_gpu(value: Any, name: str, expected: str) -> np.ndarray | wp.array:
         raise DenseVSError(f"{name} is a {type(value).__name__}; expected {expected} ({error})") from error
 
 
-def vec2_image(value: Any, name: str, shape: tuple[int, int, int], device: wp.Device) -> wp.array:
+def vec2_image(value: Any, name: str, shape: tuple[int, int, int], device: wp.Device) -> Any:
     """A dense vector image as a ``(worlds, height, width)`` Warp array of vec2 on ``device``.
 
     Args:

@@ -1,6 +1,7 @@
 """Which device the kernels run on and how many CPU threads they use."""
 
 import os
+from typing import Any
 
 import warp as wp
 
@@ -35,14 +36,14 @@ def resolve_threads(threads: int | None = None) -> int:
         DenseVSError: not a whole number of at least 1.
     """
     source = "threads"
-    value: object = threads
+    value: Any = threads
     if threads is None:
         text = os.environ.get("DENSE_VS_THREADS", "").strip()
         if not text:
             return available_cores()
         source, value = "DENSE_VS_THREADS", text
     try:
-        count = int(value)  # type: ignore[arg-type]
+        count = int(value)
     except (TypeError, ValueError, OverflowError):
         count = 0
     if count < 1 or (isinstance(value, float) and value != count):

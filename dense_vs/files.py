@@ -1,11 +1,15 @@
-"""Files that are whole or absent: written beside their place and moved there when complete."""
+"""Files that are whole or absent: written beside their place and moved there when complete, read without pickle."""
 
 import os
 import tempfile
+import zipfile
+import zlib
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import IO, Any
+
+import numpy as np
 
 from dense_vs.errors import DenseVSError
 
@@ -15,7 +19,7 @@ def atomic_write(path: str | os.PathLike[str], mode: str = "wb") -> Iterator[IO[
     """Open a temporary file that replaces ``path`` when the block ends without an error.
 
     Raises:
-        DenseVSError: the folder is missing or not writable.
+        DenseVSError: the folder is missing or not writable, or the disk is full; what was there stays.
     """
     path = Path(path)
     encoding = None if "b" in mode else "utf-8"
@@ -32,9 +36,32 @@ def atomic_write(path: str | os.PathLike[str], mode: str = "wb") -> Iterator[IO[
         os.umask(mask)
         os.chmod(temporary, 0o666 & ~mask)  # mkstemp makes files that only their owner can read
         os.replace(temporary, path)
-    except BaseException:
+    except BaseException as error:
         Path(temporary).unlink(missing_ok=True)
+        if isinstance(error, OSError):
+            raise DenseVSError(f"cannot write {path}: {error.strerror or error}") from error
         raise
+
+
+def read_arrays(path: str | os.PathLike[str], what: str) -> dict[str, np.ndarray]:
+    """The arrays of an ``.npz`` file by name.
+
+    Args:
+        path: of the file.
+        what: the file is taken for, for the error.
+
+    Raises:
+        DenseVSError: missing, not such a file, truncated, damaged or with pickled objects.
+    """
+    try:
+        with open(path, "rb") as stream:
+            stored = np.load(stream, allow_pickle=False)
+            if isinstance(stored, np.ndarray):
+                raise ValueError("it holds a single array")
+            with stored:
+                return {name: stored[name] for name in stored.files}
+    except (OSError, ValueError, KeyError, EOFError, NotImplementedError, zipfile.BadZipFile, zlib.error) as error:
+        raise DenseVSError(f"cannot read {path} as {what}: {error}") from error
 
 
 def output_folder(path: str | os.PathLike[str]) -> Path:

@@ -17,9 +17,8 @@ from dense_vs.errors import DenseVSError
 def _farneback(window: int, levels: int, iterations: int) -> Callable[[], Callable]:
     def make() -> Callable:
         def calculate(present: np.ndarray, previous: np.ndarray) -> np.ndarray:
-            return cv2.calcOpticalFlowFarneback(
-                present, previous, None, 0.5, levels, window, iterations, 5, 1.1, 0  # type: ignore[call-overload]
-            )
+            flow = np.empty((*present.shape, 2), dtype=np.float32)
+            return cv2.calcOpticalFlowFarneback(present, previous, flow, 0.5, levels, window, iterations, 5, 1.1, 0)
 
         return calculate
 
@@ -33,7 +32,7 @@ def _dis(preset: int, **settings: int) -> Callable[[], Callable]:
             getattr(method, f"set{name}")(value)
 
         def calculate(present: np.ndarray, previous: np.ndarray) -> np.ndarray:
-            return method.calc(present, previous, None)  # type: ignore[call-overload]
+            return method.calc(present, previous, np.empty((*present.shape, 2), dtype=np.float32))
 
         return calculate
 

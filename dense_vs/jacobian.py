@@ -9,7 +9,6 @@ noise that grows with the motion; a second step of the fixed point that (14) beg
 
 import json
 import os
-import zipfile
 from collections.abc import Callable
 from dataclasses import asdict, fields
 from typing import Any
@@ -20,7 +19,7 @@ import warp as wp
 from dense_vs.arrays import points_array, real_vector, vec2_image
 from dense_vs.device import resolve_device, resolve_threads
 from dense_vs.errors import DenseVSError
-from dense_vs.files import atomic_write
+from dense_vs.files import atomic_write, read_arrays
 from dense_vs.jacobian_options import JacobianOptions
 from dense_vs.kernels.covariance import fixed_gain, regressors, update_shared_covariance
 from dense_vs.kernels.flow_field import count_bad_flow
@@ -65,13 +64,13 @@ class DenseJacobian:
         self.reset()
 
     @property
-    def jacobian(self) -> np.ndarray | wp.array:
+    def jacobian(self) -> Any:
         """J, float32 ``(H, W, 2, N)`` [px/rad]: rows x and y, a column a joint.
 
         On a CPU a read-only NumPy view, valid until the next ``update``: copy what is to be kept. On a
         GPU a Warp array that stays there (``.numpy()`` reads it back, dlpack shares it).
         """
-        state = self._state[self._now]
+        state: Any = self._state[self._now]
         if self.device.is_cpu:
             return self._unbatch(_read_only(state.numpy()[..., : self.options.joints]))
         scalars = wp.array(
@@ -94,9 +93,7 @@ class DenseJacobian:
             variance = np.diagonal(self._covariance[self._now].numpy(), axis1=-2, axis2=-1)
         else:
             shared = np.diagonal(self._covariance[self._now].numpy(), axis1=1, axis2=2)[:, : self.options.joints]
-            variance = np.broadcast_to(
-                shared.astype(np.float32)[:, None, None], (*self._shape, self.options.joints)
-            )
+            variance = np.broadcast_to(shared.astype(np.float32)[:, None, None], (*self._shape, self.options.joints))
         return self._unbatch(_read_only(variance))
 
     @property
@@ -156,7 +153,8 @@ class DenseJacobian:
         row = np.zeros((self.options.worlds, self._kernels.columns), dtype=np.float32)
         row[:, : self.options.joints] = self._joint_step(dq)
         regressor = wp.array(row, dtype=self._kernels.StateRow, device=self.device)
-        out = wp.empty(self._shape, dtype=wp.vec2, device=self.device)
+        vec2: Any = wp.vec2
+        out = wp.empty(self._shape, dtype=vec2, device=self.device)
         arguments = [self._state[self._now], regressor, out]
         launch_pixels(self._kernels.predicted_flow, self._shape, arguments, self.device, self.threads)
         return self._unbatch(out.numpy())
@@ -215,30 +213,22 @@ class DenseJacobian:
             )
 
     @classmethod
-    def load(
-        cls, path: str | os.PathLike[str], *, device: str = "auto", threads: int | None = None
-    ) -> "DenseJacobian":
+    def load(cls, path: str | os.PathLike[str], *, device: str = "auto", threads: int | None = None) -> "DenseJacobian":
         """Read what :meth:`save` wrote; the estimate goes on as if it had never stopped.
 
         Raises:
             DenseVSError: not such a file, another version of it, or arrays that do not fit its options.
         """
-        try:
-            with np.load(path, allow_pickle=False) as stored:
-                content = {name: stored[name] for name in stored.files}
-        except (OSError, ValueError, EOFError, zipfile.BadZipFile) as error:
-            raise DenseVSError(f"cannot read {path} as a saved Jacobian: {error}") from error
+        content = read_arrays(path, "a saved Jacobian")
         if str(content.get("format")) != FORMAT:
             raise DenseVSError(f"{path} is not a saved Jacobian; expected a file that DenseJacobian.save wrote")
-        if int(content.get("format_version", 0)) != FORMAT_VERSION:
-            raise DenseVSError(
-                f"{path} has format version {content.get('format_version')}; expected {FORMAT_VERSION}"
-            )
+        if str(content.get("format_version")) != str(FORMAT_VERSION):
+            raise DenseVSError(f"{path} has format version {content.get('format_version')}; expected {FORMAT_VERSION}")
         try:
-            options = json.loads(str(content["options"]))
+            options = asdict(JacobianOptions(**json.loads(str(content["options"]))))
             state, covariance = content["state"], content["covariance"]
             updates = int(content["updates"])
-        except (KeyError, ValueError) as error:
+        except (KeyError, ValueError, TypeError) as error:
             raise DenseVSError(f"{path} is damaged: {error}") from error
         estimator = cls(device=device, threads=threads, **options)
         for name, array, expected in (
@@ -317,12 +307,13 @@ class DenseJacobian:
             return self._worlds(fixed_gain, [self._dq, *weights, self._gain])
         return lambda: None
 
-    def _pixels(self, kernel: wp.Kernel, arguments: list[Any]) -> Callable[[], None]:
+    def _pixels(self, kernel: Any, arguments: list[Any]) -> Callable[[], None]:
         return PixelLaunch(kernel, self._shape, arguments, self.device, self.threads)
 
-    def _worlds(self, kernel: wp.Kernel, arguments: list[Any], per_world: int | None = None) -> Callable[[], None]:
+    def _worlds(self, kernel: Any, arguments: list[Any], per_world: int | None = None) -> Callable[[], None]:
         dim = self.options.worlds if per_world is None else (self.options.worlds, per_world)
-        return wp.launch(kernel, dim=dim, inputs=arguments, device=self.device, record_cmd=True).launch
+        command: Any = wp.launch(kernel, dim=dim, inputs=arguments, device=self.device, record_cmd=True)
+        return command.launch
 
     def _joint_step(self, dq: Any) -> np.ndarray:
         worlds, joints = self.options.worlds, self.options.joints

@@ -79,15 +79,14 @@ class JacobianOptions:
             value = getattr(self, name)
             if isinstance(value, bool) or not isinstance(value, (int, np.integer)) or not least <= value <= most:
                 raise DenseVSError(f"{name} is {value!r}; expected a whole number from {least} to {most}")
+            object.__setattr__(self, name, int(value))  # NumPy's numbers are no JSON
         for name, kind in (
             ("covariance", CovarianceForm),
             ("prediction", Prediction),
             ("on_bad_flow", OnBadFlow),
         ):
             if getattr(self, name) not in get_args(kind):
-                raise DenseVSError(
-                    f"{name} is {getattr(self, name)!r}; expected one of {', '.join(get_args(kind))}"
-                )
+                raise DenseVSError(f"{name} is {getattr(self, name)!r}; expected one of {', '.join(get_args(kind))}")
         if self.covariance == "full" and self.joints > MAX_JOINTS_FULL:
             raise DenseVSError(
                 f"covariance 'full' with {self.joints} joints; expected at most {MAX_JOINTS_FULL}, "
@@ -119,3 +118,4 @@ class JacobianOptions:
         if not number or not np.isfinite(value) or value < 0 or (positive and value == 0):
             bound = "above 0" if positive else "of at least 0"
             raise DenseVSError(f"{name} is {value!r}; expected a finite number {bound}")
+        object.__setattr__(self, name, float(value))

@@ -147,9 +147,7 @@ class ServoLoop:
         weights = np.linalg.norm(J - own, axis=(2, 3)) <= SAME_SURFACE * size if size > 0 else None
         self.tracker = PointTracker(point, self.frame.gray, weights=weights, **options)
 
-    def reach(
-        self, target: Any, *, tolerance: float = 1.0, settle_frames: int = 5, max_frames: int = 150
-    ) -> Reach:
+    def reach(self, target: Any, *, tolerance: float = 1.0, settle_frames: int = 5, max_frames: int = 150) -> Reach:
         """Servo the defined point to a target.
 
         Args:

@@ -180,10 +180,11 @@ class _Patch:
         warp = np.empty((2, 3), dtype=np.float32)
         warp[:, :2] = self._affine
         warp[:, 2] = centre - self._affine @ (half, half)
+        everywhere = np.full(region.shape, 255, dtype=np.uint8)
         criteria = (cv2.TERM_CRITERIA_EPS | cv2.TERM_CRITERIA_COUNT, ALIGNMENT_STEPS, ALIGNMENT_EPSILON)
         try:
             correlation, warp = cv2.findTransformECCWithMask(
-                self._template, region, self._mask, None, warp, cv2.MOTION_AFFINE, criteria, SMOOTHING  # type: ignore[arg-type]
+                self._template, region, self._mask, everywhere, warp, cv2.MOTION_AFFINE, criteria, SMOOTHING
             )
         except cv2.error:  # what OpenCV raises where the alignment does not converge
             return guess, -1.0

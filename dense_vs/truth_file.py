@@ -1,7 +1,6 @@
 """True Jacobians beside a simulated recording, to measure an estimate by."""
 
 import os
-import zipfile
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -10,7 +9,7 @@ import numpy as np
 
 from dense_vs.errors import DenseVSError
 from dense_vs.evaluation import JacobianError, jacobian_error
-from dense_vs.files import atomic_write
+from dense_vs.files import atomic_write, read_arrays
 
 STAMP_TOLERANCE = 1e-3  # s, between a video's time stamp and the simulator's time of the same frame
 
@@ -49,12 +48,12 @@ class TruthFile:
         Raises:
             DenseVSError: not such a file, or a joint that it does not have.
         """
-        try:
-            with np.load(path, allow_pickle=False) as stored:
-                names = [str(name) for name in stored["joint_names"]]
-                times, jacobians, masks = stored["times"], stored["jacobians"], stored["robot_masks"]
-        except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile) as error:
-            raise DenseVSError(f"cannot read {path} as the truth of a recording: {error}") from error
+        stored = read_arrays(path, "the truth of a recording")
+        missing = [name for name in ("joint_names", "times", "jacobians", "robot_masks") if name not in stored]
+        if missing:
+            raise DenseVSError(f"cannot read {path} as the truth of a recording: it has no {', '.join(missing)}")
+        names = [str(name) for name in stored["joint_names"]]
+        times, jacobians, masks = stored["times"], stored["jacobians"], stored["robot_masks"]
         for name in joint_names:
             if name not in names:
                 raise DenseVSError(f"truth of joint {name!r} is not in {path}; it has {', '.join(names)}")

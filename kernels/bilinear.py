@@ -18,9 +18,7 @@ def bilinear(dtype: Any) -> wp.Function:
     """
 
     @wp.func
-    def sample(
-        image: wp.array3d(dtype=dtype), world: int, x: int, y: int, shift: wp.vec2, width: int, height: int
-    ):
+    def sample(image: wp.array3d(dtype=dtype), world: int, x: int, y: int, shift: wp.vec2, width: int, height: int):
         # Beyond the image every shift reads the border; clamping keeps the conversion to int defined.
         dx = wp.clamp(-shift[0], -float(width), float(width))
         dy = wp.clamp(-shift[1], -float(height), float(height))
@@ -34,9 +32,7 @@ def bilinear(dtype: Any) -> wp.Function:
         bottom = wp.clamp(top + 1, 0, height - 1)
         left = wp.clamp(left, 0, width - 1)
         top = wp.clamp(top, 0, height - 1)
-        upper = image[world, top, left] * ((1.0 - ax) * (1.0 - ay)) + image[world, top, right] * (
-            ax * (1.0 - ay)
-        )
+        upper = image[world, top, left] * ((1.0 - ax) * (1.0 - ay)) + image[world, top, right] * (ax * (1.0 - ay))
         lower = image[world, bottom, left] * ((1.0 - ax) * ay) + image[world, bottom, right] * (ax * ay)
         return upper + lower
 

@@ -17,6 +17,7 @@ import os
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from functools import cache
+from itertools import pairwise
 from typing import Any
 
 import warp as wp
@@ -47,7 +48,7 @@ class PixelLaunch:
 
     def __init__(
         self,
-        kernel: wp.Kernel,
+        kernel: Any,
         shape: tuple[int, int, int],
         arguments: Sequence[Any],
         device: Any,
@@ -58,7 +59,7 @@ class PixelLaunch:
         if device.is_cpu:
             bands = min(threads, height)
             edges = [height * band // bands for band in range(bands + 1)]
-            grids = [(first, (worlds, last - first, 1)) for first, last in zip(edges, edges[1:], strict=False)]
+            grids = [(first, (worlds, last - first, 1)) for first, last in pairwise(edges)]
             column_step = 1
         else:
             grids = [(0, (worlds, height, width))]
@@ -87,7 +88,7 @@ class PixelLaunch:
 
 
 def launch_pixels(
-    kernel: wp.Kernel,
+    kernel: Any,
     shape: tuple[int, int, int],
     arguments: Sequence[Any],
     device: Any,

@@ -83,9 +83,7 @@ class ReachingExperiment:
         self._on_frame = on_frame
         joints = len(world.joint_names)
         loop.setdefault("babbling", Babbling(joints, seed=seed, frame_time=FRAME_SECONDS))
-        self.loop = ServoLoop(
-            SimCamera(world), SimRobot(world), seed=seed, on_frame=self._after_frame, **loop
-        )
+        self.loop = ServoLoop(SimCamera(world), SimRobot(world), seed=seed, on_frame=self._after_frame, **loop)
 
     def learn(self) -> JacobianError:
         """Babble, and return the error of J then."""

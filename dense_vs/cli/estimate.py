@@ -19,9 +19,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("video", type=Path, help="video file, any that OpenCV reads")
     parser.add_argument("joints", type=Path, help="CSV file: time [s] first, then one named joint [rad] a column")
     parser.add_argument("--out", type=Path, required=True, help="folder for the results")
-    parser.add_argument(
-        "--joints", dest="joint_names", metavar="A,B,C", help="joints of the log to use (default: all)"
-    )
+    parser.add_argument("--joints", dest="joint_names", metavar="A,B,C", help="joints of the log to use (default: all)")
     parser.add_argument(
         "--time-offset",
         type=float,
@@ -29,15 +27,21 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="S",
         help="seconds to add to the log's times to bring them onto the video's clock (default: 0)",
     )
-    parser.add_argument("--scale", type=float, default=1.0, help="factor on the image size, 0.5 in the paper (default: 1)")
-    parser.add_argument("--every", type=int, default=150, metavar="FRAMES", help="save J every so many frames (default: 150)")
+    parser.add_argument(
+        "--scale", type=float, default=1.0, help="factor on the image size, 0.5 in the paper (default: 1)"
+    )
+    parser.add_argument(
+        "--every", type=int, default=150, metavar="FRAMES", help="save J every so many frames (default: 150)"
+    )
     parser.add_argument("--flow", default="dis", metavar="METHOD", help="optical flow method (default: dis)")
     parser.add_argument(
         "--covariance", default="shared", help="shared, diagonal (the paper's), fixed or full (default: shared)"
     )
     parser.add_argument("--prediction", default="model", help="model (14), flow (13) or none (default: model)")
     parser.add_argument("--no-video", action="store_true", help="do not draw the visualisation video")
-    parser.add_argument("--truth", type=Path, metavar="NPZ", help="true Jacobians that 'dense-vs record' wrote; prints the error")
+    parser.add_argument(
+        "--truth", type=Path, metavar="NPZ", help="true Jacobians that 'dense-vs record' wrote; prints the error"
+    )
     add_device_arguments(parser)
 
 
@@ -112,6 +116,8 @@ def run(arguments: argparse.Namespace) -> None:
                 f"{arguments.truth} has no truth within the estimated frames; it covers {truth.times[0]:.3f} to "
                 f"{truth.times[-1]:.3f} s"
             )
-        rows = [[f"{e['time']:.2f}", f"{e['median']:.3f}", f"{e['p90']:.3f}", f"{e['inner_median']:.3f}"] for e in errors]
+        rows = [
+            [f"{e['time']:.2f}", f"{e['median']:.3f}", f"{e['p90']:.3f}", f"{e['inner_median']:.3f}"] for e in errors
+        ]
         print(table(["time [s]", "J error median", "90 %", "median 3 px inside"], rows))
     print(f"{frames} frames in {seconds:.1f} s, {recording.skipped_frames} outside the joint log; results in {out}")

@@ -13,7 +13,9 @@ if TYPE_CHECKING:
 def add_world_arguments(parser: argparse.ArgumentParser) -> None:
     """Which robot, which camera, which seed, which device."""
     parser.add_argument(
-        "--robot", default="arm", help="arm (4 joints in 3D), planar (3 joints) or the path of an MJCF file (default: arm)"
+        "--robot",
+        default="arm",
+        help="arm (4 joints in 3D), planar (3 joints) or the path of an MJCF file (default: arm)",
     )
     parser.add_argument("--joints", metavar="A,B,C", help="joints to use (default: all with a position actuator)")
     parser.add_argument("--camera", help="camera of the model (default: its first)")

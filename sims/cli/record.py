@@ -18,9 +18,15 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the command's arguments."""
     parser.add_argument("--out", type=Path, required=True, help="folder for video.mp4, joints.csv and truth.npz")
     parser.add_argument("--seconds", type=float, default=20.0, help="length of the recording (default: 20)")
-    parser.add_argument("--log-rate", type=float, default=100.0, metavar="HZ", help="rate of the joint log (default: 100)")
     parser.add_argument(
-        "--jitter", type=float, default=0.002, metavar="S", help="standard deviation of the log's sampling times (default: 0.002)"
+        "--log-rate", type=float, default=100.0, metavar="HZ", help="rate of the joint log (default: 100)"
+    )
+    parser.add_argument(
+        "--jitter",
+        type=float,
+        default=0.002,
+        metavar="S",
+        help="standard deviation of the log's sampling times (default: 0.002)",
     )
     parser.add_argument(
         "--time-offset",
@@ -29,7 +35,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="S",
         help="seconds that the log's clock is behind the video's; give estimate the same (default: 0)",
     )
-    parser.add_argument("--truth-every", type=int, default=30, metavar="FRAMES", help="frames between truths (default: 30)")
+    parser.add_argument(
+        "--truth-every", type=int, default=30, metavar="FRAMES", help="frames between truths (default: 30)"
+    )
     add_world_arguments(parser)
 
 
@@ -46,7 +54,9 @@ def run(arguments: argparse.Namespace) -> None:
         if not np.isfinite(value) or value <= 0:
             raise DenseVSError(f"{name} is {value}; expected a finite number above 0")
     if not 0 <= arguments.jitter < np.inf or not np.isfinite(arguments.time_offset) or arguments.truth_every < 1:
-        raise DenseVSError("--jitter and --time-offset are finite seconds, --truth-every is a whole number of at least 1")
+        raise DenseVSError(
+            "--jitter and --time-offset are finite seconds, --truth-every is a whole number of at least 1"
+        )
     world = make_world(arguments)
     out = output_folder(arguments.out)
     frames = max(2, round(arguments.seconds / FRAME_SECONDS))
@@ -57,7 +67,10 @@ def run(arguments: argparse.Namespace) -> None:
     truth_times, truth_jacobians, truth_masks = [], [], []
     image = world.frame().rgb
     gray, last_flow = to_gray(image), None
-    with VideoWriter(out / "video.mp4", 1 / FRAME_SECONDS, quality=VIDEO_QUALITY) as video, progress("record", frames) as bar:
+    with (
+        VideoWriter(out / "video.mp4", 1 / FRAME_SECONDS, quality=VIDEO_QUALITY) as video,
+        progress("record", frames) as bar,
+    ):
         video.write(image)
         bar.update()
         for frame in range(1, frames):
@@ -83,9 +96,7 @@ def run(arguments: argparse.Namespace) -> None:
         writer.writerow(["time", *world.joint_names])
         for time, row in zip(times - arguments.time_offset, positions, strict=True):
             writer.writerow([f"{time:.6f}", *(f"{q:.8f}" for q in row)])
-    truth = TruthFile(
-        tuple(world.joint_names), np.array(truth_times), np.array(truth_jacobians), np.array(truth_masks)
-    )
+    truth = TruthFile(tuple(world.joint_names), np.array(truth_times), np.array(truth_jacobians), np.array(truth_masks))
     truth.write(out / "truth.npz")
     print(f"{frames} frames, {len(times)} joint readings, truth at {len(truth_times)} frames in {out}")
 

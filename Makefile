@@ -1,0 +1,39 @@
+# Two commands to begin with: make demo, make test. Each makes .venv and installs what it needs.
+PYTHON ?= python3
+VENV ?= .venv
+RUN := $(VENV)/bin
+
+.PHONY: demo test check bench clean
+.DELETE_ON_ERROR:
+
+demo: $(VENV)/.sims
+	$(RUN)/dense-vs reach --robot arm --targets 5 --seed 0 --out out/demo
+
+test: $(VENV)/.dev
+	$(RUN)/python -m pytest
+
+check: $(VENV)/.dev
+	$(RUN)/ruff check .
+	$(RUN)/ruff format --check .
+	$(RUN)/pyright --pythonpath $(RUN)/python
+
+bench: $(VENV)/.dev
+	$(RUN)/python profiling/peers.py
+	$(RUN)/python profiling/frame_budget.py
+
+clean:
+	rm -rf $(VENV) build dist out *.egg-info
+
+$(VENV)/bin/python:
+	@sh tools/make_venv.sh $(PYTHON) $(VENV)
+
+# .dev contains what .sims does, so either order of the two installs nothing twice.
+$(VENV)/.sims: pyproject.toml constraints.txt | $(VENV)/bin/python
+	@echo "installing the simulator and viewers (first run only, about a minute)"
+	$(RUN)/python -m pip install --quiet -c constraints.txt -e ".[sims,viz]"
+	@touch $@
+
+$(VENV)/.dev: pyproject.toml constraints.txt | $(VENV)/bin/python
+	@echo "installing everything that tests and benchmarks need (first run only, about two minutes)"
+	$(RUN)/python -m pip install --quiet -c constraints.txt -e ".[sims,viz,bench,dev]"
+	@touch $@ $(VENV)/.sims
