@@ -1,8 +1,8 @@
 """The filter's kernels against the equations in float64, through ``DenseJacobian``, on hostile input.
 
-With ``"model"`` the estimate moves itself: where the flow jumps by hundreds of px from pixel to pixel, a rounding error in
-J grows by that factor every frame, in any precision. White noise of that size is therefore given to ``"flow"`` and
-``"none"``, and ``"model"`` gets flows that are as large but smooth, and white noise of a fraction of a px.
+With ``"model"`` the estimate moves itself: where the flow jumps by hundreds of px from pixel to pixel, a rounding
+error in J grows by that factor every frame, in any precision. White noise of that size is therefore given to
+``"flow"`` and ``"none"``; ``"model"`` gets flows that are as large but smooth, and white noise of a fraction of a px.
 """
 
 import numpy as np
@@ -99,7 +99,7 @@ def by_world(array, worlds):
 def assert_follows_reference(estimator, frames):
     """Run both over (flow, dq) frames, (worlds, H, W, 2) and (worlds, N)."""
     worlds = estimator.options.worlds
-    largest_variance = max(estimator.options.max_variance, estimator.options.initial_variance)
+    variance_error = VARIANCE_TOLERANCE * max(estimator.options.max_variance, estimator.options.initial_variance)
     references = [ReferenceJacobian(estimator.options) for _ in range(worlds)]
     for flow, dq in frames:
         poison_outputs(estimator)
@@ -109,7 +109,7 @@ def assert_follows_reference(estimator, frames):
             J, variance = (by_world(a, worlds)[world] for a in (estimator.jacobian, estimator.variance))
             largest = np.abs(reference.jacobian).max()
             assert np.abs(J - reference.jacobian).max() <= TOLERANCE * largest
-            np.testing.assert_allclose(variance, reference.variance, rtol=TOLERANCE, atol=VARIANCE_TOLERANCE * largest_variance)
+            np.testing.assert_allclose(variance, reference.variance, rtol=TOLERANCE, atol=variance_error)
 
 
 @pytest.mark.parametrize("scenario", SCENARIOS)
