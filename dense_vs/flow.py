@@ -27,12 +27,12 @@ def _farneback(window: int, levels: int, iterations: int) -> Callable[[], Callab
 
 def _dis(preset: int, **settings: int) -> Callable[[], Callable]:
     def make() -> Callable:
-        method = cv2.DISOpticalFlow.create(preset)
+        method: Any = cv2.DISOpticalFlow.create(preset)
         for name, value in settings.items():
             getattr(method, f"set{name}")(value)
 
         def calculate(present: np.ndarray, previous: np.ndarray) -> np.ndarray:
-            return method.calc(present, previous, np.empty((*present.shape, 2), dtype=np.float32))
+            return method.calc(present, previous, None)  # an array here would be the flow to begin with
 
         return calculate
 

@@ -41,6 +41,8 @@ class DenseJacobian:
     Raises:
         DenseVSError: an option that is unknown or out of range.
 
+    The variance stays in place while J moves, as in the paper; shared by all pixels it would not change if it moved.
+
     Arrays lead with ``worlds`` where that is above 1. J starts at zero; until the joint steps have spanned all N
     dimensions (see :class:`dense_vs.Babbling`) it is not to be used.
     """
@@ -82,6 +84,11 @@ class DenseJacobian:
         )
         scalars._source = state  # the view does not own the memory
         return scalars[0] if self.options.worlds == 1 else scalars
+
+    def to_numpy(self) -> np.ndarray:
+        """J as NumPy, ``(H, W, 2, N)``: the view of :attr:`jacobian` on a CPU, a copy from a GPU."""
+        jacobian = self.jacobian
+        return jacobian if self.device.is_cpu else jacobian.numpy()
 
     @property
     def variance(self) -> np.ndarray:

@@ -141,7 +141,7 @@ class ServoLoop:
             point: ``(2,)`` [px].
             options: of :class:`PointTracker`.
         """
-        J = np.asarray(self.estimator.jacobian)
+        J = self.estimator.to_numpy()
         own = self.estimator.at(point)[0]
         size = np.linalg.norm(own)
         weights = np.linalg.norm(J - own, axis=(2, 3)) <= SAME_SURFACE * size if size > 0 else None

@@ -106,7 +106,7 @@ class ReachView:
         camera = label(camera, f"{frame.time:6.2f} s  {doing}")
         flow = np.zeros((height, width, 2), np.float32) if frame.flow is None else frame.flow
         panels = [self._columns.flow(flow, "optical flow u")]
-        panels += self._columns.columns(np.asarray(loop.estimator.jacobian))
+        panels += self._columns.columns(loop.estimator.to_numpy())
         rows = -(-len(panels) // 2)
         side = tile(panels, columns=2)
         # Rows of the camera image's height in all; the panels keep their shape and the rest stays black.

@@ -72,7 +72,7 @@ def main() -> None:
     errors: dict[str, list[JacobianError]] = {}
     reaches: list[MeasuredReach] = []
     rows = []
-    with progress("worlds", len(worlds)) as bar:
+    with progress("accuracy", len(worlds), unit="world") as bar:
         for robot, seed in worlds:
             of_world, reached = run_world(robot, seed, arguments.targets, arguments.distractor)
             for name, error in of_world.items():

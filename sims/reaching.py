@@ -112,7 +112,7 @@ class ReachingExperiment:
 
     def jacobian_error(self) -> JacobianError:
         """Error of the estimate now."""
-        estimated = np.asarray(self.loop.estimator.jacobian)
+        estimated = self.loop.estimator.to_numpy()
         return jacobian_error(estimated, self.world.true_jacobian(), self.world.robot_mask())
 
     def _after_frame(self, loop: ServoLoop) -> None:

@@ -84,7 +84,7 @@ def run(arguments: argparse.Namespace) -> None:
             bar.update()
             if frame.flow is None:
                 continue
-            jacobian = np.asarray(estimator.jacobian)
+            jacobian = estimator.to_numpy()
             if frames % arguments.every == 0:
                 estimator.save(out / f"jacobian_{frames:06d}.npz")
             if truth is not None and (error := truth.error(frame.time, jacobian, arguments.scale)) is not None:

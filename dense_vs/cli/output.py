@@ -27,14 +27,14 @@ class _Silent:
         pass
 
 
-def progress(description: str, total: int | None = None) -> Any:
+def progress(description: str, total: int | None = None, unit: str = "frame") -> Any:
     """A progress bar on stderr, to be used as a context manager; ``update()`` after every step."""
     try:
         from tqdm import tqdm
     except ImportError:
         return _Silent()
     every = 0.1 if sys.stderr.isatty() else 10.0  # seconds; a log needs few lines
-    return tqdm(total=total or None, desc=description, unit="frame", mininterval=every, dynamic_ncols=True)
+    return tqdm(total=total or None, desc=description, unit=unit, mininterval=every, dynamic_ncols=True)
 
 
 def table(header: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
