@@ -100,3 +100,11 @@ def points_array(value: Any, name: str) -> np.ndarray:
     if array.ndim != 2 or array.shape[1] != 2 or not np.isfinite(array).all():
         raise DenseVSError(f"{name} has shape {array.shape} and values {array.tolist()}; expected {expected}")
     return array
+
+
+def point_array(value: Any, name: str) -> np.ndarray:
+    """One image point as float64 ``(2,)``; otherwise as :func:`points_array`."""
+    points = points_array(value, name)
+    if len(points) != 1:
+        raise DenseVSError(f"{name} has shape {points.shape}; expected one image point of shape (2,)")
+    return points[0]

@@ -38,7 +38,7 @@ class Babbling:
         frame_time: float = 1 / 30,
         seed: int = 0,
     ):
-        if not joints >= 1:
+        if isinstance(joints, bool) or not isinstance(joints, (int, np.integer)) or joints < 1:
             raise DenseVSError(f"joints is {joints!r}; expected a whole number of at least 1")
         for name, value in (
             ("amplitude", amplitude),
@@ -46,7 +46,7 @@ class Babbling:
             ("max_flow", max_flow),
             ("frame_time", frame_time),
         ):
-            if not np.isfinite(value) or value <= 0:
+            if not isinstance(value, (int, float, np.number)) or not np.isfinite(value) or value <= 0:
                 raise DenseVSError(f"{name} is {value!r}; expected a finite number above 0")
         self.max_flow = max_flow
         self.rate = 0.5

@@ -62,7 +62,7 @@ class FlowEstimator:
     """
 
     def __init__(self, method: str = "dis", height: int = 240, width: int = 320):
-        if method not in METHODS:
+        if not isinstance(method, str) or method not in METHODS:
             raise DenseVSError(f"flow method {method!r} is unknown; expected one of {', '.join(METHODS)}")
         for name, value in (("height", height), ("width", width)):
             if not isinstance(value, (int, np.integer)) or value < 16:

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from dense_vs.arrays import real_vector
+from dense_vs.arrays import point_array, real_vector
 from dense_vs.errors import DenseVSError
 
 
@@ -64,11 +64,13 @@ class VisualServo:
         self.joints = int(joints)
         self.joint_limits = np.array([[-np.inf, np.inf]] * self.joints)
         if joint_limits is not None:
-            limits = np.asarray(joint_limits, dtype=np.float64)
+            expected = f"{self.joints} pairs of least and greatest position"
+            try:
+                limits = np.array(joint_limits, dtype=np.float64)
+            except (TypeError, ValueError) as error:
+                raise DenseVSError(f"joint_limits are {joint_limits!r}; expected {expected}") from error
             if limits.shape != (self.joints, 2) or not (limits[:, 0] < limits[:, 1]).all():
-                raise DenseVSError(
-                    f"joint_limits are {limits.tolist()}; expected {self.joints} pairs of least and greatest position"
-                )
+                raise DenseVSError(f"joint_limits are {limits.tolist()}; expected {expected}")
             self.joint_limits = limits
         self._random = np.random.default_rng(seed)
 
@@ -84,7 +86,7 @@ class VisualServo:
             DenseVSError: another shape, a value that is not finite, or positions missing.
         """
         J = real_vector(jacobian, "jacobian", (2, self.joints))
-        error = real_vector(np.asarray(target, dtype=float) - np.asarray(point, dtype=float), "target - point", (2,))
+        error = point_array(target, "target") - point_array(point, "point")
         room = np.array([[-np.inf, np.inf]] * self.joints)
         if np.isfinite(self.joint_limits).any():
             if positions is None:

@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 
+from dense_vs.arrays import point_array
 from dense_vs.babbling import Babbling
 from dense_vs.errors import DenseVSError
 from dense_vs.flow import FlowEstimator
@@ -159,9 +160,7 @@ class ServoLoop:
         Raises:
             DenseVSError: no point defined, or a target that is not two finite numbers.
         """
-        self.target = np.asarray(target, dtype=np.float64)
-        if self.target.shape != (2,) or not np.isfinite(self.target).all():
-            raise DenseVSError(f"target is {target!r}; expected x and y in pixels")
+        self.target = point_array(target, "target")
         settled = frames = 0
         distance = float(np.hypot(*(self.point - self.target)))
         while frames < max_frames and settled < settle_frames:

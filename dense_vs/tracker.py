@@ -47,6 +47,9 @@ class TrackerOptions:
             raise DenseVSError(f"method is {self.method!r}; expected one of {', '.join(get_args(Method))}")
         if not isinstance(self.window, int) or self.window < 7 or self.window % 2 == 0:
             raise DenseVSError(f"window is {self.window!r}; expected an odd whole number of at least 7")
+        for name in ("min_correlation", "max_jump", "lost_after"):
+            if isinstance(getattr(self, name), bool) or not isinstance(getattr(self, name), (int, float, np.number)):
+                raise DenseVSError(f"{name} is {getattr(self, name)!r}; expected a number")
         if not 0 < self.min_correlation < 1:
             raise DenseVSError(f"min_correlation is {self.min_correlation!r}; expected a number between 0 and 1")
         if not self.max_jump > 0 or not self.lost_after >= 1:
@@ -81,8 +84,10 @@ class PointTracker:
         except TypeError as error:
             names = ", ".join(TrackerOptions.__dataclass_fields__)
             raise DenseVSError(f"unknown option in {', '.join(options)}; expected some of {names}") from error
-        self._shape = np.asarray(gray).shape
-        image = self._image(gray)
+        image = np.asarray(gray)
+        if image.ndim != 2:
+            raise DenseVSError(f"gray has shape {image.shape} and dtype {image.dtype}; expected uint8 of shape (H, W)")
+        self._shape = image.shape
         self.redefine(points, image, weights)
 
     def redefine(self, points: Any, gray: Any, weights: Any = None) -> None:
@@ -97,10 +102,12 @@ class PointTracker:
         if outside:
             height, width = self._shape
             raise DenseVSError(f"points {outside} are outside the image of {width} x {height} pixels")
-        mask = np.ones(self._shape, dtype=np.float32) if weights is None else np.asarray(weights, dtype=np.float32)
-        if mask.shape != self._shape:
-            raise DenseVSError(f"weights have shape {mask.shape}; expected {self._shape}")
-        self.points = points
+        mask = np.ones(self._shape, dtype=np.float32) if weights is None else np.asarray(weights)
+        if mask.shape != self._shape or mask.dtype.kind not in "biuf" or not np.isfinite(mask).all():
+            raise DenseVSError(
+                f"weights have shape {mask.shape} and dtype {mask.dtype}; expected {self._shape} of bool or finite 0..1"
+            )
+        self.points = points.copy()
         self.lost = np.zeros(len(points), dtype=bool)
         aligned = self.options.method == "aligned"
         self.correlation = np.full(len(points), 1.0 if aligned else np.nan)
@@ -126,12 +133,11 @@ class PointTracker:
             raise DenseVSError(
                 f"flow has shape {field.shape} and dtype {field.dtype}; expected float32 of shape {(*self._shape, 2)}"
             )
-        carried = self.points + sample(field, self.points)
-        if self.options.method != "paper":
-            for _ in range(FIXED_POINT_STEPS):
-                carried = self.points + sample(field, carried)
-        if not np.isfinite(carried).all():
-            raise DenseVSError(f"flow is not finite at the points {self.points.tolist()}")
+        carried = self.points
+        for _ in range(1 if self.options.method == "paper" else 1 + FIXED_POINT_STEPS):
+            carried = self.points + sample(field, carried)
+            if not np.isfinite(carried).all():
+                raise DenseVSError(f"flow is not finite at the points {self.points.tolist()}")
         believed = np.array([self._inside(p) for p in carried])
         for k, patch in enumerate(self._patches):
             aligned, self.correlation[k] = patch.align(image, carried[k])
@@ -149,7 +155,7 @@ class PointTracker:
 
     def _image(self, gray: Any) -> np.ndarray:
         image = np.asarray(gray)
-        if image.ndim != 2 or image.shape != self._shape or image.dtype != np.uint8:
+        if image.shape != self._shape or image.dtype != np.uint8:
             raise DenseVSError(
                 f"gray has shape {image.shape} and dtype {image.dtype}; expected uint8 of shape {self._shape}"
             )
