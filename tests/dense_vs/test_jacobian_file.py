@@ -123,10 +123,10 @@ def test_interrupted_write_leaves_nothing(tmp_path):
 
 def test_refuses_places_that_cannot_be_written(tmp_path):
     estimator = make(0)
-    with pytest.raises(DenseVSError, match="cannot write .*No such file or directory"):
+    with pytest.raises(DenseVSError, match=r"cannot write .*No such file or directory"):
         estimator.save(tmp_path / "missing" / "jacobian.npz")
     (tmp_path / "folder").mkdir()
-    with pytest.raises(DenseVSError, match="cannot write .*folder"):
+    with pytest.raises(DenseVSError, match=r"cannot write .*folder"):
         estimator.save(tmp_path / "folder")
     assert os.listdir(tmp_path) == ["folder"]
 
@@ -164,7 +164,7 @@ def test_refuses_other_files(tmp_path, kind):
 
 def test_refuses_a_missing_file_and_a_folder(tmp_path):
     for path in (tmp_path / "missing.npz", tmp_path):
-        with pytest.raises(DenseVSError, match="cannot read .* as a saved Jacobian"):
+        with pytest.raises(DenseVSError, match=r"cannot read .* as a saved Jacobian"):
             DenseJacobian.load(path)
 
 
@@ -191,7 +191,7 @@ def test_refuses_flipped_bits(saved, tmp_path):
 def test_refuses_other_archives(tmp_path):
     path = tmp_path / "other.npz"
     np.savez(path, a=np.zeros(3))
-    with pytest.raises(DenseVSError, match="not a saved Jacobian; expected a file that DenseJacobian.save wrote"):
+    with pytest.raises(DenseVSError, match="not a saved Jacobian; expected a file that DenseJacobian"):
         DenseJacobian.load(path)
 
 
@@ -236,9 +236,15 @@ def test_refuses_damaged_content(saved, tmp_path, changes, message):
         DenseJacobian.load(rewritten(saved, tmp_path, **changes), device="cpu")
 
 
-@pytest.mark.parametrize(("changes", "message"), [({"joints": 5}, "is damaged: state"), ({"height": 0}, "is damaged: height is 0"),
-                                                  ({"colour": 1}, "is damaged.*'colour'"),
-                                                  ({"device": "cpu"}, "is damaged.*'device'")])  # fmt: skip
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"joints": 5}, "is damaged: state"),
+        ({"height": 0}, "is damaged: height is 0"),
+        ({"colour": 1}, "is damaged.*'colour'"),
+        ({"device": "cpu"}, "is damaged.*'device'"),
+    ],
+)
 def test_refuses_options_that_do_not_fit(saved, tmp_path, changes, message):
     path = rewritten(saved, tmp_path, options=options_with(saved, **changes))
     with pytest.raises(DenseVSError, match=message):

@@ -177,9 +177,7 @@ def test_results_cannot_be_written(view, form):
         array[...] = 1
 
 
-@pytest.mark.parametrize(
-    ("worlds", "shape"), [(1, (HEIGHT, WIDTH, 2, JOINTS)), (3, (3, HEIGHT, WIDTH, 2, JOINTS))]
-)
+@pytest.mark.parametrize(("worlds", "shape"), [(1, (HEIGHT, WIDTH, 2, JOINTS)), (3, (3, HEIGHT, WIDTH, 2, JOINTS))])
 def test_shapes_and_dtypes(worlds, shape):
     estimator = make(worlds=worlds)
     dq = np.zeros((JOINTS,) if worlds == 1 else (worlds, JOINTS))

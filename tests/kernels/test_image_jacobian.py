@@ -70,15 +70,33 @@ SCENARIOS = {
     "2 x 2": (2, 2, 3, white(0.4), {}),
     "2 px high": (2, 31, 1, smooth(40), {}),
     "2 px wide by flow": (31, 2, 1, white(40), {"prediction": "flow"}),
-    "noises": (11, 14, 1, white(0.3), {"process_noise": 3e3, "drift_noise": 2.0, "measurement_noise": 0.2,
-                                       "initial_variance": 500.0, "max_variance": 700.0}),
+    "noises": (
+        11,
+        14,
+        1,
+        white(0.3),
+        {
+            "process_noise": 3e3,
+            "drift_noise": 2.0,
+            "measurement_noise": 0.2,
+            "initial_variance": 500.0,
+            "max_variance": 700.0,
+        },
+    ),
 }
 
 
 def make(form, joints, order, height, width, worlds=1, threads=2, **options):
     return DenseJacobian(
-        height=height, width=width, joints=joints, worlds=worlds, covariance=form, order=order, threads=threads,
-        device="cpu", **options,
+        height=height,
+        width=width,
+        joints=joints,
+        worlds=worlds,
+        covariance=form,
+        order=order,
+        threads=threads,
+        device="cpu",
+        **options,
     )
 
 
