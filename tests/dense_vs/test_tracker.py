@@ -1,12 +1,13 @@
 """Tracked points against a plane whose motion is known: each method's arithmetic, its drift, and losing and finding."""
 
+import itertools
+
 import numpy as np
 import pytest
 from planar_scene import SHIFT, PlanarScene
 from reference_control import carried_as_printed, carried_to_fixed_point
 
 from dense_vs import DenseVSError, FlowEstimator, PointTracker
-import itertools
 
 # px; three steps of a contraction by a flow gradient below 0.1.
 FIXED_POINT_TOLERANCE = 1e-3
