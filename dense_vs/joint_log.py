@@ -37,6 +37,8 @@ class JointLog:
             )
         if len(self.times) < 2:
             raise DenseVSError(f"joint log has {len(self.times)} rows; expected at least 2")
+        if not np.isfinite(self.times).all() or not np.isfinite(self.positions).all():
+            raise DenseVSError("joint log has values that are not finite; expected finite times and positions")
         backward = np.flatnonzero(np.diff(self.times) <= 0)
         if backward.size:
             k = backward[0]
@@ -115,7 +117,10 @@ class JointLog:
                         "expected a finite number"
                     )
                 numbers[k, column] = float(cell)
-        return cls(tuple(names), numbers[:, 0].copy(), numbers[:, 1:].copy())
+        try:
+            return cls(tuple(names), numbers[:, 0].copy(), numbers[:, 1:].copy())
+        except DenseVSError as error:
+            raise DenseVSError(f"{path}: {error}") from error
 
 
 class JointBuffer:

@@ -2,6 +2,7 @@
 
 import os
 from collections.abc import Iterator
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
@@ -84,7 +85,8 @@ class VideoWriter:
         quality: constant rate factor, lower is better; 12 keeps texture for optical flow, 20 is for viewing.
 
     Raises:
-        DenseVSError: PyAV is not installed, or the file cannot be written.
+        DenseVSError: PyAV is not installed, a frame rate that is not above 0, the file cannot be written, or got no
+            frame.
     """
 
     def __init__(self, path: str | os.PathLike[str], fps: float = 30.0, *, quality: int = 20):
@@ -94,16 +96,17 @@ class VideoWriter:
             raise DenseVSError(
                 "writing video needs PyAV, which is not installed; pip install 'dense-vs[viz]'"
             ) from error
+        if not isinstance(fps, (int, float, np.number)) or not np.isfinite(fps) or fps <= 0:
+            raise DenseVSError(f"fps is {fps!r}; expected a finite number above 0")
         self.path = Path(path)
         self._partial = self.path.with_name(f".{self.path.name}.partial")
         from fractions import Fraction
 
-        try:
+        with self._write_errors():
+            self._partial.touch()  # PyAV would find out at the first frame
             self._container = av.open(str(self._partial), mode="w", format="mp4")
-        except OSError as error:
-            raise DenseVSError(f"cannot write {self.path}: {error.strerror or error}") from error
         self._stream: Any = None
-        self._rate = Fraction(fps).limit_denominator(1000)
+        self._rate = Fraction(float(fps)).limit_denominator(1000)
         self._quality = quality
         self._frame_class = av.VideoFrame
 
@@ -128,18 +131,31 @@ class VideoWriter:
                 f"frame of {width} x {height} pixels in a video of {self._stream.width} x {self._stream.height}"
             )
         frame = self._frame_class.from_ndarray(np.ascontiguousarray(image[:height, :width]), format="rgb24")
-        for packet in self._stream.encode(frame):
-            self._container.mux(packet)
+        with self._write_errors():
+            for packet in self._stream.encode(frame):
+                self._container.mux(packet)
 
     def __enter__(self) -> "VideoWriter":
         return self
 
     def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
-        if kind is None and self._stream is not None:
-            for packet in self._stream.encode():
-                self._container.mux(packet)
-        self._container.close()
-        if kind is None:
-            self._partial.replace(self.path)
-        else:
+        try:
+            if kind is None and self._stream is None:
+                raise DenseVSError(f"video {self.path} got no frame; expected at least one")
+            if kind is None:
+                with self._write_errors():
+                    for packet in self._stream.encode():
+                        self._container.mux(packet)
+                    self._container.close()
+                    self._partial.replace(self.path)
+        finally:
+            with suppress(OSError):  # closing an unfinished file may fail; it goes anyway
+                self._container.close()
             self._partial.unlink(missing_ok=True)
+
+    @contextmanager
+    def _write_errors(self) -> Iterator[None]:
+        try:
+            yield
+        except OSError as error:
+            raise DenseVSError(f"cannot write {self.path}: {error.strerror or error}") from error
