@@ -93,8 +93,10 @@ class FramePipeline:
         return self.frame
 
     def _scaled(self, image: np.ndarray) -> np.ndarray:
-        if self.scale == 1.0 or image.ndim not in (2, 3):
-            return image
+        """The image at the estimator's scale, never the camera's own buffer, which may hold the next frame soon."""
+        image_like = image.dtype == np.uint8 and image.ndim >= 2 and image.shape[2:] in ((), (3,)) and image.size
+        if self.scale == 1.0 or not image_like:  # what is no image is refused by its grey conversion
+            return image.copy()
         height, width = scaled_size(image.shape[:2], self.scale)
         return cv2.resize(image, (width, height), interpolation=cv2.INTER_AREA)
 
