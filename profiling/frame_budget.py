@@ -1,0 +1,126 @@
+"""Where the time of a whole frame goes, from image and joints to the next joint command.
+
+    python profiling/frame_budget.py [--sizes 320x240,640x480] [--frames 60] [--budget 30] [--json FILE]
+
+The loop that is timed is :class:`dense_vs.ServoLoop` itself, on frames of the simulated arm that were rendered
+beforehand; its parts are wrapped by clocks, not written again. With ``--budget FPS`` the command ends with
+status 1 where a size is slower, and names the slowest stage.
+"""
+
+import argparse
+import sys
+
+import numpy as np
+import warp as wp
+from metrics import Metric, add_json_argument, report
+from recorded_frames import Recording, Replay, image_size, record
+from stage_clock import StageClock
+
+import dense_vs.pipeline
+from dense_vs import DenseJacobian, FlowEstimator, ServoLoop
+from dense_vs.cli.output import table
+from dense_vs.flow import METHODS
+
+STAGES = ("grey", "flow", "joint step", "update", "at and tracking", "servo")
+PARTS = {"update": ("gain", "predicted flow", "correction")}
+LEARNING = 20  # frames before the point is defined, as J has to be something
+WARMUP = 3
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """Run the command; 1 where the budget is exceeded."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--sizes", default="320x240,640x480", metavar="WxH,...")
+    parser.add_argument("--robot", default="arm")
+    parser.add_argument("--frames", type=int, default=60, help="frames that are timed, per seed")
+    parser.add_argument("--seeds", default="0", help="by comma")
+    parser.add_argument("--flow", choices=METHODS, default="dis")
+    parser.add_argument("--threads", type=int)
+    parser.add_argument("--budget", type=float, metavar="FPS", help="frames a second that are needed")
+    add_json_argument(parser)
+    options = parser.parse_args(arguments)
+    metrics, over = [], []
+    wp.config.log_level = wp.LOG_ERROR
+    for size in options.sizes.split(","):
+        width, height = image_size(size)
+        runs = []
+        for seed in map(int, options.seeds.split(",")):
+            frames = LEARNING + WARMUP + options.frames + 1
+            recording = record(options.robot, height, width, frames=frames, seed=seed)
+            runs.append(stage_times(recording, options.flow, options.threads, options.frames))
+        seconds = {stage: np.concatenate([run[stage] for run in runs]) for stage in runs[0]}
+        print(f"\n{options.robot}, {size}, flow {options.flow}, medians of {len(seconds['total'])} frames")
+        print_budget(seconds)
+        metrics += metrics_of(size, seconds)
+        fps = 1 / np.median(seconds["total"])
+        if options.budget is not None and fps < options.budget:
+            slowest = max(STAGES, key=lambda stage: float(np.median(seconds[stage])))
+            spent = 1e3 * float(np.median(seconds[slowest]))
+            over.append(f"{size}: {fps:.1f} fps, needed {options.budget:g}; slowest stage: {slowest}, {spent:.1f} ms")
+    report(metrics, options.json)
+    for line in over:
+        print(line, file=sys.stderr)
+    return 1 if over else 0
+
+
+def stage_times(recording: Recording, method: str, threads: int | None, frames: int) -> dict[str, np.ndarray]:
+    """Seconds per frame, ``(frames,)``, of every stage, its parts, and in total."""
+    height, width = recording.rgb.shape[1:3]
+    joints = recording.positions.shape[1]
+    estimator = DenseJacobian(height=height, width=width, joints=joints, threads=threads, on_bad_flow="skip")
+    replay = Replay(recording)
+    loop = ServoLoop(replay, replay, estimator=estimator, flow=FlowEstimator(method, height, width))
+    for _ in range(LEARNING):
+        loop.step(np.zeros(joints))
+    tip = recording.tip[LEARNING]
+    loop.define_point(tip)
+    clock = StageClock()
+    with clock.installed():
+        clock.wrap(dense_vs.pipeline, "to_gray", "grey")
+        clock.wrap(loop.pipeline, "flow", "flow")
+        clock.wrap(loop.robot, "joints", "joint step")
+        clock.wrap(loop._buffer, "add", "joint step")
+        clock.wrap(loop._buffer, "at", "joint step")
+        clock.wrap(estimator, "update", "update")
+        clock.wrap(estimator, "_regress", "gain")
+        for name, part in (("_update_gain", "gain"), ("_predict", "predicted flow"), ("_correct", "correction")):
+            clock.wrap_items(getattr(estimator, name), part)
+        clock.wrap(estimator, "at", "at and tracking")
+        clock.wrap(loop.tracker, "update", "at and tracking")
+        clock.wrap(loop, "servo", "servo")
+        for k in range(-WARMUP, frames):
+            if k == 0:
+                clock.forget()
+            # A frame a call: where the point is matters little, as commands are not followed.
+            with clock.stage("total"):
+                loop.reach(tip + 20.0, max_frames=1)
+            clock.end_frame()
+    return clock.seconds((*STAGES, *PARTS["update"], "total"))
+
+
+def print_budget(seconds: dict[str, np.ndarray]) -> None:
+    """The table of stages."""
+    total = float(np.median(seconds["total"]))
+    shown = {stage: float(np.median(seconds[stage])) for stage in STAGES}
+    shown["rest"] = total - sum(shown.values())
+    rows = []
+    for stage, spent in [*shown.items(), ("total", total)]:
+        rows.append([stage, f"{1e3 * spent:.2f}", f"{100 * spent / total:.0f} %"])
+        for part in PARTS.get(stage, ()):
+            spent_there = float(np.median(seconds[part]))
+            rows.append([f"({part}", f"{1e3 * spent_there:.2f}", f"{100 * spent_there / total:.0f} %)"])
+    print(table(("stage", "ms", "share"), rows))
+    print(f"{1 / total:.1f} fps")
+
+
+def metrics_of(size: str, seconds: dict[str, np.ndarray]) -> list[Metric]:
+    """Frames a second and the stages' times."""
+    metrics = [Metric(f"frame_fps_{size}", float(1 / np.median(seconds["total"])), "fps", "higher", 0.15)]
+    for stage in (*STAGES, "total"):
+        name = f"{stage.replace(' ', '_')}_ms_{size}"
+        metrics.append(Metric(name, 1e3 * float(np.median(seconds[stage])), "ms", "lower", 0.2))
+    return metrics
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())

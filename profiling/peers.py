@@ -1,0 +1,151 @@
+"""Predict and update, and a whole frame, against other implementations of the same arithmetic, in one run.
+
+    python profiling/peers.py [--size 320x240] [--joints 4] [--rounds 50] [--json FILE]
+
+Predict and update is (14) once and (9) to (11) with a variance per pixel and joint, as published. Every peer has the
+same float32 input and arrays allocated beforehand, in the layout that suits it best, and is checked against the others
+before anything is timed. Ours is the whole of ``DenseJacobian.update``, with its checks of the input and the copy
+of the flow; Taichi is timed from data in its own arrays, kernel and synchronisation alone.
+"""
+
+import argparse
+import sys
+from collections.abc import Callable
+
+import numpy as np
+import warp as wp
+from filter_case import FilterCase, make_case
+from interleaved import interleaved, median_ratio
+from metrics import Metric, add_json_argument, report
+from peer_numpy import NumpyFilter
+from peer_opencv import OpencvFilter
+from peer_paper_pipeline import STAGES as PAPER_STAGES
+from peer_paper_pipeline import PaperPipeline
+from peer_scipy import ScipyFilter
+from recorded_frames import Recording, Replay, image_size, record
+from taichi_jacobian import TaichiFilter
+
+from dense_vs import DenseJacobian, ServoLoop
+from dense_vs.cli.output import table
+
+OUR_STAGES = ("grey", "flow", "joint step", "predict and update", "tracking", "servo")
+WARMUP = 5
+AGREEMENT = 1e-4  # of the largest |J| or variance
+PEERS = {"scipy": ScipyFilter, "numpy": NumpyFilter, "opencv": OpencvFilter, "taichi": TaichiFilter}
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """Run the command; 1 where the implementations disagree."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--size", default="320x240", metavar="WxH")
+    parser.add_argument("--joints", type=int, default=4, help="of predict and update; the whole frame is the arm's")
+    parser.add_argument("--rounds", type=int, default=50)
+    parser.add_argument("--seed", type=int, default=0)
+    add_json_argument(parser)
+    options = parser.parse_args(arguments)
+    wp.config.log_level = wp.LOG_ERROR
+    width, height = image_size(options.size)
+    case = make_case(height, width, options.joints, seed=options.seed)
+    print(f"predict and update, {width}x{height}, {options.joints} joints")
+    worst = disagreement(case)
+    if worst > AGREEMENT:
+        print(f"the implementations disagree by {worst:.1e}; expected at most {AGREEMENT:.0e}", file=sys.stderr)
+        return 1
+    metrics = predict_update(case, options.rounds)
+    frames = options.rounds + WARMUP + 1
+    metrics += whole_frame(record("arm", height, width, frames=frames, seed=options.seed), options.rounds)
+    report(metrics, options.json)
+    return 0
+
+
+def our_filter(case: FilterCase) -> DenseJacobian:
+    """Ours with the peers' arithmetic."""
+    height, width, joints = case.size
+    noises = case.noises
+    return DenseJacobian(
+        height=height,
+        width=width,
+        joints=joints,
+        device="cpu",
+        covariance="diagonal",
+        prediction_iterations=1,
+        initial_variance=noises.initial_variance,
+        max_variance=noises.max_variance,
+        process_noise=noises.process_noise,
+        measurement_noise=noises.measurement_noise,
+    )
+
+
+def disagreement(case: FilterCase) -> float:
+    """Largest relative difference of J or variance between any peer and ours after the case's frames; printed."""
+    ours = our_filter(case)
+    for flow, dq in zip(case.flow, case.dq, strict=True):
+        ours.update(flow, dq)
+    rows, worst = [], 0.0
+    for name, peer_class in PEERS.items():
+        peer = peer_class(*case.size, case.noises)
+        for flow, dq in zip(case.flow, case.dq, strict=True):
+            peer.update(peer.load(flow) if isinstance(peer, TaichiFilter) else flow, dq)
+        differences = [
+            float(np.abs(getattr(peer, field) - getattr(ours, field)).max() / np.abs(getattr(ours, field)).max())
+            for field in ("jacobian", "variance")
+        ]
+        worst = max(worst, *differences)
+        rows.append([name, *(f"{difference:.1e}" for difference in differences)])
+    print(table(("peer", "J differs by", "variance differs by"), rows))
+    return worst
+
+
+def predict_update(case: FilterCase, rounds: int) -> list[Metric]:
+    """Ratios theirs / ours of one update."""
+    height, width, joints = case.size
+    default = DenseJacobian(height=height, width=width, joints=joints, device="cpu")
+    filters = {"ours": our_filter(case), "ours, default mode": default}
+    filters |= {name: peer_class(*case.size, case.noises) for name, peer_class in PEERS.items()}
+    seconds = interleaved({name: _cycled(filter_, case) for name, filter_ in filters.items()}, rounds)
+    ours = seconds["ours"]
+    rows = [
+        [name, f"{1e3 * np.median(spent):.2f}", f"{median_ratio(spent, ours):.2f}"] for name, spent in seconds.items()
+    ]
+    print("\n" + table(("implementation", "ms", "times ours"), rows))
+    ratios = [
+        Metric(f"predict_update_vs_{name}", median_ratio(seconds[name], ours), "x", "higher", 0.15) for name in PEERS
+    ]
+    times = {"predict_update_diagonal": ours, "predict_update_default": seconds["ours, default mode"]}
+    return ratios + [Metric(f"{name}_ms", 1e3 * float(np.median(t)), "ms", "lower", 0.2) for name, t in times.items()]
+
+
+def _cycled(filter_: DenseJacobian | TaichiFilter | NumpyFilter, case: FilterCase) -> Callable[[int], None]:
+    """Update by the case's frames in turn."""
+    flows = [filter_.load(flow) for flow in case.flow] if isinstance(filter_, TaichiFilter) else list(case.flow)
+
+    def update(round_number: int) -> None:
+        k = round_number % len(flows)
+        filter_.update(flows[k], case.dq[k])
+
+    return update
+
+
+def whole_frame(recording: Recording, rounds: int) -> list[Metric]:
+    """Ratio of the paper's frame to ours, from image and joints to the next command."""
+    target = recording.tip[0] + 20.0
+    paper = PaperPipeline(recording.rgb[0], recording.positions.shape[1], recording.tip[0], target)
+    steps = np.diff(recording.positions, axis=0).astype(np.float32)
+    ours = ServoLoop(replay := Replay(recording), replay)
+    ours.define_point(recording.tip[0])
+    frames = {
+        "paper": lambda k: paper.frame(recording.rgb[k + 1], steps[k]),
+        "ours": lambda _: ours.reach(target, max_frames=1),
+    }
+    seconds = interleaved(frames, rounds, WARMUP)
+    rows = [
+        [name, f"{1e3 * np.median(seconds[name]):.1f}", ", ".join(stages)]
+        for name, stages in (("paper", PAPER_STAGES), ("ours", OUR_STAGES))
+    ]
+    print("\n" + table(("whole frame", "ms", "stages"), rows))
+    ratio = median_ratio(seconds["paper"], seconds["ours"])
+    return [Metric("frame_vs_paper_pipeline", ratio, "x", "higher", 0.15)]
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())
