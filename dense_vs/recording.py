@@ -46,6 +46,9 @@ class Recording:
         self.video = VideoReader(video)
         self.scale = scale
         self.skipped_frames = 0
+        seconds = self.video.frame_count / self.video.fps if self.video.frame_count else np.inf
+        if self.log.times[-1] < self.video.start or self.log.times[0] > self.video.start + seconds:
+            raise self._apart(self.video.start, self.video.start + seconds)
 
     def estimate(
         self, *, method: str = "dis", device: str = "auto", threads: int | None = None, **options: Any
@@ -59,14 +62,16 @@ class Recording:
             device, threads, options: of :class:`DenseJacobian`.
 
         Raises:
-            DenseVSError: bad options, or fewer than two frames within the log.
+            DenseVSError: bad options, at the call; fewer than two frames within the log, at the end.
         """
         height, width = scaled_size((self.video.height, self.video.width), self.scale)
         options.setdefault("on_bad_flow", "skip")
         estimator = DenseJacobian(
             height=height, width=width, joints=len(self.log.names), device=device, threads=threads, **options
         )
-        pipeline = FramePipeline(estimator, FlowEstimator(method, height, width), scale=self.scale)
+        return self._run(FramePipeline(estimator, FlowEstimator(method, height, width), scale=self.scale))
+
+    def _run(self, pipeline: FramePipeline) -> Iterator[tuple[Frame, DenseJacobian]]:
         first, last = self.log.times[0], self.log.times[-1]
         used, begin, end = 0, np.inf, -np.inf
         for image, time in self.video:
@@ -75,9 +80,12 @@ class Recording:
                 self.skipped_frames += 1
                 continue
             used += 1
-            yield pipeline.process(image, time, self.log.at(np.array([time]))[0]), estimator
+            yield pipeline.process(image, time, self.log.at(np.array([time]))[0]), pipeline.estimator
         if used < 2:
-            raise DenseVSError(
-                f"video covers {begin:.3f} to {end:.3f} s and the joint log {first:.3f} to {last:.3f} s; "
-                "expected at least two frames within the log (is --time-offset right?)"
-            )
+            raise self._apart(begin, end)
+
+    def _apart(self, begin: float, end: float) -> DenseVSError:
+        return DenseVSError(
+            f"video covers {begin:.3f} to {end:.3f} s and the joint log {self.log.times[0]:.3f} to "
+            f"{self.log.times[-1]:.3f} s; expected at least two frames within the log (is --time-offset right?)"
+        )

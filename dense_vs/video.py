@@ -22,6 +22,7 @@ class VideoReader:
         height, width: frame size [px].
         fps: nominal frame rate [Hz].
         frame_count: number of frames that the container states, 0 where it does not.
+        start: time of the first frame [s].
 
     Raises:
         DenseVSError: missing, not a video, or without a single frame.
@@ -31,6 +32,8 @@ class VideoReader:
         self.path = Path(path)
         if not self.path.is_file():
             raise DenseVSError(f"video {self.path} does not exist")
+        # FFmpeg would write its own line about a bad file to stderr; OpenCV reads this once, before its first file.
+        os.environ.setdefault("OPENCV_FFMPEG_LOGLEVEL", "-8")
         log_level = cv2.utils.logging.getLogLevel()
         cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_SILENT)
         try:
@@ -46,6 +49,7 @@ class VideoReader:
         if self._first is None:
             raise DenseVSError(f"video {self.path} has no frame that can be read; is it truncated?")
         self.height, self.width = self._first[0].shape[:2]
+        self.start = self._first[1]
 
     def __iter__(self) -> Iterator[tuple[np.ndarray, float]]:
         """RGB uint8 ``(H, W, 3)`` and time [s] of every frame, once; the first is at the container's first stamp.
