@@ -124,13 +124,13 @@ def test_refuses(scene, learnt):
     robot, loop = learnt
     before = robot.q.copy()
     for seconds in (0, -1.0, float("nan"), float("inf")):
-        with pytest.raises(DenseVSError, match="babbling of .* s; expected a finite number above 0"):
+        with pytest.raises(DenseVSError, match=r"babbling of .* s; expected a finite number above 0"):
             loop.babble(seconds)
     with pytest.raises(DenseVSError, match="are outside the image"):
         loop.define_point([500.0, 3.0])
     loop.define_point([60.0, 50.0])
     for target in ([1.0], [np.nan, 2.0], [1.0, 2.0, 3.0], "there", None):
-        with pytest.raises(DenseVSError, match="target .*expected"):
+        with pytest.raises(DenseVSError, match=r"target .*expected"):
             loop.reach(target)
     np.testing.assert_array_equal(robot.q, before)
     _, fresh = make(scene)
@@ -139,5 +139,5 @@ def test_refuses(scene, learnt):
     estimator = DenseJacobian(height=scene.height, width=scene.width, joints=7, device="cpu")
     with pytest.raises(DenseVSError, match="estimator has 7 joints; the robot has 4: x, y, turn, zoom"):
         make(scene, estimator=estimator)
-    with pytest.raises(DenseVSError, match="once scaled by 1.0; expected 64 x 48"):
+    with pytest.raises(DenseVSError, match=r"once scaled by 1.0; expected 64 x 48"):
         make(scene, estimator=DenseJacobian(height=48, width=64, joints=4, device="cpu"))

@@ -94,7 +94,7 @@ def test_refuses_to_write(tmp_path, frames):
     with pytest.raises(DenseVSError, match=r"cannot write .*video.mp4: No such file or directory"):
         VideoWriter(tmp_path / "missing" / "video.mp4")
     for fps in (0, -1.0, float("nan"), float("inf"), "fast"):
-        with pytest.raises(DenseVSError, match="fps is .*expected"):
+        with pytest.raises(DenseVSError, match=r"fps is .*expected"):
             VideoWriter(tmp_path / "video.mp4", fps)
     with pytest.raises(DenseVSError, match="no frame"):
         write(tmp_path / "video.mp4", [])
