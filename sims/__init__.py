@@ -1,8 +1,40 @@
-"""Simulated robots with exact ground truth (needs the ``sims`` extra)."""
+"""Simulated robots with exact ground truth (needs the ``sims`` extra).
 
-from dense_vs.sims.adapters import SimCamera, SimRobot
-from dense_vs.sims.scene import FRAME_SECONDS, ROBOTS
-from dense_vs.sims.surface_points import SurfacePoint
-from dense_vs.sims.world import DeviceFrame, Frame, SimWorld
+Names are imported when first used, so that the command line can describe its simulator commands without one.
+"""
 
-__all__ = ["FRAME_SECONDS", "ROBOTS", "DeviceFrame", "Frame", "SimCamera", "SimRobot", "SimWorld", "SurfacePoint"]
+from importlib import import_module
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from dense_vs.sims.adapters import SimCamera as SimCamera
+    from dense_vs.sims.adapters import SimRobot as SimRobot
+    from dense_vs.sims.scene import FRAME_SECONDS as FRAME_SECONDS
+    from dense_vs.sims.scene import ROBOTS as ROBOTS
+    from dense_vs.sims.surface_points import SurfacePoint as SurfacePoint
+    from dense_vs.sims.world import DeviceFrame as DeviceFrame
+    from dense_vs.sims.world import Frame as Frame
+    from dense_vs.sims.world import SimWorld as SimWorld
+
+_HOMES = {
+    "FRAME_SECONDS": "scene",
+    "ROBOTS": "scene",
+    "DeviceFrame": "world",
+    "Frame": "world",
+    "SimCamera": "adapters",
+    "SimRobot": "adapters",
+    "SimWorld": "world",
+    "SurfacePoint": "surface_points",
+}
+
+__all__ = list(_HOMES)
+
+
+def __getattr__(name: str) -> object:
+    if name not in _HOMES:
+        raise AttributeError(f"module 'dense_vs.sims' has no attribute {name!r}")
+    return getattr(import_module(f"dense_vs.sims.{_HOMES[name]}"), name)
+
+
+def __dir__() -> list[str]:
+    return sorted(_HOMES)
