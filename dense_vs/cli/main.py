@@ -16,6 +16,7 @@ COMMANDS = {
     "reach": "dense_vs.sims.cli.reach",
     "record": "dense_vs.sims.cli.record",
 }
+EXTRAS = {"mujoco": "sims", "mujoco_warp": "sims", "av": "viz", "matplotlib": "viz"}
 
 
 def build_parser() -> argparse.ArgumentParser:
@@ -42,6 +43,12 @@ def main(arguments: Sequence[str] | None = None) -> int:
         parsed.run(parsed)
     except DenseVSError as error:
         print(f"dense-vs: {' '.join(str(error).split())}", file=sys.stderr)
+        return 2
+    except ImportError as error:
+        if error.name not in EXTRAS:
+            raise
+        needed = f"{parsed.command} needs {error.name}, which is not installed"
+        print(f"dense-vs: {needed}; pip install 'dense-vs[{EXTRAS[error.name]}]'", file=sys.stderr)
         return 2
     except KeyboardInterrupt:
         print("dense-vs: interrupted", file=sys.stderr)
