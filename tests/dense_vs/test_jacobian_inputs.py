@@ -1,5 +1,7 @@
 """What the estimator takes and refuses, and that a refusal leaves it as it was."""
 
+from typing import Any
+
 import numpy as np
 import pytest
 import warp as wp
@@ -25,7 +27,7 @@ def random_frame(seed, worlds=None):
 FLOW, DQ = random_frame(0)
 
 
-def snapshot(estimator):
+def snapshot(estimator) -> list[Any]:
     arrays = estimator.jacobian, estimator.variance, estimator.covariance, estimator.skipped_pixels
     return [np.array(a) for a in arrays] + [estimator.updates]
 
@@ -349,7 +351,7 @@ def test_refuses_options(options, message):
 
 @pytest.mark.parametrize("missing", ["height", "width", "joints"])
 def test_refuses_to_guess_a_size(missing):
-    options = {"height": 8, "width": 8, "joints": 4}
+    options: dict[str, Any] = {"height": 8, "width": 8, "joints": 4}
     del options[missing]
     with pytest.raises(DenseVSError, match=f"option '{missing}' is missing; height, width and joints are required"):
         DenseJacobian(**options)

@@ -26,6 +26,7 @@ def test_feeds_flow_and_joint_step(scene, postures):
             assert frame.flow is None
             assert frame.dq is None
             continue
+        assert frame.dq is not None
         np.testing.assert_allclose(frame.dq, postures[k] - postures[k - 1])
         expected = flow(scene.image(postures[k - 1]), scene.image(postures[k]))
         np.testing.assert_array_equal(frame.flow, expected)

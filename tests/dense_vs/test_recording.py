@@ -1,5 +1,7 @@
 """The estimator on a recording: aligned clocks, chosen joints, and the same J as from the images themselves."""
 
+from typing import Any
+
 import numpy as np
 import pytest
 
@@ -84,19 +86,21 @@ def test_a_single_common_frame_is_refused(recording):
 
 def test_bad_options_are_refused_before_the_first_frame(recording):
     source = Recording(recording / "video.mp4", recording / "joints.csv")
-    for options, message in (
+    bad_options: list[tuple[dict[str, Any], str]] = [
         ({"method": "raft"}, "flow method 'raft' is unknown"),
         ({"device": "tpu"}, "device 'tpu' is not present"),
         ({"covariance": "huge"}, "covariance is 'huge'"),
         ({"threads": 0}, "threads is 0"),
-    ):
+    ]
+    for options, message in bad_options:
         with pytest.raises(DenseVSError, match=message):
             source.estimate(**options)
-    for arguments, message in (
+    bad_arguments: list[tuple[dict[str, Any], str]] = [
         ({"scale": 0}, "scale is 0"),
         ({"scale": 2.0}, "scale is 2.0; expected a number above 0 and at most 1"),
         ({"time_offset": float("nan")}, "time_offset is nan"),
         ({"joint_names": ["x", "elbow"]}, "joint 'elbow' is not in the log; it has x, y, turn, zoom"),
-    ):
+    ]
+    for arguments, message in bad_arguments:
         with pytest.raises(DenseVSError, match=message):
             Recording(recording / "video.mp4", recording / "joints.csv", **arguments)

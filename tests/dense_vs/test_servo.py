@@ -1,5 +1,7 @@
 """The servo law against (17) and damped least squares in float64, and the bounds it keeps."""
 
+from typing import Any
+
 import numpy as np
 import pytest
 from reference_control import damped_servo_step, servo_step
@@ -10,7 +12,7 @@ from dense_vs import DenseVSError, VisualServo
 TOLERANCE = 1e-9
 
 RNG = np.random.default_rng(0)
-FREE = {"max_step": 1e3, "dither": 0.0}
+FREE: dict[str, Any] = {"max_step": 1e3, "dither": 0.0}
 
 
 @pytest.mark.parametrize("joints", [2, 3, 7])

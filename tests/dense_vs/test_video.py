@@ -1,6 +1,7 @@
 """Video files: what was written comes back, with its times; a file is whole or absent; bad files are named."""
 
 import os
+from typing import Any
 
 import numpy as np
 import pytest
@@ -93,7 +94,8 @@ def test_interrupted_writing_keeps_the_old_file(tmp_path, frames):
 def test_refuses_to_write(tmp_path, frames):
     with pytest.raises(DenseVSError, match=r"cannot write .*video.mp4: No such file or directory"):
         VideoWriter(tmp_path / "missing" / "video.mp4")
-    for fps in (0, -1.0, float("nan"), float("inf"), "fast"):
+    rates: list[Any] = [0, -1.0, float("nan"), float("inf"), "fast"]
+    for fps in rates:
         with pytest.raises(DenseVSError, match=r"fps is .*expected"):
             VideoWriter(tmp_path / "video.mp4", fps)
     with pytest.raises(DenseVSError, match="no frame"):
