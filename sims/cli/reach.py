@@ -48,13 +48,18 @@ def run(arguments: argparse.Namespace) -> None:
     from dense_vs.servo import VisualServo
     from dense_vs.sims.reaching import ReachingExperiment
     from dense_vs.sims.world import FRAME_SECONDS
+    from dense_vs.tracker import TrackerOptions
     from dense_vs.video import VideoWriter
     from dense_vs.visualization import ReachView
 
     if arguments.targets < 1 or arguments.max_frames < 1:
         raise DenseVSError("--targets and --max-frames are whole numbers of at least 1")
+    TrackerOptions(method=arguments.tracker)  # wrong here, not after the babbling
+    point = _point(arguments.point)
     started = time.perf_counter()
     world = make_world(arguments)
+    if isinstance(point, str):
+        world.project(point)
     size = {"height": arguments.height, "width": arguments.width}
     joints = len(world.joint_names)
     out = output_folder(arguments.out)
@@ -70,7 +75,7 @@ def run(arguments: argparse.Namespace) -> None:
 
         experiment = ReachingExperiment(
             world,
-            point=_point(arguments.point),
+            point=point,
             seed=arguments.seed,
             babble_seconds=arguments.babble,
             on_frame=after_frame,
