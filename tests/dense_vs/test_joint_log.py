@@ -104,6 +104,7 @@ def test_reads_csv(written, text):
         ("", "is empty; expected a header and rows of numbers"),
         ("\n \n", "is empty; expected a header"),
         ("0.0,1,2\n0.1,2,3\n", "starts with '0.0,1,2'; expected a header naming the time column"),
+        ("\ufeff0.0,1,2\n0.1,2,3\n", "starts with '0.0,1,2'; expected a header naming the time column"),
         ("time\n0.0\n0.1\n", "starts with 'time'; expected a header naming the time column and at least one joint"),
         ("time,a,a\n0,1,2\n1,2,3\n", "names its joints .*expected each column a name of its own"),
         ("time,a,\n0,1,2\n1,2,3\n", "names its joints .*expected each column a name of its own"),

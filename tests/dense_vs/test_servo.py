@@ -96,6 +96,15 @@ def test_limits_and_longest_step_hold_together(seed):
     assert (q + step <= limits[:, 1] + 1e-12).all()
 
 
+def test_dither_stays_within_the_limits():
+    servo = VisualServo(2, joint_limits=[[-1.0, 1.0], [-1.0, 1.0]], dither=0.5, seed=3)
+    q = np.array([1.0, -1.0])
+    steps = np.array([servo(np.eye(2) * 100, np.zeros(2), [-1.0, 1.0], q) for _ in range(50)])
+    assert (q + steps >= -1).all()
+    assert (q + steps <= 1).all()
+    assert (steps == 0).any()  # dither met a limit
+
+
 def test_dither():
     J, error = RNG.normal(0, 100, (2, 3)), np.array([1.0, 2.0])
 
