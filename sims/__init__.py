@@ -27,7 +27,7 @@ _HOMES = {
     "SurfacePoint": "surface_points",
 }
 
-__all__ = list(_HOMES)
+__all__ = list(_HOMES)  # pyright: ignore[reportUnsupportedDunderAll]
 
 
 def __getattr__(name: str) -> object:
