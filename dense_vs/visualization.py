@@ -37,8 +37,9 @@ def draw_point(image: np.ndarray, point: Sequence[float] | np.ndarray, kind: str
 def label(image: np.ndarray, text: str) -> np.ndarray:
     """A copy of an RGB image with ``text`` in its upper left corner."""
     labelled = image.copy()
-    for colour, thickness in (((0, 0, 0), 4), (WHITE, 1)):
-        cv2.putText(labelled, text, (6, 17), cv2.FONT_HERSHEY_SIMPLEX, 0.5, colour, thickness, cv2.LINE_AA)
+    (width, height), below = cv2.getTextSize(text, cv2.FONT_HERSHEY_SIMPLEX, 0.5, 1)
+    cv2.rectangle(labelled, (0, 0), (width + 12, height + below + 8), (0, 0, 0), cv2.FILLED)
+    cv2.putText(labelled, text, (6, height + 5), cv2.FONT_HERSHEY_SIMPLEX, 0.5, WHITE, 1, cv2.LINE_AA)
     return labelled
 
 
