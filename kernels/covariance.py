@@ -11,7 +11,10 @@ after the N of J, the state's transition and observation are
 
     J_i <- J_i + sum_m H_im dq_m                u = J dq - 1/2 sum_ij H_ij dq_i dq_j   (J after the step)
 
-and the filter stays linear, with one covariance for all pixels.
+and the filter stays linear, with one covariance for all pixels. The transition F(dq) is the same at every pixel
+too, and F(a) F(b) = F(a + b). So the image keeps J as it was at the reference posture, where the filter started;
+the displacement d since then is kept once, and enters the image's pass through the regressor and the gain only:
+J_i + sum_m H_im d_m is computed where J is read.
 """
 
 import warp as wp
@@ -41,17 +44,22 @@ def bound_scale(variance: wp.float64, max_variance: wp.float64) -> wp.float64:
 
 
 @wp.func
-def regressor_entry(dq: wp.array2d(dtype=wp.float32), world: int, column: int, joints: int) -> wp.float64:
-    """Entry of the row that multiplies the state before the step: u = J dq + 1/2 sum_ij H_ij dq_i dq_j."""
-    if column < joints:
-        return wp.float64(dq[world, column])
+def column_pair(column: int, joints: int) -> wp.vec2i:
+    """i <= j of the H_ij that a column past the first N holds."""
     rest = column - joints
     i = int(0)
     while rest >= joints - i:
         rest -= joints - i
         i += 1
-    product = wp.float64(dq[world, i]) * wp.float64(dq[world, i + rest])
-    if rest == 0:
+    return wp.vec2i(i, i + rest)
+
+
+@wp.func
+def second_order_entry(dq: wp.array2d(dtype=wp.float32), world: int, column: int, joints: int) -> wp.float64:
+    """What multiplies H_ij in 1/2 sum_ij H_ij dq_i dq_j."""
+    pair = column_pair(column, joints)
+    product = wp.float64(dq[world, pair[0]]) * wp.float64(dq[world, pair[1]])
+    if pair[0] == pair[1]:
         product *= wp.float64(0.5)
     return product
 
@@ -60,12 +68,26 @@ def regressor_entry(dq: wp.array2d(dtype=wp.float32), world: int, column: int, j
 def regressors(
     # In:
     dq_in: wp.array2d(dtype=wp.float32),
+    displacement_in: wp.array2d(dtype=wp.float64),
     # Out:
     regressor_out: wp.array2d(dtype=wp.float32),
 ):
-    """Row that predicts the flow from the state before the step, a thread a world and column."""
+    """Row that predicts the flow from the image's state: u = sum_i (J_i + sum_m H_im (d + dq / 2)_m) dq_i.
+
+    A thread a world and column.
+    """
     world, column = wp.tid()
-    regressor_out[world, column] = wp.float32(regressor_entry(dq_in, world, column, dq_in.shape[1]))
+    joints = dq_in.shape[1]
+    if column < joints:
+        regressor_out[world, column] = dq_in[world, column]
+        return
+    pair = column_pair(column, joints)
+    dq_i = wp.float64(dq_in[world, pair[0]])
+    dq_j = wp.float64(dq_in[world, pair[1]])
+    entry = (displacement_in[world, pair[1]] + wp.float64(0.5) * dq_j) * dq_i
+    if pair[0] != pair[1]:
+        entry += (displacement_in[world, pair[0]] + wp.float64(0.5) * dq_i) * dq_j
+    regressor_out[world, column] = wp.float32(entry)
 
 
 @wp.kernel
@@ -73,6 +95,7 @@ def update_shared_covariance(
     # In:
     dq_in: wp.array2d(dtype=wp.float32),
     covariance_in: wp.array3d(dtype=wp.float64),
+    displacement_in: wp.array2d(dtype=wp.float64),
     process_noise: wp.float64,
     drift_noise: wp.float64,
     measurement_noise: wp.float64,
@@ -82,9 +105,12 @@ def update_shared_covariance(
     # Out:
     projected_out: wp.array2d(dtype=wp.float64),
     covariance_out: wp.array3d(dtype=wp.float64),
+    displacement_out: wp.array2d(dtype=wp.float64),
     gain_out: wp.array2d(dtype=wp.float32),
 ):
     """Predict P <- F P F^T + Q, gain K = P h / (h^T P h + r), update P <- P - K (P h)^T, a thread a world.
+
+    P is that of the present posture; the gain that goes out is F(-d) K, for the image's state.
 
     Q is (q |dq|^2 + q0) I for J and q_H |dq|^2 I for H. Where a variance exceeds its bound P is scaled to
     S P S with a diagonal S, which keeps it positive definite as clipping the diagonal would not.
@@ -133,21 +159,30 @@ def update_shared_covariance(
     for i in range(columns):
         projected = wp.float64(0.0)
         for j in range(columns):
-            entry = regressor_entry(dq_in, world, j, joints)
-            if j >= joints:
-                entry = -entry
+            entry = wp.float64(0.0)
+            if j < joints:
+                entry = wp.float64(dq_in[world, j])
+            else:
+                entry = -second_order_entry(dq_in, world, j, joints)
             projected += covariance_out[world, i, j] * entry
         projected_out[world, i] = projected
-        entry = regressor_entry(dq_in, world, i, joints)
-        if i >= joints:
-            entry = -entry
-        innovation_variance += projected * entry
+        if i < joints:
+            innovation_variance += projected * wp.float64(dq_in[world, i])
+        else:
+            innovation_variance -= projected * second_order_entry(dq_in, world, i, joints)
 
     for i in range(columns):
         gain = projected_out[world, i] / innovation_variance
-        gain_out[world, i] = wp.float32(gain)
         for j in range(columns):
             covariance_out[world, i, j] -= gain * projected_out[world, j]
+    for i in range(joints):
+        displacement_out[world, i] = displacement_in[world, i] + wp.float64(dq_in[world, i])
+    for i in range(columns):
+        gain = projected_out[world, i]
+        if i < joints and columns > joints:
+            for m in range(joints):
+                gain -= projected_out[world, hessian_column(i, m, joints)] * displacement_out[world, m]
+        gain_out[world, i] = wp.float32(gain / innovation_variance)
 
 
 @wp.kernel

@@ -5,8 +5,8 @@ Hessian (see ``covariance.py``). The kernels are specialised on the number of jo
 a pixel's matrix stays in registers; :func:`jacobian_kernels` builds them once for each.
 
 Prediction moves the state image along a displacement image v: y = x - v(x), repeated as y = x - v(y).
-With v = J dq, bilinear sampling and the product with dq commute, so sampling the two numbers of v
-stands for sampling the columns of the state: the iteration costs less than one more sample of J.
+Bilinear sampling and the product with dq commute, so the two numbers of v = J dq are sampled in place of the
+columns of the state wherever only the product is needed: in the iteration and in the innovation.
 """
 
 from functools import cache
@@ -15,17 +15,12 @@ from types import SimpleNamespace
 import warp as wp
 
 from dense_vs.kernels.bilinear import bilinear
-from dense_vs.kernels.covariance import state_columns
+from dense_vs.kernels.covariance import hessian_column, state_columns
+from dense_vs.kernels.flow_field import finite
 
 wp.set_module_options({"enable_backward": False})
 
 sample_vec2 = bilinear(wp.vec2)
-
-
-@wp.func
-def finite(u: wp.vec2) -> bool:
-    """Whether both components are numbers."""
-    return wp.isfinite(u[0]) and wp.isfinite(u[1])
 
 
 @wp.func
@@ -47,12 +42,13 @@ def displacement(
 def jacobian_kernels(joints: int, order: int = 1) -> SimpleNamespace:
     """Kernels for ``joints`` joints and a state of ``order`` 1 or 2, with their element types.
 
-    ``State`` is (2, C) with C = :func:`state_columns`; ``StateRow`` (C); ``JointVector`` (N); ``Covariance``
-    (N, N). The kernels with a covariance per pixel exist for order 1.
+    ``State`` is (2, C) with C = :func:`state_columns`; ``StateRow`` (C); ``Jacobian`` (2, N); ``JointVector``
+    (N); ``Covariance`` (N, N). The kernels with a covariance per pixel exist for order 1.
     """
     columns = state_columns(joints, order)
     State = wp.types.matrix((2, columns), wp.float32)
     StateRow = wp.types.vector(columns, wp.float32)
+    Jacobian = wp.types.matrix((2, joints), wp.float32)
     JointVector = wp.types.vector(joints, wp.float32)
     Covariance = wp.types.matrix((joints, joints), wp.float32)
     sample_state = bilinear(State)
@@ -63,26 +59,37 @@ def jacobian_kernels(joints: int, order: int = 1) -> SimpleNamespace:
         return wp.kernel(module=f"{__name__}_{form}_{joints}_{order}", enable_backward=False)
 
     @wp.func
-    def innovation(flow: wp.vec2, state: State, regressor: StateRow) -> wp.vec2:
+    def innovation(
+        flow: wp.vec2,
+        model_flow: wp.array3d(dtype=wp.vec2),
+        world: int,
+        x: int,
+        y: int,
+        moved: wp.vec2,
+        width: int,
+        height: int,
+    ) -> wp.vec2:
         """u - predicted u [px]; zero where the flow is not finite, which leaves the prediction as it is."""
         if finite(flow):
-            return flow - state * regressor
+            return flow - sample_vec2(model_flow, world, x, y, moved, width, height)
         return wp.vec2(0.0, 0.0)
 
     @wp.func
-    def advance(state: State, dq: JointVector) -> State:
-        """J_i + sum_m H_im dq_m; the columns of H stay."""
-        if wp.static(order == 2):
-            column = int(wp.static(joints))
-            for i in range(wp.static(joints)):
-                for j in range(i, wp.static(joints)):
-                    state[0, i] = state[0, i] + state[0, column] * dq[j]
-                    state[1, i] = state[1, i] + state[1, column] * dq[j]
-                    if j > i:
-                        state[0, j] = state[0, j] + state[0, column] * dq[i]
-                        state[1, j] = state[1, j] + state[1, column] * dq[i]
-                    column += 1
-        return state
+    def jacobian_of(state: State, displacement: wp.array2d(dtype=wp.float64), world: int) -> Jacobian:
+        """J at the present posture: J_i + sum_m H_im d_m."""
+        jacobian = Jacobian()
+        for i in range(wp.static(joints)):
+            x = state[0, i]
+            y = state[1, i]
+            if wp.static(order == 2):
+                for m in range(wp.static(joints)):
+                    column = hessian_column(i, m, wp.static(joints))
+                    d = wp.float32(displacement[world, m])
+                    x += state[0, column] * d
+                    y += state[1, column] * d
+            jacobian[0, i] = x
+            jacobian[1, i] = y
+        return jacobian
 
     @kernel_in("shared")
     def predicted_flow(
@@ -110,25 +117,22 @@ def jacobian_kernels(joints: int, order: int = 1) -> SimpleNamespace:
         displacement_in: wp.array3d(dtype=wp.vec2),
         iterations: int,
         flow_in: wp.array3d(dtype=wp.vec2),
-        dq_in: wp.array(dtype=JointVector),
-        regressor_in: wp.array(dtype=StateRow),
+        model_flow_in: wp.array3d(dtype=wp.vec2),
         gain_in: wp.array(dtype=StateRow),
         # Out:
         state_out: wp.array3d(dtype=State),
     ):
-        """State <- F(moved state) + (u - predicted u) K^T, (10) and (12) with one gain K for the image."""
+        """State <- moved state + (u - predicted u) K^T, (10) and (12) with one gain K for the image."""
         world, row, column = wp.tid()
         y = row_begin + row
         height = state_in.shape[1]
         width = state_in.shape[2]
-        dq = dq_in[world]
-        regressor = regressor_in[world]
         gain = gain_in[world]
         for x in range(column, width, column_step):
             moved = displacement(displacement_in, world, x, y, iterations, width, height)
             prior = sample_state(state_in, world, x, y, moved, width, height)
-            error = innovation(flow_in[world, y, x], prior, regressor)
-            state_out[world, y, x] = advance(prior, dq) + wp.outer(error, gain)
+            error = innovation(flow_in[world, y, x], model_flow_in, world, x, y, moved, width, height)
+            state_out[world, y, x] = prior + wp.outer(error, gain)
 
     @kernel_in("diagonal")
     def update_diagonal(
@@ -141,6 +145,7 @@ def jacobian_kernels(joints: int, order: int = 1) -> SimpleNamespace:
         iterations: int,
         move_variance: int,
         flow_in: wp.array3d(dtype=wp.vec2),
+        model_flow_in: wp.array3d(dtype=wp.vec2),
         dq_in: wp.array(dtype=JointVector),
         process_noise: float,
         drift_noise: float,
@@ -168,7 +173,8 @@ def jacobian_kernels(joints: int, order: int = 1) -> SimpleNamespace:
             flow = flow_in[world, y, x]
             projected = wp.cw_mul(variance, dq)
             gain = projected * (1.0 / (wp.dot(projected, dq) + measurement_noise))
-            jacobian_out[world, y, x] = prior + wp.outer(innovation(flow, prior, dq), gain)
+            error = innovation(flow, model_flow_in, world, x, y, moved, width, height)
+            jacobian_out[world, y, x] = prior + wp.outer(error, gain)
             if finite(flow):
                 variance = variance - wp.cw_mul(gain, projected)
             variance_out[world, y, x] = variance
@@ -183,6 +189,7 @@ def jacobian_kernels(joints: int, order: int = 1) -> SimpleNamespace:
         displacement_in: wp.array3d(dtype=wp.vec2),
         iterations: int,
         flow_in: wp.array3d(dtype=wp.vec2),
+        model_flow_in: wp.array3d(dtype=wp.vec2),
         dq_in: wp.array(dtype=JointVector),
         process_noise: float,
         drift_noise: float,
@@ -211,33 +218,54 @@ def jacobian_kernels(joints: int, order: int = 1) -> SimpleNamespace:
             flow = flow_in[world, y, x]
             projected = covariance * dq
             gain = projected * (1.0 / (wp.dot(projected, dq) + measurement_noise))
-            jacobian_out[world, y, x] = prior + wp.outer(innovation(flow, prior, dq), gain)
+            error = innovation(flow, model_flow_in, world, x, y, moved, width, height)
+            jacobian_out[world, y, x] = prior + wp.outer(error, gain)
             if finite(flow):
                 covariance = covariance - wp.outer(gain, projected)
             covariance_out[world, y, x] = covariance
 
     @kernel_in("shared")
+    def read_jacobian(
+        row_begin: int,
+        column_step: int,
+        # In:
+        state_in: wp.array3d(dtype=State),
+        displacement_in: wp.array2d(dtype=wp.float64),
+        # Out:
+        jacobian_out: wp.array3d(dtype=Jacobian),
+    ):
+        """J at the present posture at every pixel."""
+        world, row, column = wp.tid()
+        y = row_begin + row
+        for x in range(column, state_in.shape[2], column_step):
+            jacobian_out[world, y, x] = jacobian_of(state_in[world, y, x], displacement_in, world)
+
+    @kernel_in("shared")
     def sample_points(
         # In:
         state_in: wp.array3d(dtype=State),
+        displacement_in: wp.array2d(dtype=wp.float64),
         points_in: wp.array2d(dtype=wp.vec2),
         # Out:
-        state_out: wp.array2d(dtype=State),
+        jacobian_out: wp.array2d(dtype=Jacobian),
     ):
-        """The state at (worlds, K) points, (16)."""
+        """J at the present posture at (worlds, K) points, (16)."""
         world, point = wp.tid()
         p = points_in[world, point]
-        state_out[world, point] = sample_state(state_in, world, 0, 0, -p, state_in.shape[2], state_in.shape[1])
+        state = sample_state(state_in, world, 0, 0, -p, state_in.shape[2], state_in.shape[1])
+        jacobian_out[world, point] = jacobian_of(state, displacement_in, world)
 
     return SimpleNamespace(
         columns=columns,
         State=State,
         StateRow=StateRow,
+        Jacobian=Jacobian,
         JointVector=JointVector,
         Covariance=Covariance,
         predicted_flow=predicted_flow,
         update_shared=update_shared,
         update_diagonal=update_diagonal,
         update_full=update_full,
+        read_jacobian=read_jacobian,
         sample_points=sample_points,
     )

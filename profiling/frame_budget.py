@@ -82,9 +82,9 @@ def stage_times(recording: Recording, method: str, threads: int | None, frames: 
         clock.wrap(loop._buffer, "add", "joint step")
         clock.wrap(loop._buffer, "at", "joint step")
         clock.wrap(estimator, "update", "update")
-        clock.wrap(estimator, "_regress", "gain")
-        for name, part in (("_update_gain", "gain"), ("_predict", "predicted flow"), ("_correct", "correction")):
-            clock.wrap_items(getattr(estimator, name), part)
+        launches = {"regress": "gain", "update_gain": "gain", "predict": "predicted flow", "correct": "correction"}
+        for name, part in launches.items():
+            clock.wrap_items(getattr(estimator.filter, name), part)
         clock.wrap(estimator, "at", "at and tracking")
         clock.wrap(loop.tracker, "update", "at and tracking")
         clock.wrap(loop, "servo", "servo")

@@ -4,8 +4,6 @@ import argparse
 import time
 from pathlib import Path
 
-import numpy as np
-
 from dense_vs.cli.output import progress, table, versions, write_json
 from dense_vs.errors import DenseVSError
 

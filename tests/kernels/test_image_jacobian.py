@@ -102,11 +102,12 @@ def make(form, joints, order, height, width, worlds=1, threads=2, **options):
 
 def poison_outputs(estimator):
     """Fill what the next update has to write, so that an element it leaves out shows."""
-    estimator._state[1 - estimator._now].fill_(np.nan)
+    arrays = estimator.filter
+    arrays.state[1 - arrays.now].fill_(np.nan)
     if estimator.options.covariance != "fixed":
-        estimator._covariance[1 - estimator._now].fill_(np.nan)
-    estimator._model_flow.fill_(np.nan)
-    for array in (estimator._gain, estimator._regressor, estimator._projected):
+        arrays.covariance[1 - arrays.now].fill_(np.nan)
+    arrays.model_flow.fill_(np.nan)
+    for array in (arrays.gain, arrays.regressor, arrays.projected):
         array.fill_(np.nan)
 
 
