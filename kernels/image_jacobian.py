@@ -14,7 +14,7 @@ from types import SimpleNamespace
 
 import warp as wp
 
-from dense_vs.kernels.bilinear import bilinear
+from dense_vs.kernels.bilinear import Taps, bilinear, bilinear_taps
 from dense_vs.kernels.covariance import hessian_column, state_columns
 from dense_vs.kernels.flow_field import finite
 
@@ -34,7 +34,7 @@ def displacement(
         if not finite(moved):
             return wp.vec2(0.0, 0.0)
     for _ in range(iterations - 1):
-        moved = sample_vec2(image, world, x, y, moved, width, height)
+        moved = sample_vec2(image, world, bilinear_taps(x, y, moved, width, height))
     return moved
 
 
@@ -59,19 +59,10 @@ def jacobian_kernels(joints: int, order: int = 1) -> SimpleNamespace:
         return wp.kernel(module=f"{__name__}_{form}_{joints}_{order}", enable_backward=False)
 
     @wp.func
-    def innovation(
-        flow: wp.vec2,
-        model_flow: wp.array3d(dtype=wp.vec2),
-        world: int,
-        x: int,
-        y: int,
-        moved: wp.vec2,
-        width: int,
-        height: int,
-    ) -> wp.vec2:
+    def innovation(flow: wp.vec2, model_flow: wp.array3d(dtype=wp.vec2), world: int, taps: Taps) -> wp.vec2:
         """u - predicted u [px]; zero where the flow is not finite, which leaves the prediction as it is."""
         if finite(flow):
-            return flow - sample_vec2(model_flow, world, x, y, moved, width, height)
+            return flow - sample_vec2(model_flow, world, taps)
         return wp.vec2(0.0, 0.0)
 
     @wp.func
@@ -130,8 +121,9 @@ def jacobian_kernels(joints: int, order: int = 1) -> SimpleNamespace:
         gain = gain_in[world]
         for x in range(column, width, column_step):
             moved = displacement(displacement_in, world, x, y, iterations, width, height)
-            prior = sample_state(state_in, world, x, y, moved, width, height)
-            error = innovation(flow_in[world, y, x], model_flow_in, world, x, y, moved, width, height)
+            taps = bilinear_taps(x, y, moved, width, height)
+            prior = sample_state(state_in, world, taps)
+            error = innovation(flow_in[world, y, x], model_flow_in, world, taps)
             state_out[world, y, x] = prior + wp.outer(error, gain)
 
     @kernel_in("diagonal")
@@ -164,16 +156,17 @@ def jacobian_kernels(joints: int, order: int = 1) -> SimpleNamespace:
         growth = process_noise * wp.dot(dq, dq) + drift_noise
         for x in range(column, width, column_step):
             moved = displacement(displacement_in, world, x, y, iterations, width, height)
-            prior = sample_state(jacobian_in, world, x, y, moved, width, height)
+            taps = bilinear_taps(x, y, moved, width, height)
+            prior = sample_state(jacobian_in, world, taps)
             variance = variance_in[world, y, x]
             if move_variance != 0:
-                variance = sample_variance(variance_in, world, x, y, moved, width, height)
+                variance = sample_variance(variance_in, world, taps)
             for i in range(wp.static(joints)):
                 variance[i] = wp.min(variance[i] + growth, max_variance)
             flow = flow_in[world, y, x]
             projected = wp.cw_mul(variance, dq)
             gain = projected * (1.0 / (wp.dot(projected, dq) + measurement_noise))
-            error = innovation(flow, model_flow_in, world, x, y, moved, width, height)
+            error = innovation(flow, model_flow_in, world, taps)
             jacobian_out[world, y, x] = prior + wp.outer(error, gain)
             if finite(flow):
                 variance = variance - wp.cw_mul(gain, projected)
@@ -208,7 +201,8 @@ def jacobian_kernels(joints: int, order: int = 1) -> SimpleNamespace:
         growth = process_noise * wp.dot(dq, dq) + drift_noise
         for x in range(column, width, column_step):
             moved = displacement(displacement_in, world, x, y, iterations, width, height)
-            prior = sample_state(jacobian_in, world, x, y, moved, width, height)
+            taps = bilinear_taps(x, y, moved, width, height)
+            prior = sample_state(jacobian_in, world, taps)
             covariance = covariance_in[world, y, x]
             scale = JointVector()
             for i in range(wp.static(joints)):
@@ -218,7 +212,7 @@ def jacobian_kernels(joints: int, order: int = 1) -> SimpleNamespace:
             flow = flow_in[world, y, x]
             projected = covariance * dq
             gain = projected * (1.0 / (wp.dot(projected, dq) + measurement_noise))
-            error = innovation(flow, model_flow_in, world, x, y, moved, width, height)
+            error = innovation(flow, model_flow_in, world, taps)
             jacobian_out[world, y, x] = prior + wp.outer(error, gain)
             if finite(flow):
                 covariance = covariance - wp.outer(gain, projected)
@@ -252,7 +246,8 @@ def jacobian_kernels(joints: int, order: int = 1) -> SimpleNamespace:
         """J at the present posture at (worlds, K) points, (16)."""
         world, point = wp.tid()
         p = points_in[world, point]
-        state = sample_state(state_in, world, 0, 0, -p, state_in.shape[2], state_in.shape[1])
+        taps = bilinear_taps(0, 0, -p, state_in.shape[2], state_in.shape[1])
+        state = sample_state(state_in, world, taps)
         jacobian_out[world, point] = jacobian_of(state, displacement_in, world)
 
     return SimpleNamespace(

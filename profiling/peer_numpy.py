@@ -56,7 +56,7 @@ class PlaneFilter:
         self.planes, self.moved = self.moved, self.planes
 
 
-class NumpyFilter(PlaneFilter):
+class NumpyPlanesFilter(PlaneFilter):
     """The filter with NumPy alone."""
 
     def __init__(self, height: int, width: int, joints: int, noises: FilterNoises):

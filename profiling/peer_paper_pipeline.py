@@ -7,7 +7,7 @@ Grey, flow (window 15, 3 levels, 3 iterations), predict and update, the label of
 import cv2
 import numpy as np
 from filter_case import FilterNoises
-from peer_scipy import ScipyFilter
+from peer_plain import ScipyFilter
 from scipy.cluster.vq import vq
 
 CLUSTERS = 5
@@ -38,7 +38,7 @@ class PaperPipeline:
         self._gray = gray
         self._filter.update(flow, dq)
         height, width = gray.shape
-        self._vectors[:] = self._filter.planes.reshape(-1, height, width).transpose(1, 2, 0)
+        self._vectors[:] = self._filter.jacobian.reshape(height, width, -1)
         codes, _ = vq(self._vectors.reshape(height * width, -1), self._centres, check_finite=False)
         self.labels = codes.reshape(height, width)
         self._point = np.clip(self._point + self._at(flow), 0, (width - 1, height - 1))

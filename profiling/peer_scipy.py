@@ -10,7 +10,7 @@ from peer_numpy import PlaneFilter
 from scipy.interpolate import interpn
 
 
-class ScipyFilter(PlaneFilter):
+class ScipyPlanesFilter(PlaneFilter):
     """The filter with SciPy's interpolation."""
 
     def __init__(self, height: int, width: int, joints: int, noises: FilterNoises):

@@ -11,17 +11,19 @@ of the flow; Taichi is timed from data in its own arrays, kernel and synchronisa
 import argparse
 import sys
 from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 import warp as wp
 from filter_case import FilterCase, make_case
 from interleaved import interleaved, median_ratio
 from metrics import Metric, add_json_argument, report
-from peer_numpy import NumpyFilter
+from peer_numpy import NumpyPlanesFilter
 from peer_opencv import OpencvFilter
 from peer_paper_pipeline import STAGES as PAPER_STAGES
 from peer_paper_pipeline import PaperPipeline
-from peer_scipy import ScipyFilter
+from peer_plain import NumpyFilter, ScipyFilter
+from peer_scipy import ScipyPlanesFilter
 from recorded_frames import Recording, Replay, image_size, record
 from taichi_jacobian import TaichiFilter
 
@@ -31,7 +33,14 @@ from dense_vs.cli.output import table
 OUR_STAGES = ("grey", "flow", "joint step", "predict and update", "tracking", "servo")
 WARMUP = 5
 AGREEMENT = 1e-4  # of the largest |J| or variance
-PEERS = {"scipy": ScipyFilter, "numpy": NumpyFilter, "opencv": OpencvFilter, "taichi": TaichiFilter}
+PEERS = {
+    "scipy": ScipyFilter,
+    "numpy": NumpyFilter,
+    "opencv": OpencvFilter,
+    "taichi": TaichiFilter,
+    "scipy_planes": ScipyPlanesFilter,
+    "numpy_planes": NumpyPlanesFilter,
+}
 
 
 def main(arguments: list[str] | None = None) -> int:
@@ -115,7 +124,7 @@ def predict_update(case: FilterCase, rounds: int) -> list[Metric]:
     return ratios + [Metric(f"{name}_ms", 1e3 * float(np.median(t)), "ms", "lower", 0.2) for name, t in times.items()]
 
 
-def _cycled(filter_: DenseJacobian | TaichiFilter | NumpyFilter, case: FilterCase) -> Callable[[int], None]:
+def _cycled(filter_: Any, case: FilterCase) -> Callable[[int], None]:
     """Update by the case's frames in turn."""
     flows = [filter_.load(flow) for flow in case.flow] if isinstance(filter_, TaichiFilter) else list(case.flow)
 
