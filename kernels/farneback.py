@@ -2,7 +2,7 @@
 
 Levels of the pyramid, border handling and the meaning of every option follow OpenCV's
 ``calcOpticalFlowFarneback``, so that the two agree; what is computed at a pixel is in
-``polynomial_expansion.py`` and ``polynomial_displacement.py``.
+``polynomial_expansion.py``, ``displacement_equations.py`` and ``displacement_solution.py``.
 """
 
 from collections.abc import Iterator
@@ -12,9 +12,10 @@ from typing import Any
 import numpy as np
 import warp as wp
 
+from dense_vs.kernels.displacement_equations import EQUATIONS, certainty, equations_kernel
+from dense_vs.kernels.displacement_solution import ROW_STEP, SUMMED_ROWS, solution_kernels
 from dense_vs.kernels.launch import PixelLaunch
 from dense_vs.kernels.pixel_runs import lanes_on, run_count, runs
-from dense_vs.kernels.polynomial_displacement import EQUATIONS, certainty, displacement_kernels
 from dense_vs.kernels.polynomial_expansion import COEFFICIENTS, applicability, expansion_kernels
 from dense_vs.kernels.resampling import BandTable, blur_weights, linear_weights, repeat_ends, resampling_kernels
 
@@ -22,6 +23,7 @@ wp.set_module_options({"enable_backward": False})
 
 SMALLEST_LEVEL = 32  # px, of either side
 SMALLEST_IMAGE = 16  # px
+SMALL = 10_000  # px; below, a second thread costs more than it brings
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -120,7 +122,7 @@ class Farneback:
                 self._solve += launches.improve(level, begin, self._slot, self.restarted)
                 begin = level.displacement
             coarser = level
-        self._solve += launches.answer(levels[0].displacement, self.flow)
+        self._solve.append(launches.answer(levels[0].displacement, self.flow))
 
     def push(self) -> None:
         """Take the content of ``image`` as the latest image."""
@@ -159,7 +161,10 @@ class _Level:
         self.rows, self.columns = table(source_height, height), table(source_width, width)
         weights, self.expansion_scale = applicability(options.poly_n, options.poly_sigma)
         self.applicability = wp.array(weights, device=device)
-        self.window = wp.array(options.window(), device=device)
+        window = options.window()
+        beyond = -len(window) % ROW_STEP
+        self.column_window = wp.array(np.pad(window, SUMMED_ROWS - 1), device=device)
+        self.row_window = wp.array(np.pad(window, (0, beyond)), device=device)
         self.certainty_x = wp.array(certainty(width), device=device)
         self.certainty_y = wp.array(certainty(height), device=device)
 
@@ -172,7 +177,7 @@ class _Level:
         self.moments = empty(height, 3, padded_width)
         self.expansion = wp.zeros((2 * worlds, height, COEFFICIENTS, width), dtype=wp.float32, device=device)
         self.equations = empty(height, EQUATIONS, width)
-        self.sums = empty(height, EQUATIONS, width + 2 * window_margin)
+        self.sums = empty(height, EQUATIONS, width + 2 * window_margin + beyond)
         self.displacement = empty(height, 2, width)
 
 
@@ -185,7 +190,8 @@ class _Launches:
 
     def _walk(self, kernel: Any, worlds: int, height: int, width: int, arguments: list[Any]) -> PixelLaunch:
         grid = worlds, height, run_count(width, self.lanes)
-        return PixelLaunch(kernel, grid, [width, *arguments], self.device, self.threads)
+        threads = self.threads if worlds * height * width > SMALL else 1
+        return PixelLaunch(kernel, grid, [width, *arguments], self.device, threads)
 
     def _resample(self, rows: BandTable, columns: BandTable, source: Any, between: Any, target: Any):
         kernels = resampling_kernels(self.lanes, source.dtype)
@@ -213,33 +219,35 @@ class _Launches:
         _, coarse_height, _, coarse_width = coarse.shape
         rows = BandTable.of(linear_weights(coarse_height, height) * factor, self.lanes, self.device)
         columns = BandTable.of(linear_weights(coarse_width, width), self.lanes, self.device)
-        between = wp.zeros((worlds, height, 2 * coarse_width), dtype=wp.float32, device=self.device)
+        between = wp.zeros((worlds, coarse_height, 2, width), dtype=wp.float32, device=self.device)
         kernels = resampling_kernels(self.lanes, wp.float32)
-        flat = coarse.reshape((worlds, coarse_height, 2 * coarse_width))
-        arguments = [rows.start, rows.weights, runs(flat, self.lanes), runs(between, self.lanes)]
-        yield self._walk(kernels.resample_rows, worlds, height, 2 * coarse_width, arguments)
-        # x and y of a row as rows of their own.
-        split = between.reshape((worlds, 2 * height, coarse_width))
-        target = level.displacement.reshape((worlds, 2 * height, width))
-        arguments = [columns.start, columns.adjacent, runs(columns.weights, self.lanes), split]
-        arguments += [runs(split, self.lanes), runs(target, self.lanes)]
-        yield self._walk(kernels.resample_columns, worlds, 2 * height, width, arguments)
+        # x and y of a row: rows of their own while columns are added, then one long row.
+        source = coarse.reshape((worlds, 2 * coarse_height, coarse_width))
+        target = between.reshape((worlds, 2 * coarse_height, width))
+        arguments = [columns.start, columns.adjacent, runs(columns.weights, self.lanes), source]
+        arguments += [runs(source, self.lanes), runs(target, self.lanes)]
+        yield self._walk(kernels.resample_columns, worlds, 2 * coarse_height, width, arguments)
+        source = between.reshape((worlds, coarse_height, 2 * width))
+        target = level.displacement.reshape((worlds, height, 2 * width))
+        arguments = [rows.start, rows.weights, runs(source, self.lanes), runs(target, self.lanes)]
+        yield self._walk(kernels.resample_rows, worlds, height, 2 * width, arguments)
 
     def improve(self, level: _Level, begin: wp.array, slot: wp.array, restarted: wp.array) -> Iterator[PixelLaunch]:
         """One iteration: a level's displacement from one to begin with."""
-        kernels = displacement_kernels(self.lanes)
-        arguments = [slot, restarted, level.expansion, begin, level.certainty_x, level.certainty_y, level.equations]
-        grid = level.shape
-        yield PixelLaunch(kernels.equations, grid, [grid[2], *arguments], self.device, self.threads)
-        arguments = [level.window, runs(level.equations, self.lanes), level.sums, runs(level.sums, self.lanes)]
-        yield self._walk(kernels.sum_columns, *grid, arguments)
-        arguments = [level.window, runs(level.sums, self.lanes), runs(level.displacement, self.lanes)]
-        yield self._walk(kernels.solve, *grid, arguments)
+        kernels = solution_kernels(self.lanes)
+        worlds, height, width = level.shape
+        arguments = [slot, restarted, level.expansion, runs(level.expansion, self.lanes), runs(begin, self.lanes)]
+        arguments += [runs(level.certainty_x, self.lanes), level.certainty_y, runs(level.equations, self.lanes)]
+        yield self._walk(equations_kernel(self.lanes), worlds, height, width, arguments)
+        arguments = [level.column_window, runs(level.equations, self.lanes), level.sums, runs(level.sums, self.lanes)]
+        yield self._walk(kernels.sum_columns, worlds, -(-height // SUMMED_ROWS), width, arguments)
+        arguments = [level.row_window, runs(level.sums, self.lanes), runs(level.displacement, self.lanes)]
+        yield self._walk(kernels.solve, worlds, height, width, arguments)
 
-    def answer(self, displacement: wp.array, flow: wp.array) -> Iterator[PixelLaunch]:
+    def answer(self, displacement: wp.array, flow: wp.array) -> PixelLaunch:
         """The finest displacement in our convention."""
-        kernels = displacement_kernels(self.lanes)
-        yield PixelLaunch(kernels.negate, flow.shape, [displacement, flow], self.device, self.threads)
+        kernel = solution_kernels(self.lanes).backward_flow
+        return PixelLaunch(kernel, flow.shape, [displacement, flow], self.device, self.threads)
 
 
 @wp.kernel

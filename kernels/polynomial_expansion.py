@@ -17,7 +17,7 @@ from types import SimpleNamespace
 import numpy as np
 import warp as wp
 
-from dense_vs.kernels.pixel_runs import run_begin, run_type
+from dense_vs.kernels.pixel_runs import run_begin, run_module, run_type
 
 wp.set_module_options({"enable_backward": False})
 
@@ -42,7 +42,7 @@ def expansion_kernels(lanes: int) -> SimpleNamespace:
     """The two passes of the expansion."""
     Run = run_type(lanes)
 
-    kernel = wp.kernel(module=f"{__name__}_{lanes}", enable_backward=False)
+    kernel = wp.kernel(module=run_module(f"{__name__}_{lanes}"), enable_backward=False)
 
     @kernel
     def column_moments(

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 import warp as wp
 
-from dense_vs.kernels.pixel_runs import run_begin, run_type
+from dense_vs.kernels.pixel_runs import run_begin, run_module, run_type
 
 wp.set_module_options({"enable_backward": False})
 
@@ -64,7 +64,7 @@ class BandTable:
     @classmethod
     def of(cls, matrix: np.ndarray, lanes: int, device: Any) -> "BandTable":
         """The table of a matrix (outputs, inputs), for runs of ``lanes``."""
-        outputs, inputs = matrix.shape
+        inputs = matrix.shape[1]
         filled = matrix != 0
         first = filled.argmax(axis=1)
         last = inputs - 1 - filled[:, ::-1].argmax(axis=1)
@@ -88,7 +88,7 @@ def resampling_kernels(lanes: int, dtype: Any = wp.float32) -> SimpleNamespace:
     Run = run_type(lanes)
     Source = run_type(lanes, dtype)
 
-    kernel = wp.kernel(module=f"{__name__}_{dtype.__name__}_{lanes}", enable_backward=False)
+    kernel = wp.kernel(module=run_module(f"{__name__}_{dtype.__name__}_{lanes}"), enable_backward=False)
 
     @wp.func
     def as_float(pixels: Source) -> Run:

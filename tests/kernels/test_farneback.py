@@ -1,5 +1,7 @@
 """Polynomial expansion against its definition, and flow against OpenCV's function and the exact flow."""
 
+from itertools import pairwise
+
 import cv2
 import numpy as np
 import pytest
@@ -185,7 +187,7 @@ def test_a_captured_graph_agrees_with_the_cpu():
     with wp.ScopedCapture("cuda:0") as capture:
         on_gpu.push()
         on_gpu.calculate()
-    for previous, present in zip(images[:-1], images[1:], strict=True):
+    for previous, present in pairwise(images):
         on_gpu.image.assign(present)
         wp.capture_launch(capture.graph)
         difference = on_gpu.flow.numpy() - between(on_cpu, previous, present)
