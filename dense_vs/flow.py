@@ -61,8 +61,9 @@ class FlowEstimator:
 
     Args:
         method: ``"dis"``, dense inverse search down to the full resolution with one step of refinement (default);
-            ``"dis-fast"``, without the refinement; ``"farneback"``, polynomial expansion with a small window; ``"farneback-paper"``, window 15, 3 levels, 3 iterations;
-            ``"dis-medium"`` and ``"dis-ultrafast"``, OpenCV's presets.
+            ``"dis-fast"``, without the refinement; ``"farneback"``, polynomial expansion with a small window;
+            ``"farneback-paper"``, window 15, 3 levels, 3 iterations; ``"dis-medium"`` and ``"dis-ultrafast"``,
+            OpenCV's presets.
         height, width: image size [px].
 
     Raises:
