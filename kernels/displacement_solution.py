@@ -42,8 +42,8 @@ def solution_kernels(lanes: int) -> SimpleNamespace:
                 for k in range(radius):
                     sums[world, y, c, k] = value[0]
             if (run + 1) * wp.static(lanes) >= width:
-                for k in range(radius):
-                    sums[world, y, c, width + radius + k] = value[wp.static(lanes - 1)]
+                for k in range(width + radius, sums.shape[3]):
+                    sums[world, y, c, k] = value[wp.static(lanes - 1)]
 
     @kernel
     def sum_columns(
@@ -54,7 +54,7 @@ def solution_kernels(lanes: int) -> SimpleNamespace:
         window_in: wp.array(dtype=float),  # (2 radius + 1,) between SUMMED_ROWS - 1 zeros on either side
         equations_in: wp.array4d(dtype=Run),
         # Out:
-        sums_out: wp.array4d(dtype=float),  # (worlds, height, 5, width + 2 radius)
+        sums_out: wp.array4d(dtype=float),  # (worlds, height, 5, width + 2 radius and more)
         sum_runs_out: wp.array4d(dtype=Run),  # the same memory
     ):
         """Weighted sums of the equations down each column, four rows from one reading of their windows.
@@ -114,7 +114,7 @@ def solution_kernels(lanes: int) -> SimpleNamespace:
         # In:
         width: int,
         window_in: wp.array(dtype=float),  # 0 beyond the window, up to a multiple of ROW_STEP
-        sums_in: wp.array4d(dtype=Run),  # (worlds, height, 5, width + 2 radius and those zeros)
+        sums_in: wp.array4d(dtype=Run),  # (worlds, height, 5, width + what the window holds - 1)
         # Out:
         displacement_out: wp.array4d(dtype=Run),  # (worlds, height, 2, width)
     ):
