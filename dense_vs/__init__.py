@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from dense_vs.babbling import Babbling as Babbling
+    from dense_vs.batch_flow import BatchFlow as BatchFlow
     from dense_vs.errors import DenseVSError as DenseVSError
     from dense_vs.flow import FlowEstimator as FlowEstimator
     from dense_vs.jacobian import DenseJacobian as DenseJacobian
@@ -22,6 +23,7 @@ if TYPE_CHECKING:
 
 _HOMES = {
     "Babbling": "babbling",
+    "BatchFlow": "batch_flow",
     "Camera": "robot",
     "DenseJacobian": "jacobian",
     "DenseVSError": "errors",

@@ -39,7 +39,16 @@ def _dis(preset: int, **settings: int) -> Callable[[], Callable]:
     return make
 
 
-METHODS: dict[str, Callable[[], Callable]] = {
+def _on_device(method: str) -> Callable[..., Callable]:
+    def make(device: str = "auto", threads: int | None = None) -> Callable:
+        from dense_vs.batch_flow import PairFlow
+
+        return PairFlow(method, device, threads)
+
+    return make
+
+
+METHODS: dict[str, Callable[..., Callable]] = {
     # Found by profiling/flow_methods.py --scan, by the error of J after babbling for the time the flow takes.
     "dis": _dis(
         cv2.DISOPTICAL_FLOW_PRESET_ULTRAFAST,
@@ -53,24 +62,37 @@ METHODS: dict[str, Callable[[], Callable]] = {
     "dis-ultrafast": _dis(cv2.DISOPTICAL_FLOW_PRESET_ULTRAFAST),
     "farneback": _farneback(window=11, levels=2, iterations=1),
     "farneback-paper": _farneback(window=15, levels=3, iterations=3),
+    "farneback-warp": _on_device("farneback-warp"),
+    "farneback-paper-warp": _on_device("farneback-paper-warp"),
 }
+ON_DEVICE = ("farneback-warp", "farneback-paper-warp")
 
 
 class FlowEstimator:
-    """Dense flow by one of OpenCV's methods.
+    """Dense flow by one of OpenCV's methods, or by Warp kernels on all cores or a GPU.
 
     Args:
         method: ``"dis"``, dense inverse search down to the full resolution with one step of refinement (default);
             ``"dis-fast"``, without the refinement; ``"farneback"``, polynomial expansion with a small window;
             ``"farneback-paper"``, window 15, 3 levels, 3 iterations; ``"dis-medium"`` and ``"dis-ultrafast"``,
-            OpenCV's presets.
+            OpenCV's presets; ``"farneback-warp"`` and ``"farneback-paper-warp"``, the two of Farneback's in Warp,
+            faster the more so where an image is one call's present and the next one's previous.
         height, width: image size [px].
+        device, threads: of the methods in Warp; ``"auto"`` is a GPU where there is one. OpenCV's run on the CPU.
 
     Raises:
-        DenseVSError: unknown method or a size below 16.
+        DenseVSError: unknown method or device, or a size below 16.
     """
 
-    def __init__(self, method: str = "dis", height: int = 240, width: int = 320):
+    def __init__(
+        self,
+        method: str = "dis",
+        height: int = 240,
+        width: int = 320,
+        *,
+        device: str = "auto",
+        threads: int | None = None,
+    ):
         if not isinstance(method, str) or method not in METHODS:
             raise DenseVSError(f"flow method {method!r} is unknown; expected one of {', '.join(METHODS)}")
         for name, value in (("height", height), ("width", width)):
@@ -78,7 +100,7 @@ class FlowEstimator:
                 raise DenseVSError(f"{name} is {value!r}; expected a whole number of at least 16")
         self.method = method
         self.height, self.width = int(height), int(width)
-        self._calculate = METHODS[method]()
+        self._calculate = METHODS[method](device, threads) if method in ON_DEVICE else METHODS[method]()
 
     def __call__(self, previous_gray: Any, gray: Any) -> np.ndarray:
         """Flow of the present image, float32 ``(H, W, 2)`` [px per frame].
