@@ -34,7 +34,7 @@ class JacobianOptions:
             N x N matrix per pixel (Qian and Su), for at most 8 joints.
         prediction: displacement that J is moved by: ``"model"``, J dq (14); ``"flow"``, the measured flow
             (13); ``"none"``.
-        prediction_iterations: steps of y = x - J(y) dq in ``"model"``; 1 is (14) as printed.
+        prediction_iterations: steps of y = x - J(y) dq in ``"model"``, 1 to 3; 1 is (14) as printed.
         process_noise: variance that J gains per squared joint step [px^2/rad^4], as it changes with the
             robot's motion; 300 unless given, 1e4 in order 1.
         drift_noise: variance that J gains per update, the paper's q in (9) [px^2/rad^2].
@@ -74,7 +74,7 @@ class JacobianOptions:
             ("width", 2, 16384),
             ("joints", 1, MAX_JOINTS),
             ("worlds", 1, 65536),
-            ("prediction_iterations", 1, 10),
+            ("prediction_iterations", 1, 3),
         ):
             value = getattr(self, name)
             if isinstance(value, bool) or not isinstance(value, (int, np.integer)) or not least <= value <= most:

@@ -27,13 +27,18 @@ sample_vec2 = bilinear(wp.vec2)
 def displacement(
     image: wp.array3d(dtype=wp.vec2), world: int, x: int, y: int, iterations: int, width: int, height: int
 ) -> wp.vec2:
-    """Displacement [px] of the point now at (x, y): v(x), then v(x - v(x)), ... ``iterations`` times."""
+    """Displacement [px] of the point now at (x, y): v(x), then v(x - v(x)), ... ``iterations`` times, 0 to 3.
+
+    Written out, as a loop of unknown length halves the speed of the pixel loop around it on a CPU.
+    """
     moved = wp.vec2(0.0, 0.0)
     if iterations > 0:
         moved = image[world, y, x]
         if not finite(moved):
             return wp.vec2(0.0, 0.0)
-    for _ in range(iterations - 1):
+    if iterations > 1:
+        moved = sample_vec2(image, world, bilinear_taps(x, y, moved, width, height))
+    if iterations > 2:
         moved = sample_vec2(image, world, bilinear_taps(x, y, moved, width, height))
     return moved
 
