@@ -4,24 +4,22 @@
 the point's old place, which drifts several pixels in 100 frames. ``"fixed_point"`` solves p = p_old + u(p).
 ``"aligned"`` (default, beyond the paper) then aligns the image patch around the point to the one it
 started with, by an affine warp of maximal correlation (Evangelidis and Psarakis' ECC), so that
-errors do not add up.
+errors do not add up. The kernels are in ``kernels/point_tracking.py`` and ``kernels/patch_alignment.py``.
 """
 
 from dataclasses import dataclass
 from typing import Any, Literal, get_args
 
-import cv2
 import numpy as np
+import warp as wp
 
-from dense_vs.arrays import points_array
+from dense_vs.arrays import points_array, real_vector
 from dense_vs.errors import DenseVSError
+from dense_vs.kernels.point_tracking import PointTracks, begin_tracks, carry_tracks, locate_tracks
 
 Method = Literal["aligned", "fixed_point", "paper"]
 
 FIXED_POINT_STEPS = 3
-ALIGNMENT_STEPS = 25
-ALIGNMENT_EPSILON = 1e-4
-SMOOTHING = 3  # px, width of the blur that ECC applies before it compares
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -59,23 +57,24 @@ class TrackerOptions:
 
 
 class PointTracker:
-    """Follows K points on moving surfaces.
+    """Follows K points on moving surfaces, in one world or in many.
 
     Args:
-        points: ``(K, 2)`` or one point, x right and y down [px].
-        gray: uint8 ``(H, W)``, the image they are defined in.
-        weights: ``(H, W)`` of bool or 0..1, which pixels near a point belong to the same surface; pixels of
-            another one pull the alignment away where the point is near an outline. All, unless given.
+        points: ``(K, 2)`` or one point, x right and y down [px]; ``(worlds, K, 2)`` for several worlds.
+        gray: uint8 ``(H, W)`` or ``(worlds, H, W)``, the image they are defined in. The work is done where it
+            lies: on the CPU for NumPy arrays, on the GPU that holds a Warp array.
+        weights: of gray's shape, bool or 0..1, how much a pixel near a point belongs to the same surface; pixels of
+            another one pull the alignment away where the point is near an outline. All alike, unless given.
         options: the fields of :class:`TrackerOptions`.
 
     Attributes:
-        points: float64 ``(K, 2)``, where the points are [px].
-        lost: bool ``(K,)``, out of the image or not recognised for ``lost_after`` frames. A lost point is
-            still carried by the flow and is found again when its patch aligns.
-        correlation: float64 ``(K,)``, of the last alignment, 1 at the start; NaN for the methods without one.
+        tracks: the state as device arrays, always with the worlds in front, for those who launch kernels themselves.
 
     Raises:
         DenseVSError: points outside the image, a wrong image or option.
+
+    The properties are NumPy arrays on a CPU and Warp arrays that stay there on a GPU. There nothing is read back:
+    :meth:`update` can be captured in a CUDA graph.
     """
 
     def __init__(self, points: Any, gray: Any, *, weights: Any = None, **options: Any):
@@ -84,11 +83,38 @@ class PointTracker:
         except TypeError as error:
             names = ", ".join(TrackerOptions.__dataclass_fields__)
             raise DenseVSError(f"unknown option in {', '.join(options)}; expected some of {names}") from error
-        image = np.asarray(gray)
-        if image.ndim != 2:
-            raise DenseVSError(f"gray has shape {image.shape} and dtype {image.dtype}; expected uint8 of shape (H, W)")
-        self._shape = image.shape
-        self.redefine(points, image, weights)
+        image = gray if isinstance(gray, wp.array) else np.asarray(gray)
+        self._batched = len(getattr(points, "shape", ())) == 3
+        if len(image.shape) != 2 + self._batched:
+            raise DenseVSError(
+                f"gray has shape {image.shape} and dtype {_dtype_name(image)}; expected uint8 of shape (H, W), "
+                "or (worlds, H, W) with points of shape (worlds, K, 2)"
+            )
+        self._shape = image.shape if self._batched else (1, *image.shape)
+        self.device: Any = image.device if isinstance(image, wp.array) else wp.get_device("cpu")
+        self._steps = 1 if self.options.method == "paper" else 1 + FIXED_POINT_STEPS
+        self.tracks: PointTracks | None = None
+        self.redefine(points, gray, weights)
+
+    @property
+    def points(self) -> Any:
+        """Where the points are, float64 ``(K, 2)`` or ``(worlds, K, 2)`` [px]; vec2d on a GPU."""
+        return self._result(self._state.points)
+
+    @property
+    def lost(self) -> Any:
+        """Bool ``(K,)``: out of the image or not recognised for ``lost_after`` frames. A lost point is still
+        carried by the flow and is found again when its patch aligns. Whole numbers 0 and 1 on a GPU.
+        """
+        lost = self._result(self._state.lost)
+        return lost.astype(bool) if self.device.is_cpu else lost
+
+    @property
+    def correlation(self) -> Any:
+        """float32 ``(K,)``, of the last alignment, 1 at the start, -1 where there was none; NaN for the methods
+        without one.
+        """
+        return self._result(self._state.correlation)
 
     def redefine(self, points: Any, gray: Any, weights: Any = None) -> None:
         """Follow other points from here on, as the paper does at mid-run.
@@ -96,113 +122,107 @@ class PointTracker:
         Raises:
             DenseVSError: as for the constructor; the points followed so far stay.
         """
-        points = points_array(points, "points")
+        worlds, height, width = self._shape
+        places = (
+            real_vector(points, "points", (worlds, -1, 2)) if self._batched else points_array(points, "points")[None]
+        )
         image = self._image(gray)
-        outside = [p.tolist() for p in points if not self._inside(p)]
+        outside = [
+            p.tolist() for p in places.reshape(-1, 2) if not (0 <= p[0] <= width - 1 and 0 <= p[1] <= height - 1)
+        ]
         if outside:
-            height, width = self._shape
             raise DenseVSError(f"points {outside} are outside the image of {width} x {height} pixels")
-        mask = np.ones(self._shape, dtype=np.float32) if weights is None else np.asarray(weights)
-        if mask.shape != self._shape or mask.dtype.kind not in "biuf" or not np.isfinite(mask).all():
-            raise DenseVSError(
-                f"weights have shape {mask.shape} and dtype {mask.dtype}; expected {self._shape} of bool or finite 0..1"
-            )
-        self.points = points.copy()
-        self.lost = np.zeros(len(points), dtype=bool)
-        aligned = self.options.method == "aligned"
-        self.correlation = np.full(len(points), 1.0 if aligned else np.nan)
-        self._unseen = np.zeros(len(points), dtype=int)
-        self._patches = [_Patch(image, mask, p, self.options.window) for p in points] if aligned else []
+        mask = self._weights(weights)
+        count = places.shape[1]
+        if self.tracks is None or self.tracks.points.shape[1] != count:
+            window = self.options.window if self.options.method == "aligned" else None
+            self.tracks = PointTracks.empty(worlds, count, window, self.device)
+        starts = wp.array(places, dtype=wp.vec2d, device=self.device)
+        begin_tracks(self.tracks, image, mask, starts, wp.full(worlds, 1, dtype=int, device=self.device))
 
-    def update(self, flow: Any, gray: Any) -> np.ndarray:
+    def update(self, flow: Any, gray: Any) -> Any:
         """Carry the points into the present frame.
 
         Args:
             flow: float32 ``(H, W, 2)`` [px], of the present frame.
             gray: uint8 ``(H, W)``, the present image.
 
+        Both lead with the worlds where there are several.
+
         Returns:
-            ``points``, float64 ``(K, 2)``.
+            :attr:`points`.
 
         Raises:
-            DenseVSError: another size or dtype, or no finite flow at a point; the points stay as they were.
+            DenseVSError: another size or dtype; for one world on a CPU also no finite flow at a point. The points
+                stay as they were. Of several worlds, or on a GPU, a point without finite flow is sought where it was.
         """
         image = self._image(gray)
-        field = np.asarray(flow)
-        if field.shape != (*self._shape, 2) or field.dtype != np.float32:
-            raise DenseVSError(
-                f"flow has shape {field.shape} and dtype {field.dtype}; expected float32 of shape {(*self._shape, 2)}"
-            )
-        carried = self.points
-        for _ in range(1 if self.options.method == "paper" else 1 + FIXED_POINT_STEPS):
-            carried = self.points + sample(field, carried)
-            if not np.isfinite(carried).all():
-                raise DenseVSError(f"flow is not finite at the points {self.points.tolist()}")
-        believed = np.array([self._inside(p) for p in carried])
-        for k, patch in enumerate(self._patches):
-            aligned, self.correlation[k] = patch.align(image, carried[k])
-            near = np.hypot(*(aligned - carried[k])) <= self.options.max_jump
-            if near and self.correlation[k] >= self.options.min_correlation and self._inside(aligned):
-                carried[k] = aligned
-                patch.accept()
-            else:
-                believed[k] = False
-        self.points = carried
-        self._unseen = np.where(believed, 0, self._unseen + 1)
-        patience = self.options.lost_after if self._patches else 1
-        self.lost = self._unseen >= patience
+        field = self._flow(flow)
+        tracks = self._state
+        carry_tracks(tracks, field, self._steps)
+        if self.device.is_cpu and not self._batched and not tracks.flow_finite.numpy().all():
+            raise DenseVSError(f"flow is not finite at the points {self.points.tolist()}")
+        locate_tracks(
+            tracks,
+            image,
+            min_correlation=self.options.min_correlation,
+            max_jump=self.options.max_jump,
+            lost_after=int(np.ceil(self.options.lost_after)),
+        )
         return self.points
 
-    def _image(self, gray: Any) -> np.ndarray:
-        image = np.asarray(gray)
-        if image.shape != self._shape or image.dtype != np.uint8:
+    @property
+    def _state(self) -> PointTracks:
+        assert self.tracks is not None  # the constructor made one
+        return self.tracks
+
+    def _result(self, array: Any) -> Any:
+        shown = array.numpy().copy() if self.device.is_cpu else array
+        return shown if self._batched else shown[0]
+
+    def _image(self, gray: Any) -> wp.array:
+        return self._device_array(gray, "gray", wp.uint8, ())
+
+    def _flow(self, flow: Any) -> wp.array:
+        return self._device_array(flow, "flow", wp.vec2, (2,))
+
+    def _device_array(self, value: Any, name: str, dtype: Any, tail: tuple[int, ...]) -> wp.array:
+        """An image as a (worlds, H, W) Warp array of ``dtype``, in place where it lies on the device."""
+        array: Any = value if isinstance(value, wp.array) else np.asarray(value)
+        shape = self._shape if self._batched else self._shape[1:]
+        scalar = "float32" if tail else "uint8"
+        got = (*array.shape, *getattr(array.dtype, "_shape_", ())) if isinstance(array, wp.array) else array.shape
+        if got != (*shape, *tail) or _dtype_name(array) != scalar:
             raise DenseVSError(
-                f"gray has shape {image.shape} and dtype {image.dtype}; expected uint8 of shape {self._shape}"
+                f"{name} has shape {got} and dtype {_dtype_name(array)}; expected {scalar} of shape {(*shape, *tail)}"
             )
-        return image
+        if isinstance(array, wp.array):
+            contiguous = array.contiguous()
+            if contiguous.device != self.device:
+                contiguous = contiguous.to(self.device)
+            view = wp.array(ptr=contiguous.ptr, dtype=dtype, shape=self._shape, device=self.device)
+            view._source = contiguous  # the view does not own the memory
+            return view
+        whole = np.ascontiguousarray(array).reshape(*self._shape, *tail)
+        return wp.array(whole, dtype=dtype, device=self.device, copy=not self.device.is_cpu)
 
-    def _inside(self, point: np.ndarray) -> bool:
-        height, width = self._shape
-        return bool(0 <= point[0] <= width - 1 and 0 <= point[1] <= height - 1)
-
-
-class _Patch:
-    """The look of one point's surroundings when it was defined, and the affine warp to where it is seen now."""
-
-    def __init__(self, image: np.ndarray, weights: np.ndarray, point: np.ndarray, window: int):
-        self._half = window // 2
-        self._template = _crop(image, point, self._half)
-        # The mask is 8-bit: what belongs at least half to the surface counts.
-        self._mask = (_crop(weights, point, self._half) >= 0.5).astype(np.uint8) * 255
-        self._affine = np.eye(2)
-        self._candidate = self._affine
-
-    def align(self, image: np.ndarray, guess: np.ndarray) -> tuple[np.ndarray, float]:
-        """Place [px] and correlation of the best affine alignment near ``guess``; -1 where there is none."""
-        half = self._half
-        margin = half + half // 2 + 3
-        region = _crop(image, guess, margin)
-        centre = np.array([margin, margin], dtype=np.float64)
-        warp = np.empty((2, 3), dtype=np.float32)
-        warp[:, :2] = self._affine
-        warp[:, 2] = centre - self._affine @ (half, half)
-        everywhere = np.full(region.shape, 255, dtype=np.uint8)
-        criteria = (cv2.TERM_CRITERIA_EPS | cv2.TERM_CRITERIA_COUNT, ALIGNMENT_STEPS, ALIGNMENT_EPSILON)
-        try:
-            correlation, warp = cv2.findTransformECCWithMask(
-                self._template, region, self._mask, everywhere, warp, cv2.MOTION_AFFINE, criteria, SMOOTHING
+    def _weights(self, weights: Any) -> wp.array:
+        if weights is None:
+            return wp.full(self._shape, 1.0, dtype=wp.float32, device=self.device)
+        mask = weights.numpy() if isinstance(weights, wp.array) else np.asarray(weights)
+        shape = self._shape if self._batched else self._shape[1:]
+        if mask.shape != shape or mask.dtype.kind not in "biuf" or not np.isfinite(mask).all():
+            raise DenseVSError(
+                f"weights have shape {mask.shape} and dtype {mask.dtype}; expected {shape} of bool or finite 0..1"
             )
-        except cv2.error:  # what OpenCV raises where the alignment does not converge
-            return guess, -1.0
-        self._candidate = warp[:, :2].astype(np.float64)
-        place = guess + (warp @ (half, half, 1.0) - centre)
-        if not np.isfinite(place).all() or not np.isfinite(correlation):
-            return guess, -1.0
-        return place, float(correlation)
+        unit = np.clip(mask, 0, 1).astype(np.float32).reshape(self._shape)
+        return wp.array(unit, dtype=wp.float32, device=self.device)
 
-    def accept(self) -> None:
-        """Start the next alignment from the last one."""
-        self._affine = self._candidate
+
+def _dtype_name(array: Any) -> str:
+    if isinstance(array, wp.array):
+        return getattr(array.dtype, "_wp_scalar_type_", array.dtype).__name__
+    return array.dtype.name
 
 
 def sample(image: np.ndarray, points: np.ndarray) -> np.ndarray:
@@ -216,16 +236,3 @@ def sample(image: np.ndarray, points: np.ndarray) -> np.ndarray:
     upper = image[top, left] * (1 - ax) + image[top, left + 1] * ax
     lower = image[top + 1, left] * (1 - ax) + image[top + 1, left + 1] * ax
     return upper * (1 - ay) + lower * ay
-
-
-def _crop(image: np.ndarray, point: np.ndarray, half: int) -> np.ndarray:
-    """Square of side 2 half + 1 centred on a sub-pixel point, borders repeated, float32."""
-    warp = np.array([[1, 0, point[0] - half], [0, 1, point[1] - half]], dtype=np.float64)
-    side = 2 * half + 1
-    return cv2.warpAffine(
-        image.astype(np.float32) if image.dtype != np.float32 else image,
-        warp,
-        (side, side),
-        flags=cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP,
-        borderMode=cv2.BORDER_REPLICATE,
-    )

@@ -1,0 +1,370 @@
+"""Affine alignment of image patches by greatest correlation, beyond DIJE: it stops the drift of tracked points.
+
+A patch t(x) is fixed when a point is defined, x [px] from the point. In a later image the point is at p and its
+surroundings are seen through an affine map: i(x) = image(p + A x). The enhanced correlation coefficient of t and
+i (Evangelidis and Psarakis, 2008) is maximised over p and A. With t, i and the columns of G = d i(d + (I + D) x) /
+d(D, d) of weighted mean zero, <a, b> the weighted product and H = <G, G>, an iteration is
+
+    c = H^-1 (lambda <G, t> - <G, i>),    lambda = (<i, i> - <i, G> H^-1 <G, i>) / (<i, t> - <i, G> H^-1 <G, t>),
+
+and A <- A (I + D), p <- p + A d with c = (D, d). The first iterations move d alone, which finds the patch from
+farther away.
+
+Patch and image are sampled with a cubic B-spline kernel without prefilter: smooth derivatives, and the same slight
+blur at every sub-pixel place, where a blur followed by bilinear sampling blurs most half way between pixels.
+Gradients are those of the image: with the patch's in their stead (the inverse-compositional form) a few pixels of
+another surface in the patch pulled the fixed point up to 0.8 px away from the greatest correlation.
+
+A thread block a patch on a GPU, a thread a patch on a CPU, with the same arithmetic; sums differ in rounding only.
+"""
+
+from dataclasses import dataclass
+from typing import Any
+
+import warp as wp
+
+wp.set_module_options({"enable_backward": False})
+
+BLOCK = 64  # threads a patch on a GPU
+MAX_ITERATIONS = 25
+TOLERANCE = 0.01  # px that a patch's corner moves by in the last iteration
+SHIFT_TOLERANCE = 0.3  # px that the patch moves by in the last iteration without D
+RIDGE = 1e-5  # of H's diagonal: steps stay bounded where a patch has no texture in a direction
+MIN_VARIANCE = 1e-3  # of grey values; less is no texture
+MIN_VISIBLE = 0.5  # of a patch's weight; with less inside the image there is no alignment
+NEGLIGIBLE = 0.05  # share of a sample that a row or column of pixels may have without being counted
+
+vec6 = wp.types.vector(6, wp.float32)
+vec24 = wp.types.vector(24, wp.float32)
+mat66 = wp.types.matrix((6, 6), wp.float32)
+mat66d = wp.types.matrix((6, 6), wp.float64)
+
+
+@dataclass(frozen=True)
+class Patches:
+    """The look of (worlds, K) points when they were defined."""
+
+    window: int  # side [px], odd
+    pixels: Any  # (worlds, K, window^2) vec2: t, less 128, and weight
+
+    @classmethod
+    def empty(cls, worlds: int, points: int, window: int, device: Any) -> "Patches":
+        """Memory for patches that are yet to be defined; until then none is found."""
+        return cls(window, wp.zeros((worlds, points, window * window), dtype=wp.vec2, device=device))
+
+
+def define_patches(patches: Patches, image: wp.array, weights: wp.array, points: wp.array, where: wp.array) -> None:
+    """Take the patches around points as what is to be found again.
+
+    Args:
+        patches: overwritten in the chosen worlds.
+        image: uint8 ``(worlds, H, W)``.
+        weights: float32 ``(worlds, H, W)``, 0..1, how much a pixel counts. What is sampled close to pixels that
+            count less counts as little as they.
+        points: vec2d ``(worlds, K)`` [px].
+        where: int ``(worlds,)``, not 0 in the worlds to define.
+    """
+    wp.launch(
+        define_patches_kernel,
+        dim=patches.pixels.shape,
+        inputs=[image, weights, points, where, patches.window],
+        outputs=[patches.pixels],
+        block_dim=BLOCK,
+        device=image.device,
+    )
+
+
+def align_patches(
+    patches: Patches,
+    image: wp.array,
+    guess: wp.array,
+    affine: wp.array,
+    points_out: wp.array,
+    affine_out: wp.array,
+    correlation_out: wp.array,
+) -> None:
+    """Find the patches in an image.
+
+    Args:
+        patches: defined before.
+        image: uint8 ``(worlds, H, W)``.
+        guess: vec2d ``(worlds, K)`` [px], where to begin.
+        affine: mat22 ``(worlds, K)``, A to begin with.
+        points_out: vec2d ``(worlds, K)`` [px], p; the guess where there is no alignment.
+        affine_out: mat22 ``(worlds, K)``, A; as given where there is no alignment.
+        correlation_out: float32 ``(worlds, K)``; -1 where there is no alignment.
+    """
+    wp.launch_tiled(
+        align_patches_kernel,
+        dim=guess.shape,
+        inputs=[image, guess, affine, patches.window, patches.pixels],
+        outputs=[points_out, affine_out, correlation_out],
+        block_dim=BLOCK,
+        device=image.device,
+    )
+
+
+@wp.func
+def spline_weights(a: float) -> wp.vec4:
+    """Cubic B-spline at the pixels -1, 0, 1, 2 seen from a in [0, 1)."""
+    b = 1.0 - a
+    aa = a * a
+    bb = b * b
+    return wp.vec4(b * bb, aa * (3.0 * a - 6.0) + 4.0, bb * (3.0 * b - 6.0) + 4.0, a * aa) * (1.0 / 6.0)
+
+
+@wp.func
+def spline_slopes(a: float) -> wp.vec4:
+    """Derivatives of :func:`spline_weights` by a."""
+    b = 1.0 - a
+    return wp.vec4(-b * b, a * (3.0 * a - 4.0), b * (4.0 - 3.0 * b), a * a) * 0.5
+
+
+@wp.func
+def sample_spline(image: wp.array3d(dtype=wp.uint8), world: int, left: int, top: int, a: float, b: float) -> wp.vec3:
+    """Grey value less 128 at (left + a, top + b) and its derivatives by x and y.
+
+    Beyond the image's border its nearest pixel answers.
+    """
+    height = image.shape[1]
+    width = image.shape[2]
+    column_weights = spline_weights(a)
+    column_slopes = spline_slopes(a)
+    row_weights = spline_weights(b)
+    row_slopes = spline_slopes(b)
+    x0 = wp.clamp(left - 1, 0, width - 1)
+    x1 = wp.clamp(left, 0, width - 1)
+    x2 = wp.clamp(left + 1, 0, width - 1)
+    x3 = wp.clamp(left + 2, 0, width - 1)
+    value = float(-128.0)
+    slope_x = float(0.0)
+    slope_y = float(0.0)
+    for row in range(4):
+        y = wp.clamp(top - 1 + row, 0, height - 1)
+        pixels = wp.vec4(
+            float(image[world, y, x0]),
+            float(image[world, y, x1]),
+            float(image[world, y, x2]),
+            float(image[world, y, x3]),
+        )
+        across = wp.dot(column_weights, pixels)
+        value += row_weights[row] * across
+        slope_x += row_weights[row] * wp.dot(column_slopes, pixels)
+        slope_y += row_slopes[row] * across
+    return wp.vec3(value, slope_x, slope_y)
+
+
+@wp.func
+def least_weight(weights: wp.array3d(dtype=float), world: int, left: int, top: int, a: float, b: float) -> float:
+    """Least weight of the pixels that a sample draws on; what is outside the image has none.
+
+    A sample that mixes in what does not belong to the surface shows an edge that will not move with it.
+    """
+    column_weights = spline_weights(a)
+    row_weights = spline_weights(b)
+    least = float(1.0)
+    for row in range(4):
+        for column in range(4):
+            if wp.min(column_weights[column], row_weights[row]) > wp.static(NEGLIGIBLE):
+                x = left - 1 + column
+                y = top - 1 + row
+                if x >= 0 and y >= 0 and x < weights.shape[2] and y < weights.shape[1]:
+                    least = wp.min(least, weights[world, y, x])
+                else:
+                    least = 0.0
+    return wp.max(least, 0.0)
+
+
+@wp.func
+def inverse_of_normal_matrix(m: mat66d) -> mat66d:
+    """Inverse of a symmetric positive definite matrix by Gauss and Jordan, which need no pivoting on one."""
+    size = int(6)  # no constant, so that the loops stay loops
+    for k in range(size):
+        pivot = m[k, k]
+        m[k, k] = wp.float64(1.0)
+        for j in range(size):
+            m[k, j] = m[k, j] / pivot
+        for i in range(size):
+            if i != k:
+                factor = m[i, k]
+                m[i, k] = wp.float64(0.0)
+                for j in range(size):
+                    m[i, j] = m[i, j] - factor * m[k, j]
+    return m
+
+
+@wp.func
+def increment(
+    normal: mat66,
+    gradient_image: vec6,
+    gradient_patch: vec6,
+    image_image: float,
+    image_patch: float,
+    shift_only: bool,
+) -> vec6:
+    """c = (D by columns, d) that raises the correlation; d alone with ``shift_only``; zero where none does."""
+    inverse = mat66()
+    if shift_only:
+        shift = wp.inverse(wp.mat22(normal[4, 4], normal[4, 5], normal[5, 4], normal[5, 5]))
+        for i in range(2):
+            for j in range(2):
+                inverse[4 + i, 4 + j] = shift[i, j]
+    else:
+        inverse = mat66(inverse_of_normal_matrix(mat66d(normal)))
+    projected = inverse * gradient_image
+    change = vec6()
+    remaining = image_patch - wp.dot(projected, gradient_patch)
+    if remaining > 0.0:
+        scale = (image_image - wp.dot(projected, gradient_image)) / remaining
+        change = inverse * (gradient_patch * scale) - projected
+    return change
+
+
+@wp.kernel
+def define_patches_kernel(
+    # In:
+    image_in: wp.array3d(dtype=wp.uint8),
+    weights_in: wp.array3d(dtype=float),
+    points_in: wp.array2d(dtype=wp.vec2d),
+    where_in: wp.array(dtype=int),
+    window: int,
+    # Out:
+    pixels_out: wp.array3d(dtype=wp.vec2),
+):
+    """The patch around a point, a thread a pixel."""
+    world, point, pixel = wp.tid()
+    if where_in[world] == 0:
+        return
+    p = points_in[world, point]
+    left = int(wp.floor(p[0])) + pixel % window - window // 2
+    top = int(wp.floor(p[1])) + pixel // window - window // 2
+    a = float(p[0] - wp.floor(p[0]))
+    b = float(p[1] - wp.floor(p[1]))
+    t = sample_spline(image_in, world, left, top, a, b)
+    pixels_out[world, point, pixel] = wp.vec2(t[0], least_weight(weights_in, world, left, top, a, b))
+
+
+@wp.kernel
+def align_patches_kernel(
+    # In:
+    image_in: wp.array3d(dtype=wp.uint8),
+    guess_in: wp.array2d(dtype=wp.vec2d),
+    affine_in: wp.array2d(dtype=wp.mat22),
+    window: int,
+    pixels_in: wp.array3d(dtype=wp.vec2),
+    # Out:
+    points_out: wp.array2d(dtype=wp.vec2d),
+    affine_out: wp.array2d(dtype=wp.mat22),
+    correlation_out: wp.array2d(dtype=float),
+):
+    """Iterate until the patch's corners stand still. All threads of a block take every branch together."""
+    world, point, lane = wp.tid()
+    guess = guess_in[world, point]
+    # Places are kept from the pixel at the guess, which float32 resolves anywhere. Beyond the image every place
+    # shows the border; clamping keeps the conversion to int defined.
+    base_x = int(wp.floor(wp.clamp(guess[0], wp.float64(-1.0e6), wp.float64(1.0e6))))
+    base_y = int(wp.floor(wp.clamp(guess[1], wp.float64(-1.0e6), wp.float64(1.0e6))))
+    start = wp.vec2(float(guess[0] - wp.float64(base_x)), float(guess[1] - wp.float64(base_y)))
+    last_x = float(image_in.shape[2] - 1 - base_x)
+    last_y = float(image_in.shape[1] - 1 - base_y)
+    half = window // 2
+    unit = 1.0 / float(half)  # D is sought in px at the patch's edge, as d is in px
+    reach = 2.0 * float(window)  # px from the guess at which a search has lost its way
+
+    p = start
+    affine = affine_in[world, point]
+    correlation = float(-1.0)
+    iteration = int(0)
+    shifting = bool(True)
+    seeking = bool(True)
+    while seeking:
+        sums = vec24()
+        products = mat66()
+        hidden = float(0.0)
+        for k in range(lane, window * window, wp.block_dim()):
+            pixel = pixels_in[world, point, k]
+            w = pixel[1]
+            if w > 0.0:
+                t = pixel[0]
+                x = float(k % window - half)
+                y = float(k // window - half)
+                at = p + affine * wp.vec2(x, y)
+                if at[0] >= float(-base_x) and at[1] >= float(-base_y) and at[0] <= last_x and at[1] <= last_y:
+                    floor_x = wp.floor(at[0])
+                    floor_y = wp.floor(at[1])
+                    seen = sample_spline(
+                        image_in,
+                        world,
+                        base_x + int(floor_x),
+                        base_y + int(floor_y),
+                        at[0] - floor_x,
+                        at[1] - floor_y,
+                    )
+                    i = seen[0]
+                    gx = affine[0, 0] * seen[1] + affine[1, 0] * seen[2]
+                    gy = affine[0, 1] * seen[1] + affine[1, 1] * seen[2]
+                    x *= unit
+                    y *= unit
+                    g = vec6(gx * x, gy * x, gx * y, gy * y, gx, gy)
+                    gw = g * w
+                    sums[0] = sums[0] + w
+                    sums[1] = sums[1] + w * i
+                    sums[2] = sums[2] + w * t
+                    sums[3] = sums[3] + w * i * i
+                    sums[4] = sums[4] + w * t * t
+                    sums[5] = sums[5] + w * i * t
+                    for j in range(6):
+                        sums[6 + j] = sums[6 + j] + gw[j]
+                        sums[12 + j] = sums[12 + j] + gw[j] * i
+                        sums[18 + j] = sums[18 + j] + gw[j] * t
+                    products += wp.outer(gw, g)
+                else:
+                    hidden += w
+        total = wp.tile_sum(wp.tile(sums, preserve_type=True))[0]
+        normal = wp.tile_sum(wp.tile(products, preserve_type=True))[0]
+        invisible = wp.tile_sum(wp.tile(hidden))[0]
+
+        weight = wp.max(total[0], 1.0e-6)
+        image_image = total[3] - total[1] * total[1] / weight
+        patch_patch = total[4] - total[2] * total[2] / weight
+        image_patch = total[5] - total[1] * total[2] / weight
+        gradient_image = vec6()
+        gradient_patch = vec6()
+        least_texture = float(1.0e9)
+        for i in range(6):
+            mean = total[6 + i] / weight
+            gradient_image[i] = total[12 + i] - mean * total[1]
+            gradient_patch[i] = total[18 + i] - mean * total[2]
+            for j in range(6):
+                normal[i, j] = normal[i, j] - mean * total[6 + j]
+            least_texture = wp.min(least_texture, normal[i, i])
+            normal[i, i] = normal[i, i] * (1.0 + wp.static(RIDGE))
+
+        correlation = float(-1.0)
+        seeking = False
+        textured = wp.min(image_image, patch_patch) > wp.static(MIN_VARIANCE) * weight and least_texture > 0.0
+        if textured and total[0] >= wp.static(MIN_VISIBLE) * (total[0] + invisible):
+            change = increment(normal, gradient_image, gradient_patch, image_image, image_patch, shifting)
+            size = wp.vec2(
+                wp.abs(change[0]) + wp.abs(change[2]) + wp.abs(change[4]),
+                wp.abs(change[1]) + wp.abs(change[3]) + wp.abs(change[5]),
+            )
+            moved = wp.max(size)
+            p = p + affine * wp.vec2(change[4], change[5])
+            affine = affine * wp.mat22(
+                1.0 + change[0] * unit, change[2] * unit, change[1] * unit, 1.0 + change[3] * unit
+            )
+            found = moved > 0.0 or image_patch > 0.0
+            if found and wp.length(p - start) < reach and wp.determinant(affine) > 0.01:
+                correlation = image_patch / wp.sqrt(image_image * patch_patch)
+                iteration += 1
+                seeking = iteration < wp.static(MAX_ITERATIONS) and (shifting or moved > wp.static(TOLERANCE))
+                shifting = shifting and moved > wp.static(SHIFT_TOLERANCE)
+    if lane == 0:
+        correlation_out[world, point] = correlation
+        if correlation > -1.0:
+            points_out[world, point] = guess + wp.vec2d(wp.float64(p[0] - start[0]), wp.float64(p[1] - start[1]))
+            affine_out[world, point] = affine
+        else:
+            points_out[world, point] = guess
+            affine_out[world, point] = affine_in[world, point]
