@@ -24,8 +24,21 @@ def solution_kernels(lanes: int) -> SimpleNamespace:
     Run = run_type(lanes)
     kernel = wp.kernel(module=run_module(f"{__name__}_{lanes}", CPU_FLAGS_SHALLOW), enable_backward=False)
 
+    # A CPU's registers hold a run of one plane, a GPU thread's a pixel of all five.
+    planes = EQUATIONS if lanes == 1 else 1
+    Sum = run_type(lanes * planes)
+
     @wp.func
-    def write_sum(
+    def read(images: wp.array4d(dtype=Run), world: int, y: int, c: int, x: int) -> Sum:
+        if wp.static(planes == 1):
+            return images[world, y, c, x]
+        pixel = Sum()
+        for i in range(wp.static(planes)):
+            pixel[i] = images[world, y, c + i, x][0]
+        return pixel
+
+    @wp.func
+    def write(
         sums: wp.array4d(dtype=float),
         sum_runs: wp.array4d(dtype=Run),
         world: int,
@@ -34,16 +47,20 @@ def solution_kernels(lanes: int) -> SimpleNamespace:
         run: int,
         width: int,
         radius: int,
-        value: Run,
+        value: Sum,
     ):
         if y < sums.shape[1]:
-            sum_runs[world, y, c, run_begin(run, wp.static(lanes), width) + radius] = value
-            if run == 0:
-                for k in range(radius):
-                    sums[world, y, c, k] = value[0]
-            if (run + 1) * wp.static(lanes) >= width:
-                for k in range(width + radius, sums.shape[3]):
-                    sums[world, y, c, k] = value[wp.static(lanes - 1)]
+            if wp.static(planes == 1):
+                sum_runs[world, y, c, run_begin(run, wp.static(lanes), width) + radius] = value
+                if run == 0:
+                    for k in range(radius):
+                        sums[world, y, c, k] = value[0]
+                if (run + 1) * wp.static(lanes) >= width:
+                    for k in range(width + radius, sums.shape[3]):
+                        sums[world, y, c, k] = value[wp.static(lanes - 1)]
+            else:
+                for i in range(wp.static(planes)):
+                    sums[world, y, c + i, run] = value[i]
 
     @kernel
     def sum_columns(
@@ -59,46 +76,74 @@ def solution_kernels(lanes: int) -> SimpleNamespace:
     ):
         """Weighted sums of the equations down each column, four rows from one reading of their windows.
 
-        The first and the last column are repeated beside the image.
+        The first and the last column are repeated beside the image: by the thread that has them on a CPU, by
+        threads of their own on a GPU.
         """
         world, row, column = wp.tid()
         y = (row_begin + row) * wp.static(SUMMED_ROWS)
         height = equations_in.shape[1]
         radius = (window_in.shape[0] - wp.static(2 * SUMMED_ROWS - 1)) / 2
-        for run in range(column, (width + wp.static(lanes - 1)) // wp.static(lanes), column_step):
+        count = (width + wp.static(lanes - 1)) // wp.static(lanes)
+        if wp.static(planes > 1):
+            count = sums_out.shape[3]
+        for run in range(column, count, column_step):
             x = run_begin(run, wp.static(lanes), width)
-            for c in range(wp.static(EQUATIONS)):
-                sum_0 = Run()
-                sum_1 = Run()
-                sum_2 = Run()
-                sum_3 = Run()
+            if wp.static(planes > 1):
+                x = wp.clamp(run - radius, 0, width - 1)
+            for c in range(0, wp.static(EQUATIONS), wp.static(planes)):
+                sum_0 = Sum()
+                sum_1 = Sum()
+                sum_2 = Sum()
+                sum_3 = Sum()
+                weight_1 = float(0.0)
+                weight_2 = float(0.0)
+                weight_3 = float(0.0)
                 for k in range(2 * radius + wp.static(SUMMED_ROWS)):
-                    equation = equations_in[world, wp.clamp(y + k - radius, 0, height - 1), c, x]
-                    sum_0 += equation * window_in[k + 3]
-                    sum_1 += equation * window_in[k + 2]
-                    sum_2 += equation * window_in[k + 1]
-                    sum_3 += equation * window_in[k]
-                write_sum(sums_out, sum_runs_out, world, y, c, run, width, radius, sum_0)
-                write_sum(sums_out, sum_runs_out, world, y + 1, c, run, width, radius, sum_1)
-                write_sum(sums_out, sum_runs_out, world, y + 2, c, run, width, radius, sum_2)
-                write_sum(sums_out, sum_runs_out, world, y + 3, c, run, width, radius, sum_3)
+                    equation = read(equations_in, world, wp.clamp(y + k - radius, 0, height - 1), c, x)
+                    weight_0 = window_in[k + wp.static(SUMMED_ROWS - 1)]
+                    sum_0 += equation * weight_0
+                    sum_1 += equation * weight_1
+                    sum_2 += equation * weight_2
+                    sum_3 += equation * weight_3
+                    weight_3 = weight_2
+                    weight_2 = weight_1
+                    weight_1 = weight_0
+                write(sums_out, sum_runs_out, world, y, c, run, width, radius, sum_0)
+                write(sums_out, sum_runs_out, world, y + 1, c, run, width, radius, sum_1)
+                write(sums_out, sum_runs_out, world, y + 2, c, run, width, radius, sum_2)
+                write(sums_out, sum_runs_out, world, y + 3, c, run, width, radius, sum_3)
 
     @wp.func
-    def sum_row(sums: wp.array4d(dtype=Run), window: wp.array(dtype=float), world: int, y: int, c: int, x: int) -> Run:
-        total = Run()
+    def sum_row(sums: wp.array4d(dtype=Run), window: wp.array(dtype=float), world: int, y: int, c: int, x: int) -> Sum:
+        total = Sum()
         for k in range(0, window.shape[0], wp.static(ROW_STEP)):
-            first = sums[world, y, c, x + k] * window[k] + sums[world, y, c, x + k + 1] * window[k + 1]
-            second = sums[world, y, c, x + k + 2] * window[k + 2] + sums[world, y, c, x + k + 3] * window[k + 3]
+            first = read(sums, world, y, c, x + k) * window[k] + read(sums, world, y, c, x + k + 1) * window[k + 1]
+            second = (
+                read(sums, world, y, c, x + k + 2) * window[k + 2] + read(sums, world, y, c, x + k + 3) * window[k + 3]
+            )
             total += first + second
         return total
 
     @wp.func
     def solution(sums: wp.array4d(dtype=Run), window: wp.array(dtype=float), world: int, y: int, x: int):
-        gxx = sum_row(sums, window, world, y, 0, x)
-        gxy = sum_row(sums, window, world, y, 1, x)
-        gyy = sum_row(sums, window, world, y, 2, x)
-        hx = sum_row(sums, window, world, y, 3, x)
-        hy = sum_row(sums, window, world, y, 4, x)
+        gxx = Run()
+        gxy = Run()
+        gyy = Run()
+        hx = Run()
+        hy = Run()
+        if wp.static(planes == 1):
+            gxx = sum_row(sums, window, world, y, 0, x)
+            gxy = sum_row(sums, window, world, y, 1, x)
+            gyy = sum_row(sums, window, world, y, 2, x)
+            hx = sum_row(sums, window, world, y, 3, x)
+            hy = sum_row(sums, window, world, y, 4, x)
+        else:
+            pixel = sum_row(sums, window, world, y, 0, x)
+            gxx[0] = pixel[0]
+            gxy[0] = pixel[1]
+            gyy[0] = pixel[2]
+            hx[0] = pixel[3]
+            hy[0] = pixel[4]
         determinant = wp.cw_mul(gxx, gyy) - wp.cw_mul(gxy, gxy)
         inverse = Run()
         for i in range(wp.static(lanes)):

@@ -176,7 +176,10 @@ class Level:
         yield self._walk(equations_kernel(self.lanes), height, width, arguments)
         kernels = solution_kernels(self.lanes)
         arguments = [tables.column_window, self._runs(equations), sums, self._runs(sums)]
-        yield self._walk(kernels.sum_columns, -(-height // SUMMED_ROWS), width, arguments)
+        blocks = self.worlds, -(-height // SUMMED_ROWS), run_count(width, self.lanes)
+        if self.lanes == 1:
+            blocks = *blocks[:2], sums.shape[3]
+        yield self._launch(kernels.sum_columns, blocks, [width, *arguments])
         arguments = [tables.row_window, self._runs(sums), self._runs(self.displacement)]
         yield self._walk(kernels.solve, height, width, arguments)
 
@@ -199,9 +202,11 @@ class Level:
         return runs(image, self.lanes)
 
     def _walk(self, kernel: Any, height: int, width: int, arguments: list[Any]) -> PixelLaunch:
-        grid = self.worlds, height, run_count(width, self.lanes)
-        threads = self.threads if self.worlds * height * width > SMALL else 1
-        return PixelLaunch(kernel, grid, [width, *arguments], self.device, threads)
+        return self._launch(kernel, (self.worlds, height, run_count(width, self.lanes)), [width, *arguments])
+
+    def _launch(self, kernel: Any, grid: tuple[int, int, int], arguments: list[Any]) -> PixelLaunch:
+        threads = self.threads if np.prod(grid) * self.lanes > SMALL else 1
+        return PixelLaunch(kernel, grid, arguments, self.device, threads)
 
 
 def _expand_shapes(tables: LevelTables, worlds: int) -> list[tuple[int, ...]]:
