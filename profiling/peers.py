@@ -111,7 +111,8 @@ def predict_update(case: FilterCase, rounds: int) -> list[Metric]:
     default = DenseJacobian(height=height, width=width, joints=joints, device="cpu")
     filters = {"ours": our_filter(case), "ours, default mode": default}
     filters |= {name: peer_class(*case.size, case.noises) for name, peer_class in PEERS.items()}
-    seconds = interleaved({name: _cycled(filter_, case) for name, filter_ in filters.items()}, rounds)
+    updates = {name: _cycled(filter_, case) for name, filter_ in filters.items()}
+    seconds = interleaved(updates, rounds, calls=5)
     ours = seconds["ours"]
     rows = [
         [name, f"{1e3 * np.median(spent):.2f}", f"{median_ratio(spent, ours):.2f}"] for name, spent in seconds.items()
