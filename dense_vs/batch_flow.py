@@ -14,6 +14,10 @@ from dense_vs.kernels.launch import launch_pixels
 BATCH_METHODS = {
     "farneback-warp": FarnebackOptions(winsize=11, levels=2, iterations=1),
     "farneback-paper-warp": FarnebackOptions(winsize=15, levels=3, iterations=3),
+    # Against the first: median error 8 % less, near outlines 13 % less, for the same time (profiling/flow_methods.py).
+    "farneback-gaussian-warp": FarnebackOptions(
+        winsize=17, levels=2, iterations=1, poly_sigma=1.5, gaussian_window=True
+    ),
 }
 
 
@@ -31,8 +35,9 @@ class BatchFlow:
 
     Args:
         worlds, height, width: of the images.
-        method: ``"farneback-warp"`` (window 11, 2 levels, 1 iteration) or ``"farneback-paper-warp"`` (15, 3, 3), or
-            options of one's own.
+        method: ``"farneback-warp"`` (window 11, 2 levels, 1 iteration), ``"farneback-paper-warp"`` (15, 3, 3),
+            ``"farneback-gaussian-warp"`` (Gaussian window of 17, 2, 1; the most accurate of them), or options of
+            one's own.
         device: ``"auto"``, ``"cpu"``, ``"cuda"`` or ``"cuda:N"``.
         threads: on a CPU; see :func:`dense_vs.device.resolve_threads`.
 

@@ -48,6 +48,7 @@ def _on_device(method: str) -> Callable[..., Callable]:
     return make
 
 
+ON_DEVICE = ("farneback-warp", "farneback-paper-warp", "farneback-gaussian-warp")  # as in batch_flow.py
 METHODS: dict[str, Callable[..., Callable]] = {
     # Found by profiling/flow_methods.py --scan, by the error of J after babbling for the time the flow takes.
     "dis": _dis(
@@ -62,10 +63,8 @@ METHODS: dict[str, Callable[..., Callable]] = {
     "dis-ultrafast": _dis(cv2.DISOPTICAL_FLOW_PRESET_ULTRAFAST),
     "farneback": _farneback(window=11, levels=2, iterations=1),
     "farneback-paper": _farneback(window=15, levels=3, iterations=3),
-    "farneback-warp": _on_device("farneback-warp"),
-    "farneback-paper-warp": _on_device("farneback-paper-warp"),
+    **{name: _on_device(name) for name in ON_DEVICE},
 }
-ON_DEVICE = ("farneback-warp", "farneback-paper-warp")
 
 
 class FlowEstimator:
@@ -75,8 +74,9 @@ class FlowEstimator:
         method: ``"dis"``, dense inverse search down to the full resolution with one step of refinement (default);
             ``"dis-fast"``, without the refinement; ``"farneback"``, polynomial expansion with a small window;
             ``"farneback-paper"``, window 15, 3 levels, 3 iterations; ``"dis-medium"`` and ``"dis-ultrafast"``,
-            OpenCV's presets; ``"farneback-warp"`` and ``"farneback-paper-warp"``, the two of Farneback's in Warp,
-            faster the more so where an image is one call's present and the next one's previous.
+            OpenCV's presets; ``"farneback-warp"`` and ``"farneback-paper-warp"``, the same two in Warp;
+            ``"farneback-gaussian-warp"``, more accurate than either. Those in Warp do less where an image is one
+            call's present and the next one's previous.
         height, width: image size [px].
         device, threads: of the methods in Warp; ``"auto"`` is a GPU where there is one. OpenCV's run on the CPU.
 

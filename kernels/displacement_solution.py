@@ -5,11 +5,12 @@ The window's weights are separable: sums down columns, then along rows, then a 2
 
 from functools import cache
 from types import SimpleNamespace
+from typing import Any
 
 import warp as wp
 
 from dense_vs.kernels.displacement_equations import EQUATIONS
-from dense_vs.kernels.pixel_runs import CPU_FLAGS_SHALLOW, run_begin, run_module, run_type
+from dense_vs.kernels.pixel_runs import CPU_FLAGS_SHALLOW, lanes_on, run_begin, run_module, run_type
 
 wp.set_module_options({"enable_backward": False})
 
@@ -18,13 +19,20 @@ ROW_STEP = 4  # pixels of a window's row that are added at once
 REGULARISATION = 1e-3  # added to the determinant, so that d is 0 where there is no texture
 
 
+def solution_lanes(device: Any) -> int:
+    """Pixels that these kernels compute at once on a device.
+
+    A CPU's registers hold a run of one of the five sums, a GPU thread's all five of a pixel.
+    """
+    return lanes_on(device) if wp.get_device(device).is_cpu else 1
+
+
 @cache
 def solution_kernels(lanes: int) -> SimpleNamespace:
     """The sums over windows, and the solution."""
     Run = run_type(lanes)
     kernel = wp.kernel(module=run_module(f"{__name__}_{lanes}", CPU_FLAGS_SHALLOW), enable_backward=False)
 
-    # A CPU's registers hold a run of one plane, a GPU thread's a pixel of all five.
     planes = EQUATIONS if lanes == 1 else 1
     Sum = run_type(lanes * planes)
 

@@ -8,7 +8,7 @@ import numpy as np
 import warp as wp
 
 from dense_vs.kernels.displacement_equations import EQUATIONS, certainty, equations_kernel
-from dense_vs.kernels.displacement_solution import ROW_STEP, SUMMED_ROWS, solution_kernels
+from dense_vs.kernels.displacement_solution import ROW_STEP, SUMMED_ROWS, solution_kernels, solution_lanes
 from dense_vs.kernels.launch import PixelLaunch
 from dense_vs.kernels.pixel_runs import lanes_on, run_count, runs
 from dense_vs.kernels.polynomial_expansion import COEFFICIENTS, applicability, expansion_kernels
@@ -174,18 +174,17 @@ class Level:
         arguments = [self.slot, self.restarted, self.expansion, self._runs(self.expansion), self._runs(begin)]
         arguments += [self._runs(tables.certainty_x), tables.certainty_y, self._runs(equations)]
         yield self._walk(equations_kernel(self.lanes), height, width, arguments)
-        kernels = solution_kernels(self.lanes)
-        arguments = [tables.column_window, self._runs(equations), sums, self._runs(sums)]
-        blocks = self.worlds, -(-height // SUMMED_ROWS), run_count(width, self.lanes)
-        if self.lanes == 1:
-            blocks = *blocks[:2], sums.shape[3]
-        yield self._launch(kernels.sum_columns, blocks, [width, *arguments])
-        arguments = [tables.row_window, self._runs(sums), self._runs(self.displacement)]
-        yield self._walk(kernels.solve, height, width, arguments)
+        lanes = solution_lanes(self.device)
+        kernels = solution_kernels(lanes)
+        arguments = [width, tables.column_window, runs(equations, lanes), sums, runs(sums, lanes)]
+        columns = run_count(width, lanes) if lanes > 1 else sums.shape[3]
+        yield self._launch(kernels.sum_columns, -(-height // SUMMED_ROWS), columns, arguments)
+        arguments = [width, tables.row_window, runs(sums, lanes), runs(self.displacement, lanes)]
+        yield self._launch(kernels.solve, height, run_count(width, lanes), arguments)
 
     def answer(self, flow: wp.array) -> PixelLaunch:
         """The displacement in our convention."""
-        kernel = solution_kernels(self.lanes).backward_flow
+        kernel = solution_kernels(solution_lanes(self.device)).backward_flow
         return PixelLaunch(kernel, flow.shape, [self.displacement, flow], self.device, self.threads)
 
     def _rows(self, table: BandTable, source: wp.array, target: wp.array) -> PixelLaunch:
@@ -202,11 +201,11 @@ class Level:
         return runs(image, self.lanes)
 
     def _walk(self, kernel: Any, height: int, width: int, arguments: list[Any]) -> PixelLaunch:
-        return self._launch(kernel, (self.worlds, height, run_count(width, self.lanes)), [width, *arguments])
+        return self._launch(kernel, height, run_count(width, self.lanes), [width, *arguments])
 
-    def _launch(self, kernel: Any, grid: tuple[int, int, int], arguments: list[Any]) -> PixelLaunch:
-        threads = self.threads if np.prod(grid) * self.lanes > SMALL else 1
-        return PixelLaunch(kernel, grid, arguments, self.device, threads)
+    def _launch(self, kernel: Any, height: int, columns: int, arguments: list[Any]) -> PixelLaunch:
+        threads = self.threads if self.worlds * height * columns * self.lanes > SMALL else 1
+        return PixelLaunch(kernel, (self.worlds, height, columns), arguments, self.device, threads)
 
 
 def _expand_shapes(tables: LevelTables, worlds: int) -> list[tuple[int, ...]]:

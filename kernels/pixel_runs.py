@@ -3,7 +3,7 @@
 Seen through :func:`runs`, element ``[..., x]`` of an image is the vector of the ``lanes`` pixels from x on: the
 elements overlap, and any x may be read or written. A kernel computes a run at once and steps by ``lanes``; the
 last run of a row is moved left until it fits, so that its first pixels are computed twice, to the same
-value. On a GPU ``lanes`` is 1 and the same kernel is one of a thread a pixel.
+value. On a GPU the same kernel is one of a thread a pixel or two.
 """
 
 from typing import Any
@@ -11,6 +11,7 @@ from typing import Any
 import warp as wp
 
 CPU_LANES = 16
+GPU_LANES = 2  # less to compute per pixel for where it lies
 # Warp's own flags cut short the compiler's search for vector instructions: half the speed. A fused
 # multiply-add needs asking for.
 CPU_FLAGS = "-march=native -ffp-contract=fast"
@@ -20,7 +21,7 @@ _SIZES = {wp.float32: 4, wp.uint8: 1}
 
 def lanes_on(device: Any) -> int:
     """Pixels that a kernel computes at once on a device; a row must have at least as many."""
-    return CPU_LANES if wp.get_device(device).is_cpu else 1
+    return CPU_LANES if wp.get_device(device).is_cpu else GPU_LANES
 
 
 def run_module(name: str, cpu_flags: str = CPU_FLAGS) -> Any:

@@ -5,7 +5,8 @@ import pytest
 import warp as wp
 
 from dense_vs import BatchFlow, DenseVSError, FlowEstimator
-from dense_vs.flow import to_gray
+from dense_vs.batch_flow import BATCH_METHODS
+from dense_vs.flow import ON_DEVICE, to_gray
 
 
 @pytest.fixture(scope="module")
@@ -62,6 +63,10 @@ def test_pairs_that_do_not_continue_each_other(sequence):
     flow(sequence[0, 0], buffer)
     buffer[:] = sequence[2, 0]
     np.testing.assert_array_equal(flow(buffer, sequence[3, 0]), alone(sequence, 3, 0))
+
+
+def test_the_names_are_known_without_importing_warp():
+    assert tuple(BATCH_METHODS) == ON_DEVICE
 
 
 @pytest.mark.parametrize(
