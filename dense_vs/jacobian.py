@@ -62,15 +62,18 @@ class DenseJacobian:
         """J, float32 ``(H, W, 2, N)`` [px/rad]: rows x and y, a column a joint.
 
         On a CPU a read-only NumPy view, valid until the next ``update``: copy what is to be kept. On a
-        GPU a Warp array that stays there (``.numpy()`` reads it back, dlpack shares it).
+        GPU a Warp array that stays there (``.numpy()`` reads it back, dlpack shares it); for several worlds
+        ``(worlds, H, W)`` of 2 x N matrices, as Warp's arrays have four dimensions at most.
         """
         present = self.filter.present()
         if self.device.is_cpu:
             return self._unbatch(_read_only(present.numpy()))
-        shape = (*self.filter.shape, 2, self.options.joints)
+        if self.options.worlds > 1:
+            return present
+        shape = (self.options.height, self.options.width, 2, self.options.joints)
         scalars: Any = wp.array(ptr=present.ptr, dtype=wp.float32, shape=shape, device=self.device)
         scalars._source = present  # the view does not own the memory
-        return scalars[0] if self.options.worlds == 1 else scalars
+        return scalars
 
     def to_numpy(self) -> np.ndarray:
         """J as NumPy, ``(H, W, 2, N)``: the view of :attr:`jacobian` on a CPU, a copy from a GPU."""
