@@ -15,7 +15,7 @@ GPU_LANES = 2  # less to compute per pixel for where it lies
 # Warp's own flags cut short the compiler's search for vector instructions: half the speed. A fused
 # multiply-add needs asking for.
 CPU_FLAGS = "-march=native -ffp-contract=fast"
-CPU_FLAGS_SHALLOW = f"{wp.config.cpu_compiler_flags} -ffp-contract=fast"
+CPU_FLAGS_SHALLOW = f"{wp.config.cpu_compiler_flags or '-march=native'} -ffp-contract=fast"
 _SIZES = {wp.float32: 4, wp.uint8: 1}
 
 
