@@ -116,7 +116,9 @@ class PairFlow:
     def __call__(self, present: np.ndarray, previous: np.ndarray) -> np.ndarray:
         """Displacement from the present image to the previous one, the negative of the flow."""
         if self._method is None or self._method.image.shape[1:] != present.shape:
-            self._method = Farneback(1, *present.shape, self._options, device=self._device, threads=self._threads)
+            height, width = present.shape
+            options = self._options
+            self._method = Farneback(1, height, width, options, device=self._device, threads=self._threads)
             self._latest = None
         if self._latest is None or not np.array_equal(self._latest, previous):
             self._push(self._method, previous)
