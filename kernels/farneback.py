@@ -43,6 +43,19 @@ class FarnebackOptions:
     poly_sigma: float = 1.1
     gaussian_window: bool = False
 
+    def __post_init__(self) -> None:
+        limits = {
+            "pyr_scale": 0 < self.pyr_scale < 1 or "between 0 and 1",
+            "levels": self.levels >= 0 or "at least 0",
+            "winsize": self.winsize >= 3 or "at least 3",
+            "iterations": self.iterations >= 1 or "at least 1",
+            "poly_n": self.poly_n >= 1 or "at least 1",
+            "poly_sigma": self.poly_sigma > 0 or "above 0",
+        }
+        for name, expected in limits.items():
+            if expected is not True:
+                raise ValueError(f"{name} is {getattr(self, name)!r}; expected {expected}")
+
     def window(self) -> np.ndarray:
         """Weights of the averaging window along one axis, shape (2 (winsize // 2) + 1,)."""
         radius = self.winsize // 2

@@ -174,6 +174,16 @@ def test_refuses_small_images():
         Farneback(1, 15, 40, device="cpu")
 
 
+@pytest.mark.parametrize(
+    "options",
+    [{"pyr_scale": 1.0}, {"levels": -1}, {"winsize": 2}, {"iterations": 0}, {"poly_n": 0}, {"poly_sigma": 0.0}],
+    ids=str,
+)
+def test_refuses_options(options):
+    with pytest.raises(ValueError, match=f"{next(iter(options))} is .*; expected "):
+        FarnebackOptions(**options)
+
+
 @pytest.mark.gpu
 @pytest.mark.skipif(not wp.is_cuda_available(), reason="no CUDA device")
 def test_a_captured_graph_agrees_with_the_cpu():
