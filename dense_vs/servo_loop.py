@@ -149,7 +149,7 @@ class ServoLoop:
         self.tracker = PointTracker(point, self.frame.gray, weights=weights, **options)
 
     def reach(self, target: Any, *, tolerance: float = 1.0, settle_frames: int = 5, max_frames: int = 150) -> Reach:
-        """Servo the defined point to a target.
+        """Servo the defined point to a target; stops where the tracker has lost the point, as it would go on blind.
 
         Args:
             target: ``(2,)`` [px].
@@ -163,15 +163,18 @@ class ServoLoop:
         self.target = point_array(target, "target")
         settled = frames = 0
         distance = float(np.hypot(*(self.point - self.target)))
-        while frames < max_frames and settled < settle_frames:
+        while frames < max_frames and settled < settle_frames and not self._lost:
             J = self.estimator.at(self.point)[0]
             self.step(self.servo(J, self.point, self.target, self.frame.positions))
             frames += 1
             distance = float(np.hypot(*(self.point - self.target)))
             settled = settled + 1 if distance <= tolerance else 0
-        lost = bool(self.tracker is not None and self.tracker.lost[0])
         goal = float(self.target[0]), float(self.target[1])
-        return Reach(goal, frames, distance, settled >= settle_frames and not lost, lost)
+        return Reach(goal, frames, distance, settled >= settle_frames and not self._lost, self._lost)
+
+    @property
+    def _lost(self) -> bool:
+        return bool(self.tracker is not None and self.tracker.lost[0])
 
     def _take(self, image: np.ndarray, time: float) -> Frame:
         self._buffer.add(*self.robot.joints())
