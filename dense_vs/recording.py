@@ -13,6 +13,8 @@ from dense_vs.joint_log import JointLog
 from dense_vs.pipeline import Frame, FramePipeline, scaled_size
 from dense_vs.video import VideoReader
 
+STAMP_ROUNDING = 1e-4  # s; a log that ends with a frame, its stamps rounded, still covers that frame
+
 
 class Recording:
     """A video and the joint log recorded with it.
@@ -76,11 +78,12 @@ class Recording:
         used, begin, end = 0, np.inf, -np.inf
         for image, time in self.video:
             begin, end = min(begin, time), max(end, time)
-            if not first <= time <= last:
+            if not first - STAMP_ROUNDING <= time <= last + STAMP_ROUNDING:
                 self.skipped_frames += 1
                 continue
             used += 1
-            yield pipeline.process(image, time, self.log.at(np.array([time]))[0]), pipeline.estimator
+            positions = self.log.at(np.clip([time], first, last))[0]
+            yield pipeline.process(image, time, positions), pipeline.estimator
         if used < 2:
             raise self._apart(begin, end)
 

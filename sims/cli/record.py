@@ -110,6 +110,7 @@ def _sampled(
     # Half a period at most, so that the readings keep their order.
     shifts = np.clip(random.normal(0.0, jitter, len(ticks)), -0.45 / rate, 0.45 / rate)
     taken = np.clip(ticks + shifts, times[0], times[-1])
+    taken[0] = times[0]  # the log covers the whole video
     taken = np.append(taken[np.append(True, np.diff(taken) > 0)], times[-1])
     taken = taken[np.append(True, np.diff(taken) > 0)]
     return taken, np.stack([np.interp(taken, times, column) for column in positions.T], axis=1)
