@@ -1,6 +1,7 @@
 """What commands print and write: progress, tables, JSON, versions."""
 
 import json
+import math
 import platform
 import sys
 from collections.abc import Sequence
@@ -47,10 +48,18 @@ def table(header: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
 
 
 def write_json(path: Path, content: Any) -> None:
-    """Write a JSON file, whole or not at all."""
+    """Write a JSON file, whole or not at all; numbers that JSON has no form for, as NaN, become null."""
     with atomic_write(path, "w") as stream:
-        json.dump(content, stream, indent=2)
+        json.dump(_finite(content), stream, indent=2, allow_nan=False)
         stream.write("\n")
+
+
+def _finite(content: Any) -> Any:
+    if isinstance(content, dict):
+        return {name: _finite(value) for name, value in content.items()}
+    if isinstance(content, (list, tuple)):
+        return [_finite(value) for value in content]
+    return None if isinstance(content, float) and not math.isfinite(content) else content
 
 
 def note_first_run() -> None:
