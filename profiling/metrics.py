@@ -10,6 +10,8 @@ from importlib import metadata
 from pathlib import Path
 from typing import Any, Literal
 
+import warp as wp
+
 from dense_vs.cli.output import table
 from dense_vs.files import atomic_write
 from dense_vs.kernels.launch import available_cores
@@ -70,7 +72,12 @@ def _header() -> dict[str, Any]:
             continue
     return {
         "date": datetime.now(UTC).isoformat(timespec="seconds"),
-        "machine": {"cpu": _cpu_name(), "cores": available_cores(), "system": platform.platform()},
+        "machine": {
+            "cpu": _cpu_name(),
+            "cores": available_cores(),
+            "gpus": [device.name for device in wp.get_cuda_devices()],
+            "system": platform.platform(),
+        },
         "versions": versions,
     }
 

@@ -16,6 +16,8 @@ OFFSET = 0.015
 
 @pytest.fixture(scope="module")
 def reached(tmp_path_factory):
+    pytest.importorskip("av", reason="writing video needs PyAV")
+    pytest.importorskip("matplotlib", reason="plots need Matplotlib")
     out = tmp_path_factory.mktemp("reach")
     arguments = ["reach", "--robot", "planar", "--targets", "2", "--babble", "5", "--seed", "3", "--device", "cpu"]
     assert main([*arguments, "--out", str(out)]) == 0
@@ -24,6 +26,7 @@ def reached(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def estimated(tmp_path_factory):
+    pytest.importorskip("av", reason="writing video needs PyAV")
     recording, out = tmp_path_factory.mktemp("recording"), tmp_path_factory.mktemp("estimate")
     times = ["--time-offset", str(OFFSET)]
     record = ["record", "--robot", "planar", "--seed", "3", "--device", "cpu", "--truth-every", "1000"]
