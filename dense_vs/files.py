@@ -60,6 +60,7 @@ def read_arrays(path: str | os.PathLike[str], what: str) -> dict[str, np.ndarray
                 raise ValueError("it holds a single array")
             with stored:
                 return {name: stored[name] for name in stored.files}
+    # NotImplementedError is zipfile's word for a compression that it does not know.
     except (OSError, ValueError, KeyError, EOFError, NotImplementedError, zipfile.BadZipFile, zlib.error) as error:
         raise DenseVSError(f"cannot read {path} as {what}: {error}") from error
 

@@ -4,12 +4,14 @@ This is what one writes from the paper, with the ``interpn`` that it names, or w
 plane-wise versions beside it (``peer_scipy.py``, ``peer_numpy.py``) are what NumPy is fastest with.
 """
 
+from abc import ABC, abstractmethod
+
 import numpy as np
 from filter_case import FilterNoises
 from scipy.interpolate import interpn
 
 
-class PlainFilter:
+class PlainFilter(ABC):
     """State, prediction (14) and update (9) to (11), float32 as the library's own."""
 
     def __init__(self, height: int, width: int, joints: int, noises: FilterNoises):
@@ -19,9 +21,9 @@ class PlainFilter:
         self._pixels = np.moveaxis(np.indices((height, width), dtype=np.float32), 0, -1)  # row, column
         self._last = np.array([height - 1, width - 1], dtype=np.float32)
 
+    @abstractmethod
     def moved(self, places: np.ndarray) -> np.ndarray:
         """J at (row, column) ``places`` ``(H, W, 2)``."""
-        raise NotImplementedError
 
     def update(self, flow: np.ndarray, dq: np.ndarray) -> None:
         """One frame."""
