@@ -17,7 +17,7 @@ check: $(VENV)/.dev
 	$(RUN)/ruff format --check .
 	$(RUN)/pyright --pythonpath $(RUN)/python
 
-bench: $(VENV)/.dev
+bench: $(VENV)/.bench
 	$(RUN)/python profiling/peers.py
 	$(RUN)/python profiling/frame_budget.py
 
@@ -34,6 +34,11 @@ $(VENV)/.sims: pyproject.toml constraints.txt | $(VENV)/bin/python
 	@touch $@
 
 $(VENV)/.dev: pyproject.toml constraints.txt | $(VENV)/bin/python
-	@echo "installing everything that tests and benchmarks need (first run only, about two minutes)"
-	$(RUN)/python -m pip install --quiet -c constraints.txt -e ".[sims,viz,bench,dev]"
+	@echo "installing everything that tests need (first run only, about two minutes)"
+	$(RUN)/python -m pip install --quiet -c constraints.txt -e ".[sims,viz,vos,dev]"
 	@touch $@ $(VENV)/.sims
+
+$(VENV)/.bench: $(VENV)/.dev
+	@echo "installing what profiling/ compares with (PyTorch among it)"
+	$(RUN)/python -m pip install --quiet -c constraints.txt -e ".[bench]"
+	@touch $@

@@ -15,6 +15,7 @@ COMMANDS = {
     "estimate": "dense_vs.cli.estimate",
     "reach": "dense_vs.sims.cli.reach",
     "record": "dense_vs.sims.cli.record",
+    "reproduce": "dense_vs.sims.cli.reproduce",
 }
 EXTRAS = {"mujoco": "sims", "mujoco_warp": "sims", "av": "viz", "matplotlib": "viz"}
 

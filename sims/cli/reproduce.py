@@ -1,0 +1,63 @@
+"""``dense-vs reproduce PAPER EXPERIMENT``: a published experiment on a simulated robot, paper's figures beside ours."""
+
+import argparse
+import time
+from importlib import import_module
+from pathlib import Path
+
+from dense_vs.cli.options import add_device_arguments
+from dense_vs.cli.output import versions, write_json
+from dense_vs.sims.experiments import EXPERIMENTS
+
+HELP = "repeat a paper's experiment on a simulated robot"
+PAPERS = {
+    "dije": "dense image Jacobian estimation: self-recognition, markerless servoing, tools",
+    "generative": "the generative model: kinematics, structure and cameras learnt together",
+    "vosvs": "servoing, depth and grasping from object masks",
+}
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare a subcommand a paper and, below it, one an experiment."""
+    papers = parser.add_subparsers(dest="paper", required=True, metavar="PAPER")
+    for paper, experiments in EXPERIMENTS.items():
+        of_paper = papers.add_parser(paper, help=PAPERS[paper], description=PAPERS[paper].capitalize() + ".")
+        names = of_paper.add_subparsers(dest="experiment", required=True, metavar="EXPERIMENT")
+        for name, home in experiments.items():
+            module = import_module(home)
+            experiment = names.add_parser(name, help=module.HELP, description=module.__doc__)
+            experiment.add_argument(
+                "--seed", type=int, nargs="+", default=[0], metavar="N", dest="seeds", help="one or more (default: 0)"
+            )
+            experiment.add_argument(
+                "--out", type=Path, default=Path("out") / paper / name, metavar="DIR", help="folder for the pictures"
+            )
+            experiment.add_argument("--json", type=Path, metavar="FILE", help="write the figures here")
+            module.add_arguments(experiment)
+            add_device_arguments(experiment)
+            experiment.set_defaults(experiment_home=home)
+
+
+def run(arguments: argparse.Namespace) -> None:
+    """Run the command."""
+    from dense_vs.files import output_folder
+    from dense_vs.sims.experiments.rows import rows_json, rows_table
+
+    arguments.out = output_folder(arguments.out)
+    if arguments.json is not None:
+        output_folder(arguments.json.parent)
+    started = time.perf_counter()
+    rows = import_module(arguments.experiment_home).run(arguments)
+    seconds = time.perf_counter() - started
+    print(rows_table(rows))
+    print(f"{seconds:.0f} s; pictures in {arguments.out}")
+    if arguments.json is not None:
+        content = {
+            "paper": arguments.paper,
+            "experiment": arguments.experiment,
+            "rows": rows_json(rows),
+            "seeds": arguments.seeds,
+            "seconds": seconds,
+            "versions": versions(),
+        }
+        write_json(arguments.json, content)
