@@ -10,7 +10,9 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from dense_vs.babbling import Babbling as Babbling
     from dense_vs.batch_flow import BatchFlow as BatchFlow
+    from dense_vs.broyden import HadamardBroyden as HadamardBroyden
     from dense_vs.errors import DenseVSError as DenseVSError
+    from dense_vs.feature_servo import FeatureServo as FeatureServo
     from dense_vs.flow import FlowEstimator as FlowEstimator
     from dense_vs.jacobian import DenseJacobian as DenseJacobian
     from dense_vs.joint_log import JointLog as JointLog
@@ -27,8 +29,10 @@ _HOMES = {
     "Camera": "robot",
     "DenseJacobian": "jacobian",
     "DenseVSError": "errors",
+    "FeatureServo": "feature_servo",
     "FlowEstimator": "flow",
     "FramePipeline": "pipeline",
+    "HadamardBroyden": "broyden",
     "JointLog": "joint_log",
     "PointTracker": "tracker",
     "Robot": "robot",
