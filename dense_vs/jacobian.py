@@ -169,7 +169,7 @@ class DenseJacobian:
         Raises:
             DenseVSError: the file cannot be written.
         """
-        content: dict[str, Any] = {name: array.numpy() for name, array in self.filter.stored().items()}
+        content: dict[str, Any] = dict(self.filter.stored())
         content |= {"format": FORMAT, "format_version": FORMAT_VERSION}
         content |= {"options": json.dumps(asdict(self.options)), "updates": self.updates}
         with atomic_write(path) as stream:
@@ -194,14 +194,13 @@ class DenseJacobian:
             stored = [(name, array, content[name]) for name, array in estimator.filter.stored().items()]
         except (KeyError, ValueError, TypeError) as error:
             raise DenseVSError(f"{path} is damaged: {error}") from error
-        for name, array, found in stored:
-            expected = array.numpy()
+        for name, expected, found in stored:
             if found.shape != expected.shape or found.dtype != expected.dtype or not np.isfinite(found).all():
                 raise DenseVSError(
                     f"{path} is damaged: {name} has shape {found.shape} and dtype {found.dtype}; "
                     f"expected finite values of shape {expected.shape} and dtype {expected.dtype}"
                 )
-            array.assign(found)
+        estimator.filter.restore({name: found for name, _, found in stored})
         estimator.updates = updates
         return estimator
 

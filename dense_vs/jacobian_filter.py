@@ -1,7 +1,8 @@
 """The filter's arrays on the device and the launches that take it from one frame to the next.
 
 State and covariance are double-buffered: a frame reads one half and writes the other, then they change roles. Every
-launch is bound to its arrays once for each of the two roles, so that a frame allocates and packs nothing.
+launch is bound to its arrays once for each of the two roles, so that a frame allocates and packs nothing. On a GPU a
+frame can be captured in a graph, one for each role.
 """
 
 from collections.abc import Callable
@@ -11,9 +12,9 @@ import numpy as np
 import warp as wp
 
 from dense_vs.jacobian_options import JacobianOptions
-from dense_vs.kernels.covariance import fixed_gain, regressors, update_shared_covariance
+from dense_vs.kernels.covariance import fixed_gain, forget_covariance, regressors, update_shared_covariance
 from dense_vs.kernels.flow_field import count_bad_flow
-from dense_vs.kernels.image_jacobian import jacobian_kernels
+from dense_vs.kernels.image_jacobian import Layout, forget_state, jacobian_kernels
 from dense_vs.kernels.launch import PixelLaunch, launch_pixels
 
 
@@ -24,10 +25,12 @@ class JacobianFilter:
         options: checked options.
         device: Warp device.
         threads: CPU threads.
+        layout: of the state, see :mod:`dense_vs.kernels.image_jacobian`; ``"planes"`` on a GPU unless given.
+        flow: (B, H, W) of vec2 that someone else fills; an array of its own unless given.
 
     Attributes:
         shape: (B, H, W).
-        state: two of (B, H, W) matrices (2, C), at the reference posture.
+        state: two images of (2, C) states, at the reference posture.
         covariance: two of (B, C, C) float64; (B, H, W) of (N) or (N, N) float32 where each pixel has its own.
         displacement: two of (B, N) float64, joint displacement from the reference posture [rad].
         now: which of each two is the present one.
@@ -36,40 +39,53 @@ class JacobianFilter:
         bad: (B, H) int32, pixels of each row whose flow is not finite.
     """
 
-    def __init__(self, options: JacobianOptions, device: wp.Device, threads: int):
+    def __init__(
+        self,
+        options: JacobianOptions,
+        device: wp.Device,
+        threads: int,
+        *,
+        layout: Layout | None = None,
+        flow: wp.array | None = None,
+    ):
         assert options.order is not None  # the options have resolved it
         self.options, self.device, self.threads = options, device, threads
-        self.kernels = jacobian_kernels(options.joints, options.order)
+        self.layout: Layout = layout or ("matrices" if device.is_cpu else "planes")
+        self.kernels = jacobian_kernels(options.joints, options.order, self.layout)
         self.shape = (options.worlds, options.height, options.width)
-        self._allocate()
+        self._present: Any = None
+        self._allocate(flow)
         self._record()
         self.reset()
 
     def reset(self) -> None:
         """J = 0 and H = 0 with their initial variances, at the present posture."""
-        options = self.options
         self.now = 0
         self._present_known = False
         self.state[0].zero_()
         self.displacement[0].zero_()
         self.bad.zero_()
-        if options.covariance == "diagonal":
-            self.covariance[0].fill_(options.initial_variance)
-            return
-        columns = self.kernels.columns
-        of_jacobian = np.arange(columns) < options.joints
-        variances = np.where(of_jacobian, options.initial_variance, options.initial_hessian_variance)
-        cells = self.shape if options.covariance == "full" else self.shape[:1]
-        self.covariance[0].assign(np.broadcast_to(np.diag(variances), (*cells, columns, columns)))
+        self.covariance[0].assign(self._initial_covariance())
 
-    def stored(self) -> dict[str, wp.array]:
-        """What the next frame depends on, by name."""
+    def stored(self) -> dict[str, np.ndarray]:
+        """What the next frame depends on, by name: the state (B, H, W, 2, C), its covariance, the displacement."""
         now = self.now
-        return {
-            "state": self.state[now],
-            "covariance": self.covariance[now],
-            "displacement": self.displacement[now],
-        }
+        state = self.state[now].numpy()
+        if self.layout == "planes":
+            worlds, height, width = self.shape
+            state = np.moveaxis(state.reshape(worlds, 2, -1, height, width), (1, 2), (3, 4))
+        covariance, displacement = self.covariance[now].numpy(), self.displacement[now].numpy()
+        return {"state": state, "covariance": covariance, "displacement": displacement}
+
+    def restore(self, stored: dict[str, np.ndarray]) -> None:
+        """Go on from what :meth:`stored` gave."""
+        state = stored["state"]
+        if self.layout == "planes":
+            state = np.moveaxis(state, (3, 4), (1, 2)).reshape(self.state[self.now].shape)
+        self.state[self.now].assign(np.ascontiguousarray(state))
+        self.covariance[self.now].assign(stored["covariance"])
+        self.displacement[self.now].assign(stored["displacement"])
+        self._present_known = False
 
     def stage(self, flow: wp.array) -> None:
         """Take in the flow (B, H, W) of vec2 of the next frame and count its bad pixels; no state changes."""
@@ -80,19 +96,54 @@ class JacobianFilter:
     def advance(self, joint_step: np.ndarray) -> None:
         """Predict and correct by the staged flow and the joint step (B, N) float32 [rad]."""
         self.dq.assign(joint_step)
+        self.advance_on_device()
+
+    def advance_on_device(self) -> None:
+        """Predict and correct by what ``flow`` and ``dq`` hold."""
         self.regress[self.now]()
         self.update_gain[self.now]()
         self.predict[self.now]()
         self.correct[self.now]()
+        self.turn()
+
+    def turn(self) -> None:
+        """Let the two halves of the buffers change roles; for those who replay what they captured."""
         self.now = 1 - self.now
         self._present_known = False
 
+    def forget(self, where: wp.array) -> None:
+        """J = 0 and H = 0 with their initial variances in the worlds where ``where`` (B,) int is not 0; for a
+        covariance that all pixels of a world share.
+        """
+        now = self.now
+        wp.launch(
+            forget_state,
+            dim=self._floats[now].shape[:2],
+            inputs=[where],
+            outputs=[self._floats[now]],
+            device=self.device,
+        )
+        wp.launch(
+            forget_covariance,
+            dim=self.shape[0],
+            inputs=[where, self.options.initial_variance, self.options.initial_hessian_variance],
+            outputs=[self.covariance[now], self.displacement[now]],
+            device=self.device,
+        )
+        self._present_known = False
+
     def present(self) -> wp.array:
-        """J at the present posture, (B, H, W) of (2, N); in order 2 computed when first asked for."""
-        if self._present is None:
+        """J at the present posture, (B, H, W) of (2, N); computed when first asked for where the state is another."""
+        if self.options.order == 1 and self.layout == "matrices":
             return self.state[self.now]
+        if self._present is None:
+            self._present = wp.zeros(self.shape, dtype=self.kernels.Jacobian, device=self.device)
+            self._read = [
+                self._pixels(self.kernels.read_jacobian, [self.state[now], self.displacement[now], self._present])
+                for now in range(2)
+            ]
         if not self._present_known:
-            self.read[self.now]()
+            self._read[self.now]()
             self._present_known = True
         return self._present
 
@@ -105,7 +156,7 @@ class JacobianFilter:
         row = wp.empty_like(self.regressor)
         wp.launch(regressors, dim=row.shape, inputs=[dq, displacement], outputs=[row], device=self.device)
         out: Any = wp.empty_like(self.flow)
-        arguments = [self.state[self.now], _as_vectors(row, self.kernels.StateRow), out]
+        arguments = [self.state[self.now], _seen_as(row, self.kernels.StateRow, row.shape[:1]), out]
         launch_pixels(self.kernels.predicted_flow, self.shape, arguments, self.device, self.threads)
         return out
 
@@ -117,52 +168,71 @@ class JacobianFilter:
         wp.launch(self.kernels.sample_points, dim=where.shape, inputs=inputs, outputs=[out], device=self.device)
         return out
 
-    def _allocate(self) -> None:
+    def _allocate(self, flow: wp.array | None) -> None:
         options, kernels, device = self.options, self.kernels, self.device
         worlds, joints, columns = options.worlds, options.joints, kernels.columns
+        height, width = options.height, options.width
         per_pixel = {"diagonal": kernels.JointVector, "full": kernels.Covariance}.get(options.covariance)
 
         def pair(shape: tuple[int, ...], dtype: Any) -> list[Any]:
             return [wp.zeros(shape, dtype=dtype, device=device) for _ in range(2)]
 
-        self.state = pair(self.shape, kernels.State)
+        if self.layout == "planes":
+            self.state = self._floats = pair((2 * columns * worlds, height, width), wp.float32)
+        else:
+            self.state = pair(self.shape, kernels.State)
+            self._floats = [_seen_as(array, wp.float32, (worlds, height, 2 * columns * width)) for array in self.state]
         self.covariance = pair(self.shape, per_pixel) if per_pixel else pair((worlds, columns, columns), wp.float64)
         if options.covariance == "fixed":
             self.covariance[1] = self.covariance[0]
         self.displacement = pair((worlds, joints), wp.float64)
-        self._present = wp.zeros(self.shape, dtype=kernels.Jacobian, device=device) if options.order == 2 else None
         vec2: Any = wp.vec2
-        self.flow: Any = wp.zeros(self.shape, dtype=vec2, device=device)
-        self.model_flow: Any = wp.zeros(self.shape, dtype=vec2, device=device)
+        self.flow: Any = wp.zeros(self.shape, dtype=vec2, device=device) if flow is None else flow
+        self.model_flow: Any = None if self._once else wp.zeros(self.shape, dtype=vec2, device=device)
         self.bad: Any = wp.zeros(self.shape[:2], dtype=wp.int32, device=device)
         self.dq = wp.zeros((worlds, joints), dtype=wp.float32, device=device)
         self.regressor = wp.zeros((worlds, columns), dtype=wp.float32, device=device)
         self.gain = wp.zeros((worlds, columns), dtype=wp.float32, device=device)
         self.projected = wp.zeros((worlds, columns), dtype=wp.float64, device=device)
 
+    @property
+    def _once(self) -> bool:
+        """Whether a frame is one pass, without an image of J dq."""
+        return self.layout == "planes" and self.options.covariance in ("shared", "fixed")
+
+    def _initial_covariance(self) -> np.ndarray:
+        options, columns = self.options, self.kernels.columns
+        if options.covariance == "diagonal":
+            return np.full((*self.shape, options.joints), options.initial_variance, dtype=np.float32)
+        of_jacobian = np.arange(columns) < options.joints
+        variances = np.where(of_jacobian, options.initial_variance, options.initial_hessian_variance)
+        cells = self.shape if options.covariance == "full" else self.shape[:1]
+        return np.broadcast_to(np.diag(variances), (*cells, columns, columns))
+
     def _record(self) -> None:
         options, kernels = self.options, self.kernels
-        regressor, gain = (_as_vectors(array, kernels.StateRow) for array in (self.regressor, self.gain))
-        dq = _as_vectors(self.dq, kernels.JointVector)
-        moved_by = {
-            "model": [self.model_flow, options.prediction_iterations],
-            "flow": [self.flow, 1],
-            "none": [self.flow, 0],
-        }[options.prediction]
+        regressor, gain = (_seen_as(array, kernels.StateRow, array.shape[:1]) for array in (self.regressor, self.gain))
+        dq = _seen_as(self.dq, kernels.JointVector, self.dq.shape[:1])
+        by_model = options.prediction == "model"
+        iterations = {"model": options.prediction_iterations, "flow": 1, "none": 0}[options.prediction]
+        moved_by = [self.model_flow if by_model else self.flow, iterations]
         flows = [self.flow, self.model_flow]
         noises = [options.process_noise, options.drift_noise, options.measurement_noise, options.max_variance]
 
         self._count_bad = self._pixels(count_bad_flow, [self.flow, self.bad])
-        self.regress, self.update_gain, self.predict, self.correct, self.read = [], [], [], [], []
+        self.regress, self.update_gain, self.predict, self.correct = [], [], [], []
         for now in range(2):
             state, next_state = self.state[now], self.state[1 - now]
             covariance, next_covariance = self.covariance[now], self.covariance[1 - now]
             displacement, next_displacement = self.displacement[now], self.displacement[1 - now]
             self.regress.append(self._worlds(regressors, [self.dq, displacement, self.regressor], kernels.columns))
-            self.predict.append(self._pixels(kernels.predicted_flow, [state, regressor, self.model_flow]))
-            if self._present is not None:
-                self.read.append(self._pixels(kernels.read_jacobian, [state, displacement, self._present]))
-            if options.covariance in ("shared", "fixed"):
+            if self._once:
+                self.predict.append(_nothing)  # the correction computes J dq where it wants it
+                inputs = [state, regressor, int(by_model), iterations, self.flow, gain]
+                self.correct.append(self._pixels(kernels.update_shared_once, [*inputs, next_state]))
+            else:
+                self.predict.append(self._pixels(kernels.predicted_flow, [state, regressor, self.model_flow]))
+            if not self._once and options.covariance in ("shared", "fixed"):
                 self.correct.append(self._pixels(kernels.update_shared, [state, *moved_by, *flows, gain, next_state]))
             if options.covariance == "shared":
                 hessian = [options.hessian_noise, options.initial_hessian_variance]
@@ -192,8 +262,8 @@ def _nothing() -> None:
     pass
 
 
-def _as_vectors(array: wp.array, dtype: Any) -> wp.array:
-    """A (B, n) float array seen as (B,) vectors; keeps the memory."""
-    view: Any = wp.array(ptr=array.ptr, dtype=dtype, shape=array.shape[:1], device=array.device)
+def _seen_as(array: wp.array, dtype: Any, shape: tuple[int, ...]) -> wp.array:
+    """The same memory as elements of another type and shape."""
+    view: Any = wp.array(ptr=array.ptr, dtype=dtype, shape=shape, device=array.device)
     view._source = array
     return view

@@ -202,3 +202,26 @@ def fixed_gain(
         squared += dq * dq
     for i in range(dq_in.shape[1]):
         gain_out[world, i] = wp.float32(weight * wp.float64(dq_in[world, i]) / (forgetting + weight * squared))
+
+
+@wp.kernel
+def forget_covariance(
+    # In:
+    where_in: wp.array(dtype=int),
+    variance: wp.float64,
+    hessian_variance: wp.float64,
+    # Out:
+    covariance_out: wp.array3d(dtype=wp.float64),
+    displacement_out: wp.array2d(dtype=wp.float64),
+):
+    """The covariance at the start, at the present posture, where ``where_in`` is not 0; a thread a world."""
+    world = wp.tid()
+    if where_in[world] == 0:
+        return
+    joints = displacement_out.shape[1]
+    for i in range(covariance_out.shape[1]):
+        for j in range(covariance_out.shape[2]):
+            covariance_out[world, i, j] = wp.float64(0.0)
+        covariance_out[world, i, i] = wp.where(i < joints, variance, hessian_variance)
+    for i in range(joints):
+        displacement_out[world, i] = wp.float64(0.0)

@@ -5,12 +5,18 @@ Hessian (see ``covariance.py``). The kernels are specialised on the number of jo
 a pixel's matrix stays in registers; :func:`jacobian_kernels` builds them once for each.
 
 Prediction moves the state image along a displacement image v: y = x - v(x), repeated as y = x - v(y).
-Bilinear sampling and the product with dq commute, so the two numbers of v = J dq are sampled in place of the
-columns of the state wherever only the product is needed: in the iteration and in the innovation.
+Bilinear sampling and the product with dq commute, so on a CPU, where arithmetic is what costs, the two numbers
+of v = J dq are computed once for the image and sampled in place of the columns of the state wherever only the product
+is needed: in the iteration and in the innovation. On a GPU, where moving the state costs more than sampling
+it twice, :func:`update_shared_once` does the same without the image of v.
+
+Layout. On a CPU a pixel's state is a matrix in one place. On a GPU each entry of it is an image of its own, a
+plane, so that neighbouring threads read neighbouring addresses.
 """
 
 from functools import cache
 from types import SimpleNamespace
+from typing import Literal
 
 import warp as wp
 
@@ -43,12 +49,32 @@ def displacement(
     return moved
 
 
+Layout = Literal["matrices", "planes"]
+
+
+@wp.kernel
+def forget_state(
+    # In:
+    where_in: wp.array(dtype=int),  # (worlds,)
+    # Out:
+    floats_out: wp.array3d(dtype=float),  # (worlds n, H, m): the states as numbers, n images of rows a world
+):
+    """Zero where ``where_in`` is not 0; a thread a row, as it is rare and most worlds only look."""
+    image, row = wp.tid()
+    if where_in[(image * where_in.shape[0]) // floats_out.shape[0]] == 0:
+        return
+    for k in range(floats_out.shape[2]):
+        floats_out[image, row, k] = 0.0
+
+
 @cache
-def jacobian_kernels(joints: int, order: int = 1) -> SimpleNamespace:
+def jacobian_kernels(joints: int, order: int = 1, layout: Layout = "matrices") -> SimpleNamespace:
     """Kernels for ``joints`` joints and a state of ``order`` 1 or 2, with their element types.
 
     ``State`` is (2, C) with C = :func:`state_columns`; ``StateRow`` (C); ``Jacobian`` (2, N); ``JointVector``
-    (N); ``Covariance`` (N, N). The kernels with a covariance per pixel exist for order 1.
+    (N); ``Covariance`` (N, N). An image of states is (worlds, H, W) of ``State`` in layout ``"matrices"``, and
+    (worlds 2 C, H, W) of float32 in ``"planes"``: entry (row, column) of world w is plane w 2 C + row C + column. The
+    kernels with a covariance per pixel exist for order 1.
     """
     columns = state_columns(joints, order)
     State = wp.types.matrix((2, columns), wp.float32)
@@ -56,12 +82,62 @@ def jacobian_kernels(joints: int, order: int = 1) -> SimpleNamespace:
     Jacobian = wp.types.matrix((2, joints), wp.float32)
     JointVector = wp.types.vector(joints, wp.float32)
     Covariance = wp.types.matrix((joints, joints), wp.float32)
-    sample_state = bilinear(State)
+    StateImage = wp.array3d(dtype=State if layout == "matrices" else wp.float32)
     sample_variance = bilinear(JointVector)
 
     def kernel_in(form: str):
         # A module a form and size: a new size never recompiles the others, an unused form is never compiled.
-        return wp.kernel(module=f"{__name__}_{form}_{joints}_{order}", enable_backward=False)
+        return wp.kernel(module=f"{__name__}_{form}_{layout}_{joints}_{order}", enable_backward=False)
+
+    if layout == "matrices":
+        sample_state = bilinear(State)
+
+        @wp.func
+        def read_state(image: StateImage, world: int, y: int, x: int) -> State:
+            return image[world, y, x]
+
+        @wp.func
+        def write_state(image: StateImage, world: int, y: int, x: int, state: State):
+            image[world, y, x] = state
+
+    else:
+
+        @wp.func
+        def read_state(image: StateImage, world: int, y: int, x: int) -> State:
+            state = State()
+            plane = world * wp.static(2 * columns)
+            for c in range(wp.static(columns)):
+                state[0, c] = image[plane + c, y, x]
+                state[1, c] = image[plane + wp.static(columns) + c, y, x]
+            return state
+
+        @wp.func
+        def write_state(image: StateImage, world: int, y: int, x: int, state: State):
+            plane = world * wp.static(2 * columns)
+            for c in range(wp.static(columns)):
+                image[plane + c, y, x] = state[0, c]
+                image[plane + wp.static(columns) + c, y, x] = state[1, c]
+
+        @wp.func
+        def sample_plane(image: StateImage, plane: int, taps: Taps) -> float:
+            upper = (
+                image[plane, taps.top, taps.left] * taps.upper_left
+                + image[plane, taps.top, taps.right] * taps.upper_right
+            )
+            lower = (
+                image[plane, taps.bottom, taps.left] * taps.lower_left
+                + image[plane, taps.bottom, taps.right] * taps.lower_right
+            )
+            return upper + lower
+
+        @wp.func
+        def sample_state(image: StateImage, world: int, taps: Taps) -> State:
+            state = State()
+            plane = world * wp.static(2 * columns)
+            for c in range(wp.static(columns)):
+                state[0, c] = sample_plane(image, plane + c, taps)
+                state[1, c] = sample_plane(image, plane + wp.static(columns) + c, taps)
+            return state
 
     @wp.func
     def innovation(flow: wp.vec2, model_flow: wp.array3d(dtype=wp.vec2), world: int, taps: Taps) -> wp.vec2:
@@ -92,7 +168,7 @@ def jacobian_kernels(joints: int, order: int = 1) -> SimpleNamespace:
         row_begin: int,
         column_step: int,
         # In:
-        state_in: wp.array3d(dtype=State),
+        state_in: StateImage,
         regressor_in: wp.array(dtype=StateRow),
         # Out:
         flow_out: wp.array3d(dtype=wp.vec2),
@@ -102,21 +178,21 @@ def jacobian_kernels(joints: int, order: int = 1) -> SimpleNamespace:
         y = row_begin + row
         regressor = regressor_in[world]
         for x in range(column, state_in.shape[2], column_step):
-            flow_out[world, y, x] = state_in[world, y, x] * regressor
+            flow_out[world, y, x] = read_state(state_in, world, y, x) * regressor
 
     @kernel_in("shared")
     def update_shared(
         row_begin: int,
         column_step: int,
         # In:
-        state_in: wp.array3d(dtype=State),
+        state_in: StateImage,
         displacement_in: wp.array3d(dtype=wp.vec2),
         iterations: int,
         flow_in: wp.array3d(dtype=wp.vec2),
         model_flow_in: wp.array3d(dtype=wp.vec2),
         gain_in: wp.array(dtype=StateRow),
         # Out:
-        state_out: wp.array3d(dtype=State),
+        state_out: StateImage,
     ):
         """State <- moved state + (u - predicted u) K^T, (10) and (12) with one gain K for the image."""
         world, row, column = wp.tid()
@@ -129,14 +205,56 @@ def jacobian_kernels(joints: int, order: int = 1) -> SimpleNamespace:
             taps = bilinear_taps(x, y, moved, width, height)
             prior = sample_state(state_in, world, taps)
             error = innovation(flow_in[world, y, x], model_flow_in, world, taps)
-            state_out[world, y, x] = prior + wp.outer(error, gain)
+            write_state(state_out, world, y, x, prior + wp.outer(error, gain))
+
+    @kernel_in("shared")
+    def update_shared_once(
+        row_begin: int,
+        column_step: int,
+        # In:
+        state_in: StateImage,
+        regressor_in: wp.array(dtype=StateRow),
+        by_model: int,
+        iterations: int,
+        flow_in: wp.array3d(dtype=wp.vec2),
+        gain_in: wp.array(dtype=StateRow),
+        # Out:
+        state_out: StateImage,
+    ):
+        """``predicted_flow`` and ``update_shared`` in one pass: v = J dq is computed from J wherever it is wanted.
+
+        The displacement is v, iterated, where ``by_model`` is not 0, else the flow, or none with 0 iterations.
+        """
+        world, row, column = wp.tid()
+        y = row_begin + row
+        height = state_in.shape[1]
+        width = state_in.shape[2]
+        regressor = regressor_in[world]
+        gain = gain_in[world]
+        for x in range(column, width, column_step):
+            flow = flow_in[world, y, x]
+            moved = wp.vec2(0.0, 0.0)
+            if by_model != 0:
+                moved = read_state(state_in, world, y, x) * regressor
+                if finite(moved):
+                    for _ in range(iterations - 1):
+                        moved = sample_state(state_in, world, bilinear_taps(x, y, moved, width, height)) * regressor
+                else:
+                    moved = wp.vec2(0.0, 0.0)
+            elif iterations > 0 and finite(flow):
+                moved = flow
+            prior = sample_state(state_in, world, bilinear_taps(x, y, moved, width, height))
+            error = wp.vec2(0.0, 0.0)
+            if finite(flow):
+                error = flow - prior * regressor
+            write_state(state_out, world, y, x, prior + wp.outer(error, gain))
 
     @kernel_in("diagonal")
     def update_diagonal(
         row_begin: int,
         column_step: int,
         # In:
-        jacobian_in: wp.array3d(dtype=State),
+        jacobian_in: StateImage,
         variance_in: wp.array3d(dtype=JointVector),
         displacement_in: wp.array3d(dtype=wp.vec2),
         iterations: int,
@@ -149,7 +267,7 @@ def jacobian_kernels(joints: int, order: int = 1) -> SimpleNamespace:
         measurement_noise: float,
         max_variance: float,
         # Out:
-        jacobian_out: wp.array3d(dtype=State),
+        jacobian_out: StateImage,
         variance_out: wp.array3d(dtype=JointVector),
     ):
         """(9) to (11): a variance per pixel and joint, covariances dropped."""
@@ -172,7 +290,7 @@ def jacobian_kernels(joints: int, order: int = 1) -> SimpleNamespace:
             projected = wp.cw_mul(variance, dq)
             gain = projected * (1.0 / (wp.dot(projected, dq) + measurement_noise))
             error = innovation(flow, model_flow_in, world, taps)
-            jacobian_out[world, y, x] = prior + wp.outer(error, gain)
+            write_state(jacobian_out, world, y, x, prior + wp.outer(error, gain))
             if finite(flow):
                 variance = variance - wp.cw_mul(gain, projected)
             variance_out[world, y, x] = variance
@@ -182,7 +300,7 @@ def jacobian_kernels(joints: int, order: int = 1) -> SimpleNamespace:
         row_begin: int,
         column_step: int,
         # In:
-        jacobian_in: wp.array3d(dtype=State),
+        jacobian_in: StateImage,
         covariance_in: wp.array3d(dtype=Covariance),
         displacement_in: wp.array3d(dtype=wp.vec2),
         iterations: int,
@@ -194,7 +312,7 @@ def jacobian_kernels(joints: int, order: int = 1) -> SimpleNamespace:
         measurement_noise: float,
         max_variance: float,
         # Out:
-        jacobian_out: wp.array3d(dtype=State),
+        jacobian_out: StateImage,
         covariance_out: wp.array3d(dtype=Covariance),
     ):
         """Qian and Su's filter: a full N x N covariance per pixel."""
@@ -218,7 +336,7 @@ def jacobian_kernels(joints: int, order: int = 1) -> SimpleNamespace:
             projected = covariance * dq
             gain = projected * (1.0 / (wp.dot(projected, dq) + measurement_noise))
             error = innovation(flow, model_flow_in, world, taps)
-            jacobian_out[world, y, x] = prior + wp.outer(error, gain)
+            write_state(jacobian_out, world, y, x, prior + wp.outer(error, gain))
             if finite(flow):
                 covariance = covariance - wp.outer(gain, projected)
             covariance_out[world, y, x] = covariance
@@ -228,7 +346,7 @@ def jacobian_kernels(joints: int, order: int = 1) -> SimpleNamespace:
         row_begin: int,
         column_step: int,
         # In:
-        state_in: wp.array3d(dtype=State),
+        state_in: StateImage,
         displacement_in: wp.array2d(dtype=wp.float64),
         # Out:
         jacobian_out: wp.array3d(dtype=Jacobian),
@@ -237,12 +355,12 @@ def jacobian_kernels(joints: int, order: int = 1) -> SimpleNamespace:
         world, row, column = wp.tid()
         y = row_begin + row
         for x in range(column, state_in.shape[2], column_step):
-            jacobian_out[world, y, x] = jacobian_of(state_in[world, y, x], displacement_in, world)
+            jacobian_out[world, y, x] = jacobian_of(read_state(state_in, world, y, x), displacement_in, world)
 
     @kernel_in("shared")
     def sample_points(
         # In:
-        state_in: wp.array3d(dtype=State),
+        state_in: StateImage,
         displacement_in: wp.array2d(dtype=wp.float64),
         points_in: wp.array2d(dtype=wp.vec2),
         # Out:
@@ -263,7 +381,9 @@ def jacobian_kernels(joints: int, order: int = 1) -> SimpleNamespace:
         JointVector=JointVector,
         Covariance=Covariance,
         predicted_flow=predicted_flow,
+        StateImage=StateImage,
         update_shared=update_shared,
+        update_shared_once=update_shared_once,
         update_diagonal=update_diagonal,
         update_full=update_full,
         read_jacobian=read_jacobian,
