@@ -1,0 +1,22 @@
+"""Grasping from masks, VOS-Grasp: where to stop (21), how to turn the wrist (22), whether it came along (23)."""
+
+from dense_vs.grasp.approach import grasp_camera_position
+from dense_vs.grasp.grasp_check import GraspCheck, GraspOutcome, check_grasp
+from dense_vs.grasp.gripper_mask import GripperModel
+from dense_vs.grasp.regrasp import GraspAction, GraspStep, RegraspPolicy
+from dense_vs.grasp.wrist_angle import WristChoice, WristVerdict, choose_wrist_angle, intersection_over_union
+
+__all__ = [
+    "GraspAction",
+    "GraspCheck",
+    "GraspOutcome",
+    "GraspStep",
+    "GripperModel",
+    "RegraspPolicy",
+    "WristChoice",
+    "WristVerdict",
+    "check_grasp",
+    "choose_wrist_angle",
+    "grasp_camera_position",
+    "intersection_over_union",
+]

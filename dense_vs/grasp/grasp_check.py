@@ -1,0 +1,60 @@
+"""Whether the object came along, VOS-VS (23): held if s_A,raised > 0.5 s_A,grasp.
+
+The camera rises with the hand. An object in the gripper keeps its size in the image; one that was left behind gets
+smaller. Beyond the paper the two areas may be missing or too small to compare, which is an answer of its own.
+"""
+
+from dataclasses import dataclass
+from enum import Enum
+
+import numpy as np
+
+from dense_vs.errors import DenseVSError
+
+
+class GraspOutcome(Enum):
+    """What an attempt came to."""
+
+    HELD = "held"
+    MISSED = "missed"  # seen, but left behind
+    LOST = "lost"  # not seen any more: neither in the gripper nor below it
+    UNKNOWN = "unknown"  # the object was not seen well enough before lifting to compare
+    JAMMED = "jammed"  # the gripper did not close or open; reported by the robot, never by (23)
+
+
+@dataclass(frozen=True)
+class GraspCheck:
+    """Outcome of (23) and the share s_A,raised / s_A,grasp behind it (nan when unknown)."""
+
+    outcome: GraspOutcome
+    share: float
+
+    @property
+    def held(self) -> bool:
+        """Whether the object is in the gripper."""
+        return self.outcome is GraspOutcome.HELD
+
+
+def check_grasp(area_grasp: float, area_raised: float, *, share: float = 0.5, min_area: float = 16) -> GraspCheck:
+    """Compare the object's area before and after lifting, (23).
+
+    Args:
+        area_grasp: s_A [px] at the grasp, fingers closed.
+        area_raised: s_A [px] after lifting.
+        share: what must be left for a held object, above 0 and below 1.
+        min_area: a smaller area [px] counts as not seen.
+
+    Raises:
+        DenseVSError: negative or non-finite areas, or a share out of range.
+    """
+    for name, value in (("area_grasp", area_grasp), ("area_raised", area_raised), ("min_area", min_area)):
+        if not isinstance(value, (int, float, np.number)) or not 0 <= value < np.inf:
+            raise DenseVSError(f"{name} is {value!r}; expected an area of at least 0 px")
+    if not 0 < share < 1:
+        raise DenseVSError(f"share is {share!r}; expected a number between 0 and 1")
+    if area_grasp < max(min_area, 1):
+        return GraspCheck(GraspOutcome.UNKNOWN, float("nan"))
+    left = float(area_raised) / float(area_grasp)
+    if area_raised < min_area:
+        return GraspCheck(GraspOutcome.LOST, left)
+    return GraspCheck(GraspOutcome.HELD if left > share else GraspOutcome.MISSED, left)

@@ -1,0 +1,92 @@
+"""Folders of annotated images as VOS-VS published its own: ``NAME.jpg`` (.jpeg, .png, .bmp) beside ``NAME_mask.png``."""
+
+import os
+from dataclasses import dataclass
+from pathlib import Path
+
+import cv2
+import numpy as np
+
+from dense_vs.errors import DenseVSError
+
+IMAGE_SUFFIXES = (".jpg", ".jpeg", ".png", ".bmp")
+MASK_SUFFIX = "_mask.png"
+
+
+@dataclass(frozen=True)
+class AnnotatedFolder:
+    """Images with their masks, sorted by name."""
+
+    names: list[str]
+    images: list[np.ndarray]  # RGB uint8 (H, W, 3)
+    masks: list[np.ndarray]  # bool (H, W)
+
+    @classmethod
+    def read(cls, folder: str | os.PathLike[str]) -> "AnnotatedFolder":
+        """Read all pairs of a folder; images without a mask are left out.
+
+        Raises:
+            DenseVSError: no such folder, no pair, a file that cannot be read, or a mask of another size.
+        """
+        folder = Path(folder)
+        if not folder.is_dir():
+            raise DenseVSError(f"{folder} is not a folder; expected one with images and NAME{MASK_SUFFIX} beside them")
+        names, images, masks = [], [], []
+        for path in sorted(folder.iterdir()):
+            mask_path = path.with_name(path.stem + MASK_SUFFIX)
+            if path.suffix.lower() not in IMAGE_SUFFIXES or path.name.endswith(MASK_SUFFIX) or not mask_path.is_file():
+                continue
+            image, mask = read_image(path), read_mask(mask_path)
+            if image.shape[:2] != mask.shape:
+                raise DenseVSError(f"{mask_path} is of shape {mask.shape}; expected its image's, {image.shape[:2]}")
+            names.append(path.stem)
+            images.append(image)
+            masks.append(mask)
+        if not names:
+            raise DenseVSError(
+                f"{folder} has no annotated image; expected NAME.jpg or .png with NAME{MASK_SUFFIX} beside it"
+            )
+        return cls(names, images, masks)
+
+
+def read_image(path: str | os.PathLike[str]) -> np.ndarray:
+    """An image file as RGB uint8 ``(H, W, 3)``.
+
+    Raises:
+        DenseVSError: missing or not an image.
+    """
+    return cv2.cvtColor(_read(path, cv2.IMREAD_COLOR), cv2.COLOR_BGR2RGB)
+
+
+def read_mask(path: str | os.PathLike[str]) -> np.ndarray:
+    """A mask file as bool ``(H, W)``: true above half of its largest grey value, 1 or 255.
+
+    Raises:
+        DenseVSError: missing or not an image.
+    """
+    gray = _read(path, cv2.IMREAD_GRAYSCALE)
+    return gray > int(gray.max()) // 2
+
+
+def write_mask(path: str | os.PathLike[str], mask: np.ndarray) -> None:
+    """Write a mask as a PNG file of 0 and 255.
+
+    Raises:
+        DenseVSError: it cannot be written.
+    """
+    from dense_vs.files import atomic_write
+
+    encoded = cv2.imencode(".png", np.where(mask, 255, 0).astype(np.uint8))[1]
+    with atomic_write(path) as stream:
+        stream.write(encoded.tobytes())
+
+
+def _read(path: str | os.PathLike[str], flags: int) -> np.ndarray:
+    try:
+        content = np.fromfile(path, dtype=np.uint8)
+    except OSError as error:
+        raise DenseVSError(f"cannot read {path}: {error.strerror or error}") from error
+    image = cv2.imdecode(content, flags) if content.size else None
+    if image is None:
+        raise DenseVSError(f"{path} is not an image that OpenCV reads")
+    return image

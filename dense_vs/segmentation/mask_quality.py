@@ -1,0 +1,128 @@
+"""What is wrong with a mask, as a typed result that a servo loop can act on; beyond the paper.
+
+Segmentation errors are the paper's only cause of failures (section 7.4): masks that are empty, in several parts, cut
+by the image border, or leaking over the background. The figures here need nothing but the mask and the one before.
+"""
+
+from dataclasses import dataclass
+from enum import Enum
+from typing import Any
+
+import cv2
+import numpy as np
+
+from dense_vs.errors import DenseVSError
+from dense_vs.segmentation.segmenter import check_mask
+
+
+class MaskVerdict(Enum):
+    """What a mask is good for; the worst that applies."""
+
+    GOOD = "good"  # one region inside the image
+    CUT = "cut"  # touches the image border: centroid and area are of a part
+    SPLIT = "split"  # a large share lies outside the largest region
+    JUMPED = "jumped"  # area or place changed more than a moving camera explains
+    FLOODED = "flooded"  # covers almost the whole image
+    EMPTY = "empty"  # no object
+
+
+@dataclass(frozen=True)
+class MaskQuality:
+    """One mask's figures.
+
+    Attributes:
+        verdict: the worst of what applies.
+        area: pixels s_A (3).
+        centroid: (s_x, s_y) of (4), (5) [px]; nan when empty.
+        fraction: area over the image's.
+        parts: number of 8-connected regions.
+        largest_share: share of the area in the largest region, 0 when empty.
+        border_share: share of the image's border pixels that the mask covers.
+        overlap: intersection over union with the previous mask; nan without one.
+    """
+
+    verdict: MaskVerdict
+    area: int
+    centroid: tuple[float, float]
+    fraction: float
+    parts: int
+    largest_share: float
+    border_share: float
+    overlap: float
+
+    @property
+    def servoable(self) -> bool:
+        """Whether the centroid tells where to move: something is seen, if only a part, and it is not everything."""
+        return self.verdict in (MaskVerdict.GOOD, MaskVerdict.CUT, MaskVerdict.SPLIT)
+
+    @property
+    def measurable(self) -> bool:
+        """Whether the area belongs to the whole object, as (20) and (23) need."""
+        return self.verdict is MaskVerdict.GOOD
+
+
+def assess_mask(
+    mask: Any,
+    previous: Any = None,
+    *,
+    min_area: int = 16,
+    max_fraction: float = 0.9,
+    min_largest_share: float = 0.75,
+    max_area_ratio: float = 4.0,
+) -> MaskQuality:
+    """Judge a mask by itself and, where given, against the one before it.
+
+    Args:
+        mask: bool ``(H, W)``.
+        previous: mask of the frame before, same shape.
+        min_area: fewer pixels count as no object.
+        max_fraction: a larger share of the image counts as flooded.
+        min_largest_share: a smaller share in the largest region counts as split.
+        max_area_ratio: a larger growth or shrinkage between masks that do not overlap either counts as a jump.
+
+    Raises:
+        DenseVSError: not masks, or of different shapes.
+    """
+    mask = check_mask(mask)
+    height, width = mask.shape
+    area = int(np.count_nonzero(mask))
+    overlap = float("nan")
+    area_before = 0
+    if previous is not None:
+        before = check_mask(previous, "previous")
+        if before.shape != mask.shape:
+            raise DenseVSError(f"previous has shape {before.shape}; expected the mask's, {mask.shape}")
+        area_before = int(np.count_nonzero(before))
+        union = np.count_nonzero(mask | before)
+        overlap = np.count_nonzero(mask & before) / union if union else float("nan")
+    if area < max(min_area, 1):
+        nowhere = (float("nan"), float("nan"))
+        return MaskQuality(MaskVerdict.EMPTY, area, nowhere, area / mask.size, 0, 0.0, 0.0, overlap)
+    count, _, stats, centroids = cv2.connectedComponentsWithStats(mask.astype(np.uint8), connectivity=8)
+    areas = stats[1:count, cv2.CC_STAT_AREA]
+    centroid = (areas[:, None] * centroids[1:count]).sum(axis=0) / area
+    largest_share = float(areas.max() / area)
+    border = np.count_nonzero(mask[[0, -1]]) + np.count_nonzero(mask[1:-1, [0, -1]])
+    border_share = border / (2 * (height + width) - 4)
+    fraction = area / mask.size
+    ratio = max(area, area_before) / max(min(area, area_before), 1)
+    if fraction > max_fraction:
+        verdict = MaskVerdict.FLOODED
+    elif area_before >= min_area and overlap == 0 and ratio > max_area_ratio:
+        verdict = MaskVerdict.JUMPED
+    elif largest_share < min_largest_share:
+        verdict = MaskVerdict.SPLIT
+    elif border:
+        verdict = MaskVerdict.CUT
+    else:
+        verdict = MaskVerdict.GOOD
+    return MaskQuality(
+        verdict,
+        area,
+        (float(centroid[0]), float(centroid[1])),
+        fraction,
+        count - 1,
+        largest_share,
+        border_share,
+        overlap,
+    )

@@ -1,0 +1,47 @@
+"""What a segmenter is: VOS-VS (2), M = vos(I, W), an image in, the object's binary mask out."""
+
+from typing import Any, Protocol, runtime_checkable
+
+import numpy as np
+
+from dense_vs.errors import DenseVSError
+
+
+@runtime_checkable
+class Segmenter(Protocol):
+    """Anything that finds one object in an image; nothing needs to be inherited.
+
+    A mask may be wrong, empty or the whole image: :func:`dense_vs.segmentation.assess_mask` says which, and the
+    loops ask it. A segmenter that remembers earlier images has a method ``reset()``, which forgets them.
+    """
+
+    def segment(self, image: np.ndarray) -> np.ndarray:
+        """The object's mask M of (2), bool ``(H, W)``, in an RGB uint8 image ``(H, W, 3)``."""
+        ...
+
+
+def check_image(image: Any) -> np.ndarray:
+    """The image, if it is RGB uint8 ``(H, W, 3)`` of at least 16 x 16 pixels.
+
+    Raises:
+        DenseVSError: anything else.
+    """
+    array = np.asarray(image)
+    if array.ndim != 3 or array.shape[2] != 3 or array.dtype != np.uint8 or min(array.shape[:2]) < 16:
+        raise DenseVSError(
+            f"image has shape {array.shape} and dtype {array.dtype}; "
+            "expected RGB uint8 of shape (H, W, 3), at least 16 x 16"
+        )
+    return array
+
+
+def check_mask(mask: Any, name: str = "mask") -> np.ndarray:
+    """The mask as bool ``(H, W)``; whole numbers count as true where they are not 0.
+
+    Raises:
+        DenseVSError: not two dimensions, no pixel, or a type that is neither bool nor integer.
+    """
+    array = np.asarray(mask)
+    if array.ndim != 2 or not array.size or array.dtype.kind not in "bui":
+        raise DenseVSError(f"{name} has shape {array.shape} and dtype {array.dtype}; expected bool of shape (H, W)")
+    return array.astype(bool, copy=False)
