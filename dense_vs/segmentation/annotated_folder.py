@@ -1,4 +1,4 @@
-"""Folders of annotated images as VOS-VS published its own: ``NAME.jpg`` (.jpeg, .png, .bmp) beside ``NAME_mask.png``."""
+"""Folders of annotated images as VOS-VS published its own: ``NAME.jpg`` (or .png) beside ``NAME_mask.png``."""
 
 import os
 from dataclasses import dataclass
