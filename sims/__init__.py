@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from dense_vs.sims.adapters import SimCamera as SimCamera
     from dense_vs.sims.adapters import SimRobot as SimRobot
+    from dense_vs.sims.robots import ROBOTS as ROBOTS
     from dense_vs.sims.scene import FRAME_SECONDS as FRAME_SECONDS
-    from dense_vs.sims.scene import ROBOTS as ROBOTS
     from dense_vs.sims.surface_points import SurfacePoint as SurfacePoint
     from dense_vs.sims.world import DeviceFrame as DeviceFrame
     from dense_vs.sims.world import Frame as Frame
@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 _HOMES = {
     "FRAME_SECONDS": "scene",
-    "ROBOTS": "scene",
+    "ROBOTS": "robots",
     "DeviceFrame": "world",
     "Frame": "world",
     "SimCamera": "adapters",

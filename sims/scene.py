@@ -1,6 +1,6 @@
 """What a world consists of, resolved once: MuJoCo model, camera, chosen joints and the actuators that move them.
 
-A robot is a name of ours (:data:`ROBOTS`, textured from the seed) or the path of an MJCF file, taken as it is.
+A robot is a name of ours (``sims/robots.py``, textured from the seed) or the path of an MJCF file, taken as it is.
 Everything that the user names is looked up here, and every wrong name is answered with the valid ones.
 """
 
@@ -15,28 +15,14 @@ import mujoco
 import numpy as np
 
 from dense_vs.errors import DenseVSError
-from dense_vs.sims.distractor import DISTRACTOR_BODY, DISTRACTORS
+from dense_vs.sims.distractor import DISTRACTORS
+from dense_vs.sims.robots import ROBOTS, RobotModel, home_posture, turn_camera
 from dense_vs.sims.textures import paint_geoms
 
 FRAME_SECONDS = 1.0 / 30.0
 
 _ONE_COORDINATE = (mujoco.mjtJoint.mjJNT_HINGE, mujoco.mjtJoint.mjJNT_SLIDE)
 _FOLLOWS_CONTROL = (mujoco.mjtDyn.mjDYN_NONE, mujoco.mjtDyn.mjDYN_FILTER, mujoco.mjtDyn.mjDYN_FILTEREXACT)
-
-
-@dataclass(frozen=True)
-class RobotModel:
-    """A robot of ours: ``sims/models/<file>``."""
-
-    file: str
-    texel: float  # side of a texel on its surfaces [m]; a pixel at the robot's distance
-    posture_range: float  # the seed moves each joint at most this far from home [rad]
-
-
-ROBOTS = {
-    "arm": RobotModel("arm.xml", texel=0.0038, posture_range=0.08),
-    "planar": RobotModel("planar.xml", texel=0.0038, posture_range=0.08),
-}
 
 
 @dataclass(frozen=True)
@@ -74,6 +60,25 @@ def load_scene(
     """
     ours = ROBOTS.get(robot) if isinstance(robot, str) else None
     model = _our_model(ours, seed, distractor) if ours else _file_model(robot, distractor)
+    mocap = -1
+    if distractor != "none":
+        mocap = int(model.body_mocapid[model.body(DISTRACTORS[distractor].body).id])
+    return resolve_scene(model, joints, camera, robot=ours, distractor=mocap)
+
+
+def resolve_scene(
+    model: mujoco.MjModel,
+    joints: Sequence[str] | None,
+    camera: str | None,
+    *,
+    robot: RobotModel | None = None,
+    distractor: int = -1,
+) -> Scene:
+    """Resolve joints and camera of a compiled model, and bring its time step to whole parts of a frame.
+
+    Raises:
+        DenseVSError: unknown joint or camera; a joint that cannot be commanded by position.
+    """
     # Frames are exactly FRAME_SECONDS apart; a step is never longer than the model's author chose.
     substeps = max(1, int(np.ceil(FRAME_SECONDS / model.opt.timestep - 1e-6)))
     model.opt.timestep = FRAME_SECONDS / substeps
@@ -84,11 +89,10 @@ def load_scene(
     actuator_ids = np.array([actuated[j] for j in joint_ids])
     scale = np.array([_ctrl_per_position(model, a) for a in actuator_ids])
     limits = np.array([_limits(model, j, a, s) for j, a, s in zip(joint_ids, actuator_ids, scale, strict=True)])
-    home_qpos, home_ctrl = _home(model, actuated)
+    home_qpos, home_ctrl = _home(model, actuated, robot)
+    if robot and robot.looks_at:
+        turn_camera(model, camera_id, home_qpos, robot.looks_at)
     moved_bodies = _moved_bodies(model, joint_ids)
-    mocap = -1
-    if distractor != "none":
-        mocap = int(model.body_mocapid[model.body(DISTRACTOR_BODY).id])
     return Scene(
         model=model,
         camera=camera_id,
@@ -99,22 +103,26 @@ def load_scene(
         ctrl_per_position=scale,
         home_qpos=home_qpos,
         home_ctrl=home_ctrl,
-        posture_range=ours.posture_range if ours else 0.0,
+        posture_range=robot.posture_range if robot else 0.0,
         substeps=substeps,
         moved=moved_bodies[model.geom_bodyid],
         camera_moved=moved_bodies[model.cam_bodyid[camera_id]],
-        distractor=mocap,
+        distractor=distractor,
     )
 
 
 def _our_model(robot: RobotModel, seed: int, distractor: str) -> mujoco.MjModel:
-    if distractor not in DISTRACTORS:
-        raise DenseVSError(f"distractor is {distractor!r}; expected one of {_listed(DISTRACTORS)}")
     text = resources.files("dense_vs.sims").joinpath("models", robot.file).read_text(encoding="utf-8")
     spec = mujoco.MjSpec.from_string(text)
+    kinds = {name: kind.body for name, kind in DISTRACTORS.items() if spec.body(kind.body) is not None}
+    if distractor != "none" and distractor not in kinds:
+        raise DenseVSError(f"distractor is {distractor!r}; expected one of {_listed(['none', *kinds])}")
     paint_geoms(spec, np.random.default_rng([seed, 0]), robot.texel)
-    if distractor == "none":
-        spec.delete(spec.body(DISTRACTOR_BODY))
+    for body in sorted(set(kinds.values()) - {kinds.get(distractor)}):
+        spec.delete(spec.body(body))
+    if distractor != "none":
+        for geom in DISTRACTORS[distractor].without:
+            spec.delete(spec.geom(geom))
     return spec.compile()
 
 
@@ -209,9 +217,13 @@ def _limits(model: mujoco.MjModel, joint: int, actuator: int, scale: float) -> t
     return float(low), float(high)
 
 
-def _home(model: mujoco.MjModel, actuated: dict[int, int]) -> tuple[np.ndarray, np.ndarray]:
-    """First keyframe if there is one, else the model's zero posture; position actuators hold it."""
-    if model.nkey:
+def _home(model: mujoco.MjModel, actuated: dict[int, int], ours: RobotModel | None) -> tuple[np.ndarray, np.ndarray]:
+    """A robot's own home posture, or the first keyframe of a file if there is one, else the model's zero posture;
+    position actuators hold it.
+    """
+    if ours:
+        qpos, ctrl = home_posture(model, ours), np.zeros(model.nu)
+    elif model.nkey:
         qpos, ctrl = model.key_qpos[0].copy(), model.key_ctrl[0].copy()
     else:
         qpos, ctrl = model.qpos0.copy(), np.zeros(model.nu)

@@ -66,23 +66,34 @@ def texture_size(geom_type: mujoco.mjtGeom, size: np.ndarray, texel: float) -> t
     return max(8, round(height / texel)), max(8, round(width / texel))
 
 
-def paint_geoms(spec: mujoco.MjSpec, rng: np.random.Generator, texel: float) -> None:
+def paint_geoms(spec: mujoco.MjSpec, rng: np.random.Generator, texel: float, sets: int = 1) -> None:
     """Give every geom of the specification a texture of its own around its colour.
 
     Args:
-        spec: changed in place; geoms of the world body are scenery.
+        spec: changed in place; geoms of the world body are scenery, and those of groups 1 and 2 are farther away:
+            their texels are twice and three times as large.
         rng: draws the noise and shifts the colours.
         texel: side of a texel on the robot [m].
+        sets: textures made for each geom; it wears the first, the k-th further one is named ``"<geom>/k"``.
     """
-    for geom in spec.geoms:
-        paint = SCENERY_PAINT if geom.parent.name == "world" else ROBOT_PAINT
-        height, width = texture_size(geom.type, geom.size, texel * paint.texel)
-        colour = np.clip(geom.rgba[:3] + rng.uniform(-0.1, 0.1, 3), 0.2, 0.75)
-        texture = spec.add_texture(
-            name=geom.name, type=mujoco.mjtTexture.mjTEXTURE_2D, width=width, height=height, nchannel=3
-        )
-        texture.data = noise_texture(rng, height, width, colour, paint).tobytes()
-        material = spec.add_material(name=geom.name, specular=0.0)
-        material.textures[mujoco.mjtTextureRole.mjTEXROLE_RGB] = geom.name
-        geom.material = geom.name
-        geom.rgba = [0.5, 0.5, 0.5, 1.0]  # MuJoCo's mark for "the material decides"
+    bare = [(geom, np.array(geom.rgba[:3])) for geom in spec.geoms]
+    for number in range(sets):
+        for geom, own_colour in bare:
+            paint = SCENERY_PAINT if geom.parent.name == "world" else ROBOT_PAINT
+            height, width = texture_size(geom.type, geom.size, texel * paint.texel * (1 + geom.group))
+            colour = np.clip(own_colour + rng.uniform(-0.1, 0.1, 3), 0.2, 0.75)
+            name = geom.name if number == 0 else f"{geom.name}/{number}"
+            texture = spec.add_texture(
+                name=name, type=mujoco.mjtTexture.mjTEXTURE_2D, width=width, height=height, nchannel=3
+            )
+            texture.data = noise_texture(rng, height, width, colour, paint).tobytes()
+            if number == 0:
+                _wear(spec, geom)
+
+
+def _wear(spec: mujoco.MjSpec, geom: mujoco.MjsGeom) -> None:
+    """Put on the texture of the geom's own name."""
+    material = spec.add_material(name=geom.name, specular=0.0)
+    material.textures[mujoco.mjtTextureRole.mjTEXROLE_RGB] = geom.name
+    geom.material = geom.name
+    geom.rgba = [0.5, 0.5, 0.5, 1.0]  # MuJoCo's mark for "the material decides"

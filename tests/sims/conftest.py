@@ -80,7 +80,15 @@ def eye_in_hand(eye_in_hand_file):
     return _moved(SimWorld(eye_in_hand_file, camera="hand", device="cpu", height=60, width=80))
 
 
-@pytest.fixture(params=["arm", "planar", "eye_in_hand"])
+@pytest.fixture(scope="session")
+def upper_body():
+    joints = [f"left-{name}" for name in ("shoulder-p", "shoulder-r", "shoulder-y", "elbow-p", "wrist-r")]
+    return _moved(
+        SimWorld("upper-body", joints=joints, seed=3, distractor="walker-behind", device="cpu", height=60, width=80)
+    )
+
+
+@pytest.fixture(params=["arm", "planar", "eye_in_hand", "upper_body"])
 def world(request):
     """Each kind of world in turn, two frames after its start; tests that step it make their own."""
     return request.getfixturevalue(request.param)

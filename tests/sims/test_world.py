@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from dense_vs.errors import DenseVSError
-from dense_vs.sims import FRAME_SECONDS, ROBOTS, SimCamera, SimRobot, SimWorld
+from dense_vs.sims import FRAME_SECONDS, SimCamera, SimRobot, SimWorld
 
 SMALL = {"device": "cpu", "height": 24, "width": 32}
 
@@ -32,7 +32,7 @@ def test_our_robots_fill_the_image_with_texture(arm):
         assert gray[region].std() > 15
 
 
-@pytest.mark.parametrize("robot", ROBOTS)
+@pytest.mark.parametrize("robot", ["arm", "planar"])
 def test_the_tip_stays_in_the_image_round_home(robot):
     world = SimWorld(robot, **SMALL)
     for corner in itertools.product((-0.02, 0.02), repeat=len(world.joint_names)):
@@ -185,8 +185,8 @@ def test_camera_and_robot_of_a_world(small):
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        ({"robot": "leg"}, r"robot 'leg' .*'arm', 'planar' or the path"),
-        ({"robot": "no/such/file.xml"}, r"no/such/file.xml.*'arm', 'planar'"),
+        ({"robot": "leg"}, r"robot 'leg' .*'arm', 'planar',.* or the path"),
+        ({"robot": "no/such/file.xml"}, r"no/such/file.xml.*'arm', 'planar',"),
         ({"joints": ["thumb"]}, r"joint 'thumb'.*'joint1', 'joint2', 'joint3'"),
         ({"joints": []}, r"joints is \[\]; expected .*'joint1'"),
         ({"joints": "joint1"}, r"joints is 'joint1'; expected a sequence"),
