@@ -163,6 +163,13 @@ def jacobian_kernels(joints: int, order: int = 1, layout: Layout = "matrices") -
             jacobian[1, i] = y
         return jacobian
 
+    @wp.func
+    def jacobian_at(
+        image: StateImage, displacement: wp.array2d(dtype=wp.float64), world: int, y: int, x: int
+    ) -> Jacobian:
+        """J at the present posture at a pixel."""
+        return jacobian_of(read_state(image, world, y, x), displacement, world)
+
     @kernel_in("shared")
     def predicted_flow(
         row_begin: int,
@@ -355,7 +362,7 @@ def jacobian_kernels(joints: int, order: int = 1, layout: Layout = "matrices") -
         world, row, column = wp.tid()
         y = row_begin + row
         for x in range(column, state_in.shape[2], column_step):
-            jacobian_out[world, y, x] = jacobian_of(read_state(state_in, world, y, x), displacement_in, world)
+            jacobian_out[world, y, x] = jacobian_at(state_in, displacement_in, world, y, x)
 
     @kernel_in("shared")
     def sample_points(
@@ -380,8 +387,9 @@ def jacobian_kernels(joints: int, order: int = 1, layout: Layout = "matrices") -
         Jacobian=Jacobian,
         JointVector=JointVector,
         Covariance=Covariance,
-        predicted_flow=predicted_flow,
         StateImage=StateImage,
+        jacobian_at=jacobian_at,
+        predicted_flow=predicted_flow,
         update_shared=update_shared,
         update_shared_once=update_shared_once,
         update_diagonal=update_diagonal,

@@ -13,20 +13,31 @@ import numpy as np
 import warp as wp
 
 from dense_vs.kernels.joint_command import move_targets_kernel, ramp_control_kernel
+from dense_vs.kernels.world_restart import find_unsound_worlds, restart_clocks, restore
+from dense_vs.sims.randomization import DomainRandomization, WorldModels
 from dense_vs.sims.scene import FRAME_SECONDS, Scene
 
 
 class Physics(ABC):
-    """State of B worlds of a scene with N chosen joints and S physics steps a frame."""
+    """State of B worlds of a scene with N chosen joints and S physics steps a frame.
 
-    def __init__(self, scene: Scene, worlds: int, device: wp.Device):
+    Args:
+        scene: what the worlds consist of.
+        worlds: B.
+        device: Warp device.
+        models: how the worlds differ; they don't unless given.
+    """
+
+    def __init__(self, scene: Scene, worlds: int, device: wp.Device, models: WorldModels | None = None):
         self.scene = scene
+        self.models = models or WorldModels(scene.model, scene.camera, [], DomainRandomization())
         self.device = device
         state = mujoco.MjData(scene.model)
         state.qpos[:] = scene.home_qpos
         mujoco.mj_forward(scene.model, state)
         with wp.ScopedDevice(device):
             self.model = mjw.put_model(scene.model)
+            self.models.apply(self.model)
             self.data = _put_data(scene.model, state, worlds)
         self._qpos_columns = scene.model.jnt_qposadr[scene.joints]
 
@@ -66,9 +77,10 @@ class HostPhysics(Physics):
     # Poses that rendering and truth read, by their common name in both engines.
     _POSES = ("geom_xpos", "geom_xmat", "cam_xpos", "cam_xmat", "light_xpos", "light_xdir", "xaxis", "xanchor")
 
-    def __init__(self, scene: Scene, device: wp.Device):
-        super().__init__(scene, 1, device)
-        self._state = mujoco.MjData(scene.model)
+    def __init__(self, scene: Scene, device: wp.Device, models: WorldModels | None = None):
+        super().__init__(scene, 1, device, models)
+        self._model = self.models.host(0)
+        self._state = mujoco.MjData(self._model)
         self._target = np.zeros(len(scene.joints))
         self._history = np.zeros((1, scene.substeps, len(scene.joints)))
         pairs = [(getattr(self.data, name).numpy()[0], getattr(self._state, name)) for name in self._POSES]
@@ -81,7 +93,7 @@ class HostPhysics(Physics):
     def reset(self, qpos: np.ndarray) -> None:
         """Rest at qpos (1, nq) at time 0."""
         state = self._state
-        mujoco.mj_resetData(self.scene.model, state)
+        mujoco.mj_resetData(self._model, state)
         state.qpos[:] = qpos[0]
         state.ctrl[:] = self._home_ctrl(qpos[0])
         self._target = state.qpos[self._qpos_columns].copy()
@@ -98,13 +110,13 @@ class HostPhysics(Physics):
             fraction = (s + 1) / scene.substeps
             position = previous + fraction * (self._target - previous)
             state.ctrl[scene.actuators] = scene.ctrl_per_position * position
-            mujoco.mj_step(scene.model, state)
+            mujoco.mj_step(self._model, state)
             self._history[0, s] = state.qpos[self._qpos_columns]
         self._time[0] = state.time
 
     def update_poses(self) -> None:
         """mj_step leaves the poses of the start of its last step; the image shows those of its end."""
-        model, state = self.scene.model, self._state
+        model, state = self._model, self._state
         if model.nmocap:
             state.mocap_pos[:] = self._mocap_position[0]
         mujoco.mj_kinematics(model, state)
@@ -127,8 +139,8 @@ class HostPhysics(Physics):
 class WarpPhysics(Physics):
     """MuJoCo-Warp for B worlds; nothing leaves the device during a frame, so a frame can be captured as a graph."""
 
-    def __init__(self, scene: Scene, worlds: int, device: wp.Device):
-        super().__init__(scene, worlds, device)
+    def __init__(self, scene: Scene, worlds: int, device: wp.Device, models: WorldModels | None = None):
+        super().__init__(scene, worlds, device, models)
         count = len(scene.joints)
         with wp.ScopedDevice(device):
             self.joint_step = wp.zeros((worlds, count), dtype=float)
@@ -138,17 +150,21 @@ class WarpPhysics(Physics):
             self._limits = wp.array(scene.joint_limits, dtype=wp.vec2)
             self._ctrl_per_position = wp.array(scene.ctrl_per_position, dtype=float)
             self._actuators = wp.array(scene.actuators, dtype=int)
+            self._start_qpos = wp.zeros((worlds, scene.model.nq), dtype=float)
+            self._start_ctrl = wp.zeros((worlds, scene.model.nu), dtype=float)
+            self._start_target = wp.zeros((worlds, count), dtype=float)
+            self._rest = wp.zeros((1, max(scene.model.nv, scene.model.na)), dtype=float)
         self._frames = 0
         self._host = mujoco.MjData(scene.model)
 
     def reset(self, qpos: np.ndarray) -> None:
         """Rest at qpos (B, nq) at time 0."""
         data = self.data
-        data.qpos.assign(qpos.astype(np.float32))
-        data.ctrl.assign(np.stack([self._home_ctrl(q) for q in qpos]).astype(np.float32))
-        for array in (data.qvel, data.act, data.qacc_warmstart, data.time):
-            array.zero_()
-        self._target.assign(qpos[:, self._qpos_columns].astype(np.float32))
+        self._start_qpos.assign(qpos.astype(np.float32))
+        self._start_ctrl.assign(np.stack([self._home_ctrl(q) for q in qpos]).astype(np.float32))
+        self._start_target.assign(qpos[:, self._qpos_columns].astype(np.float32))
+        self.restart_on_device(wp.full(len(qpos), 1, dtype=int, device=self.device))
+        data.time.zero_()
         self._frames = 0
 
     def advance(self, step: np.ndarray) -> None:
@@ -182,6 +198,27 @@ class WarpPhysics(Physics):
                 wp.copy(positions, self.data.qpos)
         self._frames += 1
 
+    def find_unsound(self, restarting: wp.array, unsound: wp.array) -> None:
+        """Where a joint state is not finite, set ``restarting`` (B,) int to 1 and count ``unsound`` (B,) int up."""
+        data = self.data
+        wp.launch(
+            find_unsound_worlds,
+            dim=restarting.shape,
+            inputs=[data.qpos, data.qvel],
+            outputs=[restarting, unsound],
+            device=self.device,
+        )
+
+    def restart_on_device(self, where: wp.array) -> None:
+        """Rest at the posture of the last reset at time 0, where ``where`` (B,) int is not 0."""
+        data = self.data
+        restore(where, self._start_qpos, data.qpos)
+        restore(where, self._start_ctrl, data.ctrl)
+        restore(where, self._start_target, self._target)
+        for array in (data.qvel, data.act, data.qacc_warmstart):
+            restore(where, self._rest, array)
+        wp.launch(restart_clocks, dim=where.shape, inputs=[where], outputs=[data.time], device=self.device)
+
     def update_poses(self) -> None:
         """Poses of the end of the frame; a step leaves those of its start."""
         with wp.ScopedDevice(self.device):
@@ -203,7 +240,7 @@ class WarpPhysics(Physics):
 
     def host_state(self, world: int) -> mujoco.MjData:
         """The world's joint and mocap positions, with poses computed by the C engine."""
-        model, state = self.scene.model, self._host
+        model, state = self.models.host(world), self._host
         state.qpos[:] = self.data.qpos.numpy()[world]
         if model.nmocap:
             state.mocap_pos[:] = self.data.mocap_pos.numpy()[world]
@@ -228,11 +265,13 @@ def _put_data(model: mujoco.MjModel, state: mujoco.MjData, worlds: int) -> mjw.D
     return data
 
 
-def make_physics(scene: Scene, worlds: int, device: wp.Device) -> Physics:
-    """The engine for that many worlds on that device."""
-    if worlds == 1 and device.is_cpu:
-        return HostPhysics(scene, device)
-    return WarpPhysics(scene, worlds, device)
+def make_physics(
+    scene: Scene, worlds: int, device: wp.Device, models: WorldModels | None = None, on_device: bool = False
+) -> Physics:
+    """The engine for that many worlds on that device; MuJoCo-Warp in any case where ``on_device`` asks for it."""
+    if worlds == 1 and device.is_cpu and not on_device:
+        return HostPhysics(scene, device, models)
+    return WarpPhysics(scene, worlds, device, models)
 
 
 def history_times(frame: int, entries: int) -> np.ndarray:

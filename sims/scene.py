@@ -51,6 +51,7 @@ def load_scene(
     camera: str | None,
     seed: int,
     distractor: str,
+    texture_sets: int = 1,
 ) -> Scene:
     """Compile a robot's model and resolve the names in it.
 
@@ -59,7 +60,7 @@ def load_scene(
             cannot be commanded by position.
     """
     ours = ROBOTS.get(robot) if isinstance(robot, str) else None
-    model = _our_model(ours, seed, distractor) if ours else _file_model(robot, distractor)
+    model = _our_model(ours, seed, distractor, texture_sets) if ours else _file_model(robot, distractor)
     mocap = -1
     if distractor != "none":
         mocap = int(model.body_mocapid[model.body(DISTRACTORS[distractor].body).id])
@@ -111,13 +112,13 @@ def resolve_scene(
     )
 
 
-def _our_model(robot: RobotModel, seed: int, distractor: str) -> mujoco.MjModel:
+def _our_model(robot: RobotModel, seed: int, distractor: str, texture_sets: int) -> mujoco.MjModel:
     text = resources.files("dense_vs.sims").joinpath("models", robot.file).read_text(encoding="utf-8")
     spec = mujoco.MjSpec.from_string(text)
     kinds = {name: kind.body for name, kind in DISTRACTORS.items() if spec.body(kind.body) is not None}
     if distractor != "none" and distractor not in kinds:
         raise DenseVSError(f"distractor is {distractor!r}; expected one of {_listed(['none', *kinds])}")
-    paint_geoms(spec, np.random.default_rng([seed, 0]), robot.texel)
+    paint_geoms(spec, np.random.default_rng([seed, 0]), robot.texel, texture_sets)
     for body in sorted(set(kinds.values()) - {kinds.get(distractor)}):
         spec.delete(spec.body(body))
     if distractor != "none":

@@ -4,6 +4,8 @@ The id and depth of a pixel name the body point behind it; the poses that the im
 point moves with each joint, and where it was one frame earlier (:mod:`dense_vs.kernels.rigid_motion`).
 """
 
+from functools import cached_property
+
 import mujoco
 import mujoco_warp as mjw
 import numpy as np
@@ -16,7 +18,7 @@ from dense_vs.sims.scene import Scene
 
 
 class GroundTruth:
-    """Truth of a renderer's images, in arrays that stay where they are.
+    """Truth of a renderer's images, in arrays that stay where they are and are made when first asked for.
 
     Args:
         scene: what is seen and which N joints count.
@@ -36,30 +38,55 @@ class GroundTruth:
         device: wp.Device,
         threads: int,
     ):
-        worlds, height, width = shape = renderer.ids.shape
-        count = len(scene.joints)
+        self._count = len(scene.joints)
         self._poses = (data.cam_xpos, data.cam_xmat, data.geom_xpos, data.geom_xmat)
         with wp.ScopedDevice(device):
             self._previous = tuple(wp.empty_like(pose) for pose in self._poses)
-            self.jacobian = wp.zeros((worlds, height, width, 2 * count), dtype=float)
-            self.flow = wp.zeros(shape, dtype=wp.vec2)
-            self.mask = wp.zeros(shape, dtype=wp.uint8)
             slides = scene.model.jnt_type[scene.joints] == int(mujoco.mjtJoint.mjJNT_SLIDE)
             influence = scene.moved.astype(np.float32) - scene.camera_moved.astype(np.float32)
             joints = wp.array(scene.joints, dtype=int)
             slides = wp.array(slides.astype(np.int32), dtype=int)
             influence = wp.array(influence, dtype=float)
-            members = wp.array(np.any(scene.moved, axis=1).astype(np.uint8), dtype=wp.uint8)
+            self._members = wp.array(np.any(scene.moved, axis=1).astype(np.uint8), dtype=wp.uint8)
         camera = wp.vec4(intrinsics[0, 0], intrinsics[1, 1], intrinsics[0, 2], intrinsics[1, 2])
-        seen = [renderer.ids, renderer.depth, camera, scene.camera]
-        arguments = [*seen, data.cam_xpos, data.cam_xmat, data.xanchor, data.xaxis, joints, slides, influence]
-        self.compute_jacobian = PixelLaunch(image_jacobian_kernel, shape, [*arguments, self.jacobian], device, threads)
-        self.compute_flow = PixelLaunch(
-            flow_kernel, shape, [*seen, *self._poses, *self._previous, self.flow], device, threads
-        )
-        self.compute_mask = PixelLaunch(geom_mask_kernel, shape, [renderer.ids, members, self.mask], device, threads)
+        self._ids, self._device, self._threads = renderer.ids, device, threads
+        self._seen = [renderer.ids, renderer.depth, camera, scene.camera]
+        self._axes = [data.cam_xpos, data.cam_xmat, data.xanchor, data.xaxis, joints, slides, influence]
+
+    @cached_property
+    def jacobian(self) -> wp.array:
+        """(B, H, W, 2 N) float32, what :attr:`compute_jacobian` fills."""
+        return wp.zeros((*self._ids.shape, 2 * self._count), dtype=float, device=self._device)
+
+    @cached_property
+    def flow(self) -> wp.array:
+        """(B, H, W) of vec2, what :attr:`compute_flow` fills."""
+        return wp.zeros(self._ids.shape, dtype=wp.vec2, device=self._device)
+
+    @cached_property
+    def mask(self) -> wp.array:
+        """(B, H, W) uint8, what :attr:`compute_mask` fills."""
+        return wp.zeros(self._ids.shape, dtype=wp.uint8, device=self._device)
+
+    @cached_property
+    def compute_jacobian(self) -> PixelLaunch:
+        """Call it to fill :attr:`jacobian`."""
+        return self._launch(image_jacobian_kernel, [*self._seen, *self._axes, self.jacobian])
+
+    @cached_property
+    def compute_flow(self) -> PixelLaunch:
+        """Call it to fill :attr:`flow`."""
+        return self._launch(flow_kernel, [*self._seen, *self._poses, *self._previous, self.flow])
+
+    @cached_property
+    def compute_mask(self) -> PixelLaunch:
+        """Call it to fill :attr:`mask`."""
+        return self._launch(geom_mask_kernel, [self._ids, self._members, self.mask])
 
     def remember_poses(self) -> None:
         """Make the present poses those of the previous frame."""
         for previous, pose in zip(self._previous, self._poses, strict=True):
             wp.copy(previous, pose)
+
+    def _launch(self, kernel: wp.Kernel, arguments: list) -> PixelLaunch:
+        return PixelLaunch(kernel, self._ids.shape, arguments, self._device, self._threads)

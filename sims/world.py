@@ -18,7 +18,8 @@ from dense_vs.device import resolve_device, resolve_threads
 from dense_vs.errors import DenseVSError
 from dense_vs.sims import surface_points
 from dense_vs.sims.distractor import Distractor, DistractorPath
-from dense_vs.sims.physics import Physics, history_times, make_physics
+from dense_vs.sims.physics import Physics, WarpPhysics, history_times, make_physics
+from dense_vs.sims.randomization import DomainRandomization, WorldModels
 from dense_vs.sims.renderer import Renderer, camera_intrinsics
 from dense_vs.sims.scene import FRAME_SECONDS, Scene, load_scene
 from dense_vs.sims.surface_points import SurfacePoint
@@ -63,6 +64,8 @@ class SimWorld:
         seed: textures, initial posture and distractor path of our robots. An MJCF file is taken as it is, at its
             first keyframe if it has one.
         threads: CPU threads, see :func:`dense_vs.device.resolve_threads`.
+        randomization: how else the worlds differ; they don't unless given.
+        physics_on_device: step one world on a CPU with MuJoCo-Warp too, in place of MuJoCo's C engine.
         distractor: ``"none"``, ``"behind"`` (a moving plate between arm and wall) or ``"front"`` (before
             the arm, covering parts of it); our robots only.
 
@@ -83,11 +86,16 @@ class SimWorld:
         seed: int = 0,
         threads: int | None = None,
         distractor: str = "none",
+        randomization: DomainRandomization | None = None,
+        physics_on_device: bool = False,
     ):
         self._shape = (_whole("worlds", worlds, 1), _whole("height", height, 8), _whole("width", width, 8))
         self._device = resolve_device(device)
         self._threads = resolve_threads(threads)
+        self._randomization = randomization or DomainRandomization()
+        self._physics_on_device = physics_on_device
         self._choice = {"robot": robot, "joints": joints, "camera": camera, "distractor": distractor}
+        self._choice["texture_sets"] = self._randomization.texture_sets
         self._load(_whole("seed", seed, 0))
 
     def reset(self, seed: int | None = None) -> None:
@@ -112,6 +120,29 @@ class SimWorld:
         self._physics.advance(step)
         self._frame += 1
         self._settle()
+
+    def step_on_device(self, restarting: wp.array, unsound: wp.array) -> None:
+        """One camera frame of physics by the steps that ``physics.joint_step`` (B, N) holds, with MuJoCo-Warp.
+
+        Nothing is decided or counted on the host, so it can be captured in a graph; :meth:`count_frame` counts.
+
+        Args:
+            restarting: (B,) int; where it is not 0 the world is put back to its beginning instead. Set to 1 where
+                the world's state has ceased to be finite.
+            unsound: (B,) int, counted up there.
+        """
+        physics = self._physics
+        assert isinstance(physics, WarpPhysics)
+        self._truth.remember_poses()
+        physics.advance_on_device()
+        physics.find_unsound(restarting, unsound)
+        physics.restart_on_device(restarting)
+        self._settle()
+
+    def count_frame(self) -> None:
+        """Note that a captured :meth:`step_on_device` has run once more."""
+        self._frame += 1
+        self._rendered = False
 
     def frame(self) -> Frame:
         """The present image, rendered when first asked for."""
@@ -192,7 +223,7 @@ class SimWorld:
             state = self._physics.host_state(world)
             pose = surface_points.camera_pose(state, self._scene.camera)
             geoms[world], local[world] = surface_points.surface_point(
-                self._scene.model, state, self._intrinsics, pose, pixels[world]
+                self._physics.models.host(world), state, self._intrinsics, pose, pixels[world]
             )
         if np.any(geoms < 0):
             raise DenseVSError(f"pixel {np.asarray(pixel).tolist()} shows no surface; expected one that does")
@@ -210,7 +241,7 @@ class SimWorld:
             pixel, position, state, pose = self._located(point, world)
             inside = bool(np.all(pixel > -0.5) and np.all(pixel < (width - 0.5, height - 0.5)))
             seen[world] = inside and surface_points.is_seen(
-                self._scene.model, state, pose, int(point.geoms[world]), position
+                self._physics.models.host(world), state, pose, int(point.geoms[world]), position
             )
         return bool(seen[0]) if worlds == 1 else seen
 
@@ -263,7 +294,9 @@ class SimWorld:
     def _load(self, seed: int) -> None:
         worlds, height, width = self._shape
         scene = load_scene(**self._choice, seed=seed)
-        physics = make_physics(scene, worlds, self._device)
+        rngs = [_world_rng(seed, world, 2) for world in range(worlds)]
+        models = WorldModels(scene.model, scene.camera, rngs, self._randomization)
+        physics = make_physics(scene, worlds, self._device, models, self._physics_on_device)
         renderer = Renderer(
             scene.model, physics.model, physics.data, scene.camera, self._shape, self._device, self._threads
         )
@@ -304,7 +337,7 @@ class SimWorld:
         if isinstance(point, SurfacePoint):
             position = surface_points.world_point(state, int(point.geoms[world]), point.local[world])
         else:
-            position = surface_points.named_point(self._scene.model, state, point)
+            position = surface_points.named_point(self._physics.models.host(world), state, point)
         return surface_points.project(position, self._intrinsics, pose), position, state, pose
 
     def _joint_step(self, delta: Any) -> np.ndarray:
