@@ -5,6 +5,12 @@ import warp as wp
 wp.set_module_options({"enable_backward": False})
 
 
+@wp.func
+def luma(red: int, green: int, blue: int) -> wp.uint8:
+    """0.299 R + 0.587 G + 0.114 B, weights in units of 2^-15, rounded."""
+    return wp.uint8((9798 * red + 19235 * green + 3735 * blue + 16384) >> 15)
+
+
 @wp.kernel
 def gray_image_kernel(
     row_begin: int,
@@ -14,10 +20,9 @@ def gray_image_kernel(
     # Out:
     gray_out: wp.array3d(dtype=wp.uint8),
 ):
-    """0.299 R + 0.587 G + 0.114 B, weights in units of 2^-15, rounded."""
+    """:func:`luma` of every pixel."""
     world, row, column = wp.tid()
     y = row_begin + row
     for x in range(column, rgb_in.shape[2], column_step):
         rgb = rgb_in[world, y, x]
-        luma = 9798 * int(rgb[0]) + 19235 * int(rgb[1]) + 3735 * int(rgb[2])
-        gray_out[world, y, x] = wp.uint8((luma + 16384) >> 15)
+        gray_out[world, y, x] = luma(int(rgb[0]), int(rgb[1]), int(rgb[2]))

@@ -1,6 +1,8 @@
-"""Colours and geom ids out of a ray tracer's packed pixels."""
+"""Colours, grey levels and geom ids out of a ray tracer's packed pixels."""
 
 import warp as wp
+
+from dense_vs.kernels.gray_image import luma
 
 wp.set_module_options({"enable_backward": False})
 
@@ -31,3 +33,21 @@ def unpack_image_kernel(
         )
         segment = segment_in[world, pixel]
         ids_out[world, y, x] = wp.where(segment[1] == geom_type, segment[0], -1)
+
+
+@wp.kernel
+def packed_to_gray_kernel(
+    row_begin: int,
+    column_step: int,
+    # In:
+    packed_in: wp.array2d[wp.uint32],  # (worlds, height width) 0xAARRGGBB
+    # Out:
+    gray_out: wp.array3d[wp.uint8],
+):
+    """Luma of packed colour."""
+    world, row, column = wp.tid()
+    y = row_begin + row
+    width = gray_out.shape[2]
+    for x in range(column, width, column_step):
+        colour = int(packed_in[world, y * width + x])
+        gray_out[world, y, x] = luma((colour >> 16) & 0xFF, (colour >> 8) & 0xFF, colour & 0xFF)

@@ -7,6 +7,7 @@ at integer coordinates the principal point of a symmetric camera is ((W - 1)/2, 
 import copy
 import itertools
 from concurrent.futures import ThreadPoolExecutor
+from typing import Any
 
 import mujoco
 import mujoco_warp as mjw
@@ -14,7 +15,71 @@ import numpy as np
 import warp as wp
 
 from dense_vs.kernels.launch import PixelLaunch
-from dense_vs.kernels.packed_image import unpack_image_kernel
+from dense_vs.kernels.packed_image import packed_to_gray_kernel, unpack_image_kernel
+
+
+class RayTracer:
+    """Traces the poses in ``data`` for one camera into ``context``, whose arrays stay where they are.
+
+    Args:
+        model: MuJoCo model.
+        device_model, data: the same on the device; ``data`` holds the poses.
+        camera: id of the camera.
+        shape: (worlds, height, width).
+        device: Warp device.
+        threads: row bands traced at once on a CPU.
+        options: of :func:`mujoco_warp.create_render_context`.
+    """
+
+    def __init__(
+        self,
+        model: mujoco.MjModel,
+        device_model: mjw.Model,
+        data: mjw.Data,
+        camera: int,
+        shape: tuple[int, int, int],
+        device: wp.Device,
+        threads: int,
+        **options: Any,
+    ):
+        worlds, height, width = shape
+        self._model = device_model
+        self._data = data
+        self._device = device
+        with wp.ScopedDevice(device):
+            self.context = mjw.create_render_context(
+                model,
+                nworld=worlds,
+                cam_res=(width, height),
+                cam_active=[camera],
+                # What nothing of the scene has is left out of the kernel.
+                enable_specular=_shines(model),
+                enable_emission=bool(np.any(model.mat_emission > 0)),
+                enable_per_light_ambient=bool(np.any(model.light_ambient > 0)),
+                **options,
+            )
+            self._bands = _row_bands(self.context, height, width, threads if device.is_cpu else 1)
+        self._pool = ThreadPoolExecutor(len(self._bands) - 1) if len(self._bands) > 1 else None
+
+    def trace(self) -> None:
+        """Render the present poses of all worlds."""
+        # The current device is global to the process, so it is set here and not in the bands' threads.
+        with wp.ScopedDevice(self._device):
+            mjw.refit_bvh(self._model, self._data, self.context)
+            first, *others = self._bands
+            if self._pool is None or first._megakernel is None:
+                self._trace_band(first)
+                for band in others:
+                    band._megakernel = first._megakernel  # one kernel serves all bands
+                    self._trace_band(band)
+            else:
+                futures = [self._pool.submit(self._trace_band, band) for band in others]
+                self._trace_band(first)
+                for future in futures:
+                    future.result()
+
+    def _trace_band(self, band: mjw.RenderContext) -> None:
+        mjw.render(self._model, self._data, band)
 
 
 class Renderer:
@@ -27,6 +92,7 @@ class Renderer:
         shape: (worlds, height, width).
         device: Warp device.
         threads: row bands rendered at once on a CPU.
+        shadows: whether lights cast them; another ray for every light and pixel.
     """
 
     def __init__(
@@ -38,55 +104,84 @@ class Renderer:
         shape: tuple[int, int, int],
         device: wp.Device,
         threads: int,
+        shadows: bool = False,
     ):
-        worlds, height, width = shape
-        self._model = device_model
-        self._data = data
-        self._device = device
+        self._tracer = RayTracer(
+            model,
+            device_model,
+            data,
+            camera,
+            shape,
+            device,
+            threads,
+            render_rgb=True,
+            render_depth=True,
+            render_seg=True,
+            use_shadows=shadows,
+        )
+        context = self._tracer.context
         with wp.ScopedDevice(device):
-            self._context = mjw.create_render_context(
-                model,
-                nworld=worlds,
-                cam_res=(width, height),
-                render_rgb=True,
-                render_depth=True,
-                render_seg=True,
-                cam_active=[camera],
-            )
             self.rgb = wp.zeros(shape, dtype=wp.vec3ub)  # (worlds, height, width, 3) uint8
             self.ids = wp.full(shape, -1, dtype=int)  # geom id, -1 for none
-            self._bands = _row_bands(self._context, height, width, threads if device.is_cpu else 1)
-        self.depth = self._context.depth_data.reshape(shape)  # m, 0 for no surface
+        self.depth = context.depth_data.reshape(shape)  # m, 0 for no surface
         geom = int(mujoco.mjtObj.mjOBJ_GEOM)
         self._unpack = PixelLaunch(
             unpack_image_kernel,
             shape,
-            [self._context.rgb_data, self._context.seg_data, geom, self.rgb, self.ids],
+            [context.rgb_data, context.seg_data, geom, self.rgb, self.ids],
             device,
             threads,
         )
-        self._pool = ThreadPoolExecutor(len(self._bands) - 1) if len(self._bands) > 1 else None
 
     def render(self) -> None:
         """Render the present poses of all worlds."""
-        # The current device is global to the process, so it is set here and not in the bands' threads.
-        with wp.ScopedDevice(self._device):
-            mjw.refit_bvh(self._model, self._data, self._context)
-            first, *others = self._bands
-            if self._pool is None or first._megakernel is None:
-                self._render_band(first)
-                for band in others:
-                    band._megakernel = first._megakernel  # one kernel serves all bands
-                    self._render_band(band)
-            else:
-                futures = [self._pool.submit(self._render_band, band) for band in others]
-                self._render_band(first)
-                for future in futures:
-                    future.result()
+        self._tracer.trace()
         self._unpack()
 
-    def _render_band(self, band: mjw.RenderContext) -> None:
-        mjw.render(self._model, self._data, band)
+
+class GrayRenderer:
+    """Renders the poses in ``data`` into a grey image, and nothing else.
+
+    Args:
+        gray: (worlds, height, width) uint8 that :meth:`render` writes.
+        model, device_model, data, camera, threads: as :class:`Renderer` takes them.
+    """
+
+    def __init__(
+        self,
+        gray: wp.array,
+        model: mujoco.MjModel,
+        device_model: mjw.Model,
+        data: mjw.Data,
+        camera: int,
+        threads: int,
+    ):
+        self._tracer = RayTracer(
+            model,
+            device_model,
+            data,
+            camera,
+            gray.shape,
+            gray.device,
+            threads,
+            render_rgb=True,
+            render_depth=False,
+            render_seg=False,
+        )
+        self._to_gray = PixelLaunch(
+            packed_to_gray_kernel, gray.shape, [self._tracer.context.rgb_data, gray], gray.device, threads
+        )
+
+    def render(self) -> None:
+        """Render the present poses of all worlds."""
+        self._tracer.trace()
+        self._to_gray()
+
+
+def _shines(model: mujoco.MjModel) -> bool:
+    """Whether any surface can have highlights; one without a material can."""
+    surfaces = bool(np.any(model.mat_specular > 0) or np.any(model.geom_matid < 0) or model.nflex)
+    return surfaces and bool(np.any(model.light_specular > 0) or np.any(model.vis.headlight.specular > 0))
 
 
 def _row_bands(context: mjw.RenderContext, height: int, width: int, count: int) -> list[mjw.RenderContext]:
@@ -104,9 +199,10 @@ def _row_bands(context: mjw.RenderContext, height: int, width: int, count: int) 
         band.total_rays = (last - first) * width
         band.ray = context.ray[rows]
         band.ray_offset = context.ray_offset[rows]
-        band.rgb_data = context.rgb_data[:, rows]
-        band.depth_data = context.depth_data[:, rows]
-        band.seg_data = context.seg_data[:, rows]
+        for name in ("rgb_data", "depth_data", "seg_data"):
+            pixels = getattr(context, name)
+            if pixels.shape[1] == height * width:  # else it is not rendered
+                setattr(band, name, pixels[:, rows])
         bands.append(band)
     return bands
 
