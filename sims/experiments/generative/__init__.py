@@ -1,0 +1,1 @@
+"""Experiments of Gothoskar et al., "Learning a generative model for robot control using visual feedback"."""
