@@ -1,0 +1,86 @@
+"""What a fit says about itself."""
+
+from dataclasses import dataclass, field
+from typing import Any
+
+
+@dataclass(frozen=True)
+class Stage:
+    """One stage of learning.
+
+    Attributes:
+        name: what was fitted.
+        initial_loss, loss: sums of squares before and after, of the stage's own residuals [px^2 or rad^2].
+        rms: root of the mean square of its residuals, of a coordinate [px] or an angle [rad].
+        iterations: steps tried.
+        converged: whether the loss had stopped to fall.
+        seconds: wall time.
+    """
+
+    name: str
+    initial_loss: float
+    loss: float
+    rms: float
+    iterations: int
+    converged: bool
+    seconds: float
+
+
+@dataclass(frozen=True)
+class Outlier:
+    """A detection that the model explains only as a mistake."""
+
+    sample: int
+    camera: int
+    feature: int
+    error_px: float
+
+
+@dataclass
+class FitReport:
+    """How the model was learnt.
+
+    Attributes:
+        stages: in order.
+        rms_px: root mean square of a pixel coordinate over the detections that were used.
+        mean_error_px: mean distance in the image over them.
+        seconds: wall time of the whole fit.
+        converged: whether the last stage did.
+        outliers: detections left out as mistakes.
+        swapped: pairs of features ``(sample, camera, a, b)`` whose labels look exchanged.
+        unobservable: what the observations leave open, in words; empty where they determine everything but the scale.
+        still_joints: joints, counted from 1, that never moved.
+        unused_samples: samples that no stage could use.
+        joint_sigma: estimated noise of joints or of joint actions [rad], where the state is not exact.
+        pixel_sigma: estimated noise of a pixel coordinate [px].
+    """
+
+    stages: list[Stage] = field(default_factory=list)
+    rms_px: float = float("nan")
+    mean_error_px: float = float("nan")
+    seconds: float = 0.0
+    converged: bool = False
+    outliers: list[Outlier] = field(default_factory=list)
+    swapped: list[tuple[int, int, int, int]] = field(default_factory=list)
+    unobservable: list[str] = field(default_factory=list)
+    still_joints: list[int] = field(default_factory=list)
+    unused_samples: list[int] = field(default_factory=list)
+    joint_sigma: float | None = None
+    pixel_sigma: float | None = None
+
+    @property
+    def losses(self) -> list[float]:
+        """Loss after each stage."""
+        return [stage.loss for stage in self.stages]
+
+    @property
+    def iterations(self) -> int:
+        """Steps of all stages together."""
+        return sum(stage.iterations for stage in self.stages)
+
+    def as_dict(self) -> dict[str, Any]:
+        """JSON-ready content."""
+        content = dict(vars(self))
+        content["stages"] = [vars(stage) for stage in self.stages]
+        content["outliers"] = [vars(outlier) for outlier in self.outliers]
+        return content
