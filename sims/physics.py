@@ -17,6 +17,8 @@ from dense_vs.kernels.world_restart import find_unsound_worlds, restart_clocks, 
 from dense_vs.sims.randomization import DomainRandomization, WorldModels
 from dense_vs.sims.scene import FRAME_SECONDS, Scene
 
+_FILTERS = (int(mujoco.mjtDyn.mjDYN_FILTER), int(mujoco.mjtDyn.mjDYN_FILTEREXACT))
+
 
 class Physics(ABC):
     """State of B worlds of a scene with N chosen joints and S physics steps a frame.
@@ -65,6 +67,13 @@ class Physics(ABC):
         """(B, N)."""
         return self.joint_history()[:, -1]
 
+    def _home_act(self, ctrl: np.ndarray) -> np.ndarray:
+        """Activations (na,) at rest: those of actuators that follow their control late have reached it."""
+        model, act = self.scene.model, np.zeros(self.scene.model.na)
+        for actuator in np.flatnonzero(np.isin(model.actuator_dyntype, _FILTERS)):
+            act[model.actuator_actadr[actuator]] = ctrl[actuator]
+        return act
+
     def _home_ctrl(self, qpos: np.ndarray) -> np.ndarray:
         ctrl = self.scene.home_ctrl.copy()
         ctrl[self.scene.actuators] = self.scene.ctrl_per_position * qpos[self._qpos_columns]
@@ -96,6 +105,7 @@ class HostPhysics(Physics):
         mujoco.mj_resetData(self._model, state)
         state.qpos[:] = qpos[0]
         state.ctrl[:] = self._home_ctrl(qpos[0])
+        state.act[:] = self._home_act(state.ctrl)
         self._target = state.qpos[self._qpos_columns].copy()
         self._history = np.repeat(self._target[None, None], 1, axis=1)
         self._time[0] = 0.0
@@ -153,7 +163,8 @@ class WarpPhysics(Physics):
             self._start_qpos = wp.zeros((worlds, scene.model.nq), dtype=float)
             self._start_ctrl = wp.zeros((worlds, scene.model.nu), dtype=float)
             self._start_target = wp.zeros((worlds, count), dtype=float)
-            self._rest = wp.zeros((1, max(scene.model.nv, scene.model.na)), dtype=float)
+            self._start_act = wp.zeros((worlds, scene.model.na), dtype=float)
+            self._rest = wp.zeros((1, scene.model.nv), dtype=float)
         self._frames = 0
         self._host = mujoco.MjData(scene.model)
 
@@ -161,7 +172,9 @@ class WarpPhysics(Physics):
         """Rest at qpos (B, nq) at time 0."""
         data = self.data
         self._start_qpos.assign(qpos.astype(np.float32))
-        self._start_ctrl.assign(np.stack([self._home_ctrl(q) for q in qpos]).astype(np.float32))
+        ctrl = np.stack([self._home_ctrl(q) for q in qpos])
+        self._start_ctrl.assign(ctrl.astype(np.float32))
+        self._start_act.assign(np.stack([self._home_act(row) for row in ctrl]).astype(np.float32))
         self._start_target.assign(qpos[:, self._qpos_columns].astype(np.float32))
         self.restart_on_device(wp.full(len(qpos), 1, dtype=int, device=self.device))
         data.time.zero_()
@@ -215,7 +228,9 @@ class WarpPhysics(Physics):
         restore(where, self._start_qpos, data.qpos)
         restore(where, self._start_ctrl, data.ctrl)
         restore(where, self._start_target, self._target)
-        for array in (data.qvel, data.act, data.qacc_warmstart):
+        if self.scene.model.na:
+            restore(where, self._start_act, data.act)
+        for array in (data.qvel, data.qacc_warmstart):
             restore(where, self._rest, array)
         wp.launch(restart_clocks, dim=where.shape, inputs=[where], outputs=[data.time], device=self.device)
 

@@ -15,8 +15,10 @@ import mujoco
 import numpy as np
 
 from dense_vs.errors import DenseVSError
+from dense_vs.sims.closed_chain import ClosedChain
+from dense_vs.sims.compliance import Compliance, soften
 from dense_vs.sims.distractor import DISTRACTORS
-from dense_vs.sims.robots import ROBOTS, RobotModel, home_posture, turn_camera
+from dense_vs.sims.robots import ROBOTS, TOOLS, RobotModel, hold_tool, home_posture, turn_camera
 from dense_vs.sims.textures import paint_geoms
 
 FRAME_SECONDS = 1.0 / 30.0
@@ -27,7 +29,7 @@ _FOLLOWS_CONTROL = (mujoco.mjtDyn.mjDYN_NONE, mujoco.mjtDyn.mjDYN_FILTER, mujoco
 
 @dataclass(frozen=True)
 class Scene:
-    """A compiled model and what was chosen in it. N chosen joints, G geoms."""
+    """A compiled model and what was chosen in it. N chosen joints, P passive ones that follow them, G geoms."""
 
     model: mujoco.MjModel
     camera: int
@@ -40,8 +42,9 @@ class Scene:
     home_ctrl: np.ndarray  # (nu,)
     posture_range: float  # rad, 0 for an MJCF file
     substeps: int  # physics steps a frame
-    moved: np.ndarray  # (G, N) bool: the joint moves the geom
-    camera_moved: np.ndarray  # (N,) bool: the joint moves the camera
+    chain: ClosedChain  # the passive joints
+    moved: np.ndarray  # (G, N + P) bool: the joint moves the geom
+    camera_moved: np.ndarray  # (N + P,) bool: the joint moves the camera
     distractor: int  # mocap id, -1 when there is none
 
 
@@ -52,6 +55,7 @@ def load_scene(
     seed: int,
     distractor: str,
     texture_sets: int = 1,
+    compliance: Compliance | None = None,
 ) -> Scene:
     """Compile a robot's model and resolve the names in it.
 
@@ -60,7 +64,10 @@ def load_scene(
             cannot be commanded by position.
     """
     ours = ROBOTS.get(robot) if isinstance(robot, str) else None
-    model = _our_model(ours, seed, distractor, texture_sets) if ours else _file_model(robot, distractor)
+    if ours:
+        model = _our_model(ours, seed, distractor, texture_sets, compliance)
+    else:
+        model = _file_model(robot, distractor, compliance)
     mocap = -1
     if distractor != "none":
         mocap = int(model.body_mocapid[model.body(DISTRACTORS[distractor].body).id])
@@ -93,7 +100,9 @@ def resolve_scene(
     home_qpos, home_ctrl = _home(model, actuated, robot)
     if robot and robot.looks_at:
         turn_camera(model, camera_id, home_qpos, robot.looks_at)
-    moved_bodies = _moved_bodies(model, joint_ids)
+    chain = ClosedChain(model, np.array(joint_ids), home_qpos)
+    home_qpos = chain.closed(model, home_qpos)[0]
+    moved_bodies = _moved_bodies(model, [*joint_ids, *chain.passive])
     return Scene(
         model=model,
         camera=camera_id,
@@ -106,19 +115,25 @@ def resolve_scene(
         home_ctrl=home_ctrl,
         posture_range=robot.posture_range if robot else 0.0,
         substeps=substeps,
+        chain=chain,
         moved=moved_bodies[model.geom_bodyid],
         camera_moved=moved_bodies[model.cam_bodyid[camera_id]],
         distractor=distractor,
     )
 
 
-def _our_model(robot: RobotModel, seed: int, distractor: str, texture_sets: int) -> mujoco.MjModel:
+def _our_model(
+    robot: RobotModel, seed: int, distractor: str, texture_sets: int, compliance: Compliance | None
+) -> mujoco.MjModel:
     text = resources.files("dense_vs.sims").joinpath("models", robot.file).read_text(encoding="utf-8")
     spec = mujoco.MjSpec.from_string(text)
     kinds = {name: kind.body for name, kind in DISTRACTORS.items() if spec.body(kind.body) is not None}
     if distractor != "none" and distractor not in kinds:
         raise DenseVSError(f"distractor is {distractor!r}; expected one of {_listed(['none', *kinds])}")
     paint_geoms(spec, np.random.default_rng([seed, 0]), robot.texel, texture_sets)
+    hold_tool(spec, robot.tool)
+    if compliance is not None:
+        soften(spec, compliance, TOOLS[robot.tool].bodies if robot.tool else ())
     for body in sorted(set(kinds.values()) - {kinds.get(distractor)}):
         spec.delete(spec.body(body))
     if distractor != "none":
@@ -127,7 +142,7 @@ def _our_model(robot: RobotModel, seed: int, distractor: str, texture_sets: int)
     return spec.compile()
 
 
-def _file_model(robot: str | os.PathLike[str], distractor: str) -> mujoco.MjModel:
+def _file_model(robot: str | os.PathLike[str], distractor: str, compliance: Compliance | None) -> mujoco.MjModel:
     path = Path(robot)
     if not path.is_file():
         raise DenseVSError(
@@ -136,6 +151,8 @@ def _file_model(robot: str | os.PathLike[str], distractor: str) -> mujoco.MjMode
         )
     if distractor != "none":
         raise DenseVSError(f"distractor is {distractor!r}; expected 'none' with an MJCF file")
+    if compliance is not None:
+        raise DenseVSError(f"compliance is {compliance!r}; expected False with an MJCF file, which says it itself")
     try:
         return mujoco.MjModel.from_xml_path(str(path))
     except ValueError as error:
@@ -234,7 +251,7 @@ def _home(model: mujoco.MjModel, actuated: dict[int, int], ours: RobotModel | No
 
 
 def _moved_bodies(model: mujoco.MjModel, joints: Iterable[int]) -> np.ndarray:
-    """(bodies, N) bool: the joint's body is the body or an ancestor of it."""
+    """(bodies, joints) bool: the joint's body is the body or an ancestor of it."""
     owners = model.jnt_bodyid[list(joints)]
     moved = np.zeros((model.nbody, len(owners)), dtype=bool)
     for body in range(model.nbody):  # parents come first

@@ -4,13 +4,16 @@ The id and depth of a pixel name the body point behind it; the poses that the im
 point moves with each joint, and where it was one frame earlier (:mod:`dense_vs.kernels.rigid_motion`).
 """
 
+from collections.abc import Callable
 from functools import cached_property
+from typing import Any
 
 import mujoco
 import mujoco_warp as mjw
 import numpy as np
 import warp as wp
 
+from dense_vs.kernels.closed_chain import couple_jacobian_kernel
 from dense_vs.kernels.launch import PixelLaunch
 from dense_vs.kernels.rigid_motion import flow_kernel, geom_mask_kernel, image_jacobian_kernel
 from dense_vs.sims.renderer import Renderer
@@ -38,13 +41,14 @@ class GroundTruth:
         device: wp.Device,
         threads: int,
     ):
-        self._count = len(scene.joints)
+        self._count, self._passive = len(scene.joints), len(scene.chain.passive)
+        moving = np.append(scene.joints, scene.chain.passive)
         self._poses = (data.cam_xpos, data.cam_xmat, data.geom_xpos, data.geom_xmat)
         with wp.ScopedDevice(device):
             self._previous = tuple(wp.empty_like(pose) for pose in self._poses)
-            slides = scene.model.jnt_type[scene.joints] == int(mujoco.mjtJoint.mjJNT_SLIDE)
+            slides = scene.model.jnt_type[moving] == int(mujoco.mjtJoint.mjJNT_SLIDE)
             influence = scene.moved.astype(np.float32) - scene.camera_moved.astype(np.float32)
-            joints = wp.array(scene.joints, dtype=int)
+            joints = wp.array(moving, dtype=int)
             slides = wp.array(slides.astype(np.int32), dtype=int)
             influence = wp.array(influence, dtype=float)
             self._members = wp.array(np.any(scene.moved, axis=1).astype(np.uint8), dtype=wp.uint8)
@@ -69,9 +73,27 @@ class GroundTruth:
         return wp.zeros(self._ids.shape, dtype=wp.uint8, device=self._device)
 
     @cached_property
-    def compute_jacobian(self) -> PixelLaunch:
+    def coupling(self) -> wp.array:
+        """(B, P, N) float32, how the passive joints follow the chosen ones; assign it before the Jacobian."""
+        return wp.zeros((self._ids.shape[0], self._passive, self._count), dtype=float, device=self._device)
+
+    @cached_property
+    def compute_jacobian(self) -> Callable[[], None]:
         """Call it to fill :attr:`jacobian`."""
-        return self._launch(image_jacobian_kernel, [*self._seen, *self._axes, self.jacobian])
+        if not self._passive:
+            return self._launch(image_jacobian_kernel, [*self._seen, *self._axes, self.jacobian])
+        columns = 2 * (self._count + self._passive)
+        separate = wp.zeros((*self._ids.shape, columns), dtype=float, device=self._device)
+        launches = (
+            self._launch(image_jacobian_kernel, [*self._seen, *self._axes, separate]),
+            self._launch(couple_jacobian_kernel, [separate, self.coupling, self.jacobian]),
+        )
+
+        def compute() -> None:
+            for launch in launches:
+                launch()
+
+        return compute
 
     @cached_property
     def compute_flow(self) -> PixelLaunch:
@@ -88,5 +110,5 @@ class GroundTruth:
         for previous, pose in zip(self._previous, self._poses, strict=True):
             wp.copy(previous, pose)
 
-    def _launch(self, kernel: wp.Kernel, arguments: list) -> PixelLaunch:
+    def _launch(self, kernel: Any, arguments: list) -> PixelLaunch:
         return PixelLaunch(kernel, self._ids.shape, arguments, self._device, self._threads)

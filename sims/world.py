@@ -17,6 +17,7 @@ import warp as wp
 from dense_vs.device import resolve_device, resolve_threads
 from dense_vs.errors import DenseVSError
 from dense_vs.sims import surface_points
+from dense_vs.sims.compliance import Compliance, resolve_compliance
 from dense_vs.sims.distractor import Distractor, DistractorPath
 from dense_vs.sims.physics import Physics, WarpPhysics, history_times, make_physics
 from dense_vs.sims.randomization import DomainRandomization, WorldModels
@@ -53,8 +54,10 @@ class SimWorld:
     word "rad" below stands for both.
 
     Args:
-        robot: ``"arm"`` (4 joints in 3D), ``"planar"`` (3 joints, a plane that faces the camera), or the path
-            of an MJCF file with a camera and position actuators.
+        robot: ``"arm"`` (4 joints in 3D), ``"planar"`` (3 joints, a plane that faces the camera),
+            ``"upper-body"`` (two arms of 7 joints before the robot's own eyes), ``"upper-body-rake"`` and
+            ``"upper-body-vacuum"`` (holding a tool, which counts as part of the robot), or the path of an MJCF
+            file with a camera and position actuators.
         joints: names of the joints that are commanded and that Jacobians have columns for, in this order;
             all joints that a position actuator drives when None. Others keep their position.
         camera: name of the camera; the first one when None.
@@ -67,7 +70,10 @@ class SimWorld:
         randomization: how else the worlds differ; they don't unless given.
         physics_on_device: step one world on a CPU with MuJoCo-Warp too, in place of MuJoCo's C engine.
         distractor: ``"none"``, ``"behind"`` (a moving plate between arm and wall) or ``"front"`` (before
-            the arm, covering parts of it); our robots only.
+            the arm, covering parts of it); ``"walker-behind"``, ``"walker-next"``, ``"walker-across"`` and the same
+            with ``chair`` for the upper body, see :mod:`dense_vs.sims.distractor`; our robots only.
+        compliance: True, or a :class:`dense_vs.sims.compliance.Compliance`, for joints that are soft, late and read
+            with noise, as a tendon-driven robot's; our robots only. The truth stays exact.
 
     Raises:
         DenseVSError: any argument that cannot be used; the message lists the valid ones.
@@ -86,6 +92,7 @@ class SimWorld:
         seed: int = 0,
         threads: int | None = None,
         distractor: str = "none",
+        compliance: bool | Compliance = False,
         randomization: DomainRandomization | None = None,
         physics_on_device: bool = False,
     ):
@@ -95,6 +102,7 @@ class SimWorld:
         self._randomization = randomization or DomainRandomization()
         self._physics_on_device = physics_on_device
         self._choice = {"robot": robot, "joints": joints, "camera": camera, "distractor": distractor}
+        self._compliance = self._choice["compliance"] = resolve_compliance(compliance)
         self._choice["texture_sets"] = self._randomization.texture_sets
         self._load(_whole("seed", seed, 0))
 
@@ -162,22 +170,33 @@ class SimWorld:
         return DeviceFrame(self._renderer.rgb, self._renderer.depth, self._renderer.ids, self.time)
 
     def joints(self) -> tuple[np.ndarray, float]:
-        """Positions (N,) of the chosen joints [rad] and their time [s]."""
-        return self._out(self._physics.joint_positions().copy()), self.time
+        """Positions (N,) of the chosen joints [rad], as they are read, and their time [s]."""
+        return self._out(self._read(self._physics.joint_positions()[:, None])[:, -1]), self.time
 
     def joint_history(self) -> tuple[np.ndarray, np.ndarray]:
         """Times (S,) and positions (S, N) after each physics step of the last frame; S = 1 before the first."""
         history = self._physics.joint_history()
-        return history_times(self._frame, history.shape[1]), self._out(history.copy())
+        return history_times(self._frame, history.shape[1]), self._out(self._read(history))
 
     def true_jacobian(self) -> np.ndarray:
-        """Image Jacobian (H, W, 2, N) of the surface point at every pixel [px/rad]."""
+        """Image Jacobian (H, W, 2, N) of the surface point at every pixel [px/rad].
+
+        Passive joints that constraints tie to the chosen ones follow them, see :mod:`dense_vs.sims.closed_chain`; all
+        others keep their angle.
+        """
         jacobian = self.true_jacobian_device().numpy()
         return self._out(jacobian.reshape(*self._shape, 2, -1).copy())
 
     def true_jacobian_device(self) -> wp.array:
         """The same on the device: (B, H, W, 2 N) float32, the row of x before that of y."""
         self.frame_device()
+        chain = self._scene.chain
+        if len(chain.passive):
+            couplings = []
+            for world in range(self._shape[0]):
+                qpos = self._physics.host_state(world).qpos
+                couplings.append(chain.coupling(self._physics.models.host(world), qpos))
+            self._truth.coupling.assign(np.array(couplings, dtype=np.float32))
         self._truth.compute_jacobian()
         return self._truth.jacobian
 
@@ -196,7 +215,7 @@ class SimWorld:
         return self._truth.flow
 
     def robot_mask(self) -> np.ndarray:
-        """(H, W) bool: pixels of bodies that the chosen joints move."""
+        """(H, W) bool: pixels of bodies that the chosen joints move, or passive ones that follow them: tools too."""
         return self._out(self.robot_mask_device().numpy().astype(bool))
 
     def robot_mask_device(self) -> wp.array:
@@ -282,6 +301,11 @@ class SimWorld:
         return self._device
 
     @property
+    def threads(self) -> int:
+        """CPU threads."""
+        return self._threads
+
+    @property
     def scene(self) -> Scene:
         """The compiled model and the ids of camera, joints and actuators."""
         return self._scene
@@ -317,6 +341,7 @@ class SimWorld:
         for world, row in enumerate(qpos):
             offset = _world_rng(self._seed, world, 0).uniform(-1.0, 1.0, len(columns))
             row[columns] += scene.posture_range * offset
+            row[:] = scene.chain.closed(self._physics.models.host(world), row)[0]
         self._physics.reset(qpos)
         self._frame = 0
         self._settle()
@@ -329,6 +354,16 @@ class SimWorld:
             self._distractor.place(data.time, data.mocap_pos)
         self._physics.update_poses()
         self._rendered = False
+
+    def _read(self, positions: np.ndarray) -> np.ndarray:
+        """Positions (B, S, N) with the noise of their readings, the same whenever a frame's are asked for."""
+        if self._compliance is None or not self._compliance.reading_noise:
+            return positions.copy()
+        worlds, count, joints = positions.shape
+        rngs = [_world_rng(self._seed, world, 3, self._frame) for world in range(worlds)]
+        # The last reading first, so that it is the same alone.
+        noise = np.stack([rng.normal(0.0, self._compliance.reading_noise, (count, joints))[::-1] for rng in rngs])
+        return positions + noise
 
     def _located(self, point: str | SurfacePoint, world: int) -> tuple:
         """Pixel, world position, poses and camera pose of a point in one world."""
@@ -363,9 +398,9 @@ class SimWorld:
         return array[0] if self._shape[0] == 1 else array
 
 
-def _world_rng(seed: int, world: int, purpose: int) -> np.random.Generator:
+def _world_rng(seed: int, world: int, purpose: int, *more: int) -> np.random.Generator:
     # Purposes apart, so that a distractor leaves the posture as it is; textures take [seed, 0].
-    return np.random.default_rng([seed, 1 + purpose, world])
+    return np.random.default_rng([seed, 1 + purpose, world, *more])
 
 
 def _whole(name: str, value: Any, least: int) -> int:
