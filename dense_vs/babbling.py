@@ -5,6 +5,7 @@ rank N. Sinusoids of one frequency span two dimensions whatever their phases. Ea
 its own Ornstein-Uhlenbeck process, smoothed once, which spans all of them within a few seconds.
 """
 
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -12,45 +13,52 @@ import numpy as np
 from dense_vs.errors import DenseVSError
 
 
-class Babbling:
-    """Joint steps of smooth random motion about a posture.
+@dataclass(frozen=True, kw_only=True)
+class BabblingOptions:
+    """How the joints babble.
 
-    Args:
-        joints: number of joints N.
+    Attributes:
         amplitude: standard deviation of a joint's excursion [rad]; it stays within three of them.
         time_constant: of the random process [s]; smaller is livelier.
         max_flow: image motion that the babbling slows down to, 99th percentile [px per frame]. Optical flow
             gets unreliable above about 5.
         frame_time: time between frames [s].
-        seed: of the random process.
-
-    Raises:
-        DenseVSError: a value out of range.
     """
 
-    def __init__(
-        self,
-        joints: int,
-        *,
-        amplitude: float = 0.15,
-        time_constant: float = 0.4,
-        max_flow: float = 4.0,
-        frame_time: float = 1 / 30,
-        seed: int = 0,
-    ):
+    amplitude: float = 0.15
+    time_constant: float = 0.4
+    max_flow: float = 4.0
+    frame_time: float = 1 / 30
+
+    def __post_init__(self):
+        for name in ("amplitude", "time_constant", "max_flow", "frame_time"):
+            value = getattr(self, name)
+            number = isinstance(value, (int, float, np.number)) and not isinstance(value, bool)
+            if not number or not np.isfinite(value) or value <= 0:
+                raise DenseVSError(f"{name} is {value!r}; expected a finite number above 0")
+
+
+class Babbling:
+    """Joint steps of smooth random motion about a posture.
+
+    Args:
+        joints: number of joints N.
+        seed: of the random process.
+        options: the fields of :class:`BabblingOptions`.
+
+    Raises:
+        DenseVSError: a value out of range, or an unknown option.
+    """
+
+    def __init__(self, joints: int, *, seed: int = 0, **options: Any):
         if isinstance(joints, bool) or not isinstance(joints, (int, np.integer)) or joints < 1:
             raise DenseVSError(f"joints is {joints!r}; expected a whole number of at least 1")
-        for name, value in (
-            ("amplitude", amplitude),
-            ("time_constant", time_constant),
-            ("max_flow", max_flow),
-            ("frame_time", frame_time),
-        ):
-            if not isinstance(value, (int, float, np.number)) or not np.isfinite(value) or value <= 0:
-                raise DenseVSError(f"{name} is {value!r}; expected a finite number above 0")
-        self.max_flow = max_flow
+        try:
+            self.options = BabblingOptions(**options)
+        except TypeError as error:
+            names = ", ".join(BabblingOptions.__dataclass_fields__)
+            raise DenseVSError(f"unknown option in {', '.join(options)}; expected some of {names}") from error
         self.rate = 0.5
-        self._amplitude, self._time_constant, self._frame_time = amplitude, time_constant, frame_time
         self._random = np.random.default_rng(seed)
         self._noise = np.zeros(joints)
         self._offset = np.zeros(joints)
@@ -69,12 +77,13 @@ class Babbling:
         """
         if flow is not None:
             self._adapt(np.asarray(flow))
-        dt = min(self.rate * self._frame_time / self._time_constant, 0.5)
+        amplitude = self.options.amplitude
+        dt = min(self.rate * self.options.frame_time / self.options.time_constant, 0.5)
         kick = self._random.normal(size=self._noise.shape)
         self._noise += -dt * self._noise + np.sqrt(2 * dt) * kick
         # A first-order lag of a unit OU process of the same time constant has variance 1/2.
-        goal = np.sqrt(2) * self._amplitude * self._noise
-        moved = np.clip(self._offset + dt * (goal - self._offset), -3 * self._amplitude, 3 * self._amplitude)
+        goal = np.sqrt(2) * amplitude * self._noise
+        moved = np.clip(self._offset + dt * (goal - self._offset), -3 * amplitude, 3 * amplitude)
         delta = moved - self._offset
         self._offset = moved
         self._moments += np.outer(delta, delta)
@@ -85,7 +94,7 @@ class Babbling:
         speed = np.abs(flow[::4, ::4]).max(axis=2)
         moving = speed[np.isfinite(speed)]
         fastest = float(np.percentile(moving, 99)) if moving.size else 0.0
-        if fastest > self.max_flow:
-            self.rate = max(self.rate * max(self.max_flow / fastest, 0.5), 0.02)
+        if fastest > self.options.max_flow:
+            self.rate = max(self.rate * max(self.options.max_flow / fastest, 0.5), 0.02)
         else:
             self.rate = min(self.rate * 1.02, 1.0)

@@ -1,6 +1,8 @@
 """Which device the kernels run on and how many CPU threads they use."""
 
 import os
+from collections.abc import Iterator
+from contextlib import contextmanager
 from typing import Any
 
 import warp as wp
@@ -23,8 +25,45 @@ def resolve_device(device: str = "auto") -> wp.Device:
         return wp.get_device("cuda:0" if wp.is_cuda_available() else "cpu")
     name = "cuda:0" if device == "cuda" else device
     if name not in present:
-        raise DenseVSError(f"device {device!r} is not present; expected 'auto' or one of {', '.join(present)}")
+        raise DenseVSError(
+            f"device {device!r} is not present; expected 'auto' or one of {', '.join(present)}{_driver_remark(name)}"
+        )
     return wp.get_device(name)
+
+
+@contextmanager
+def room_for(what: str, worlds: int, bytes_per_world: int, device: wp.Device) -> Iterator[None]:
+    """Turn the device's failure to allocate into an error that says how many worlds would fit.
+
+    Args:
+        what: is allocated in the block.
+        worlds: number of them.
+        bytes_per_world: that one of them takes, about.
+        device: Warp device.
+
+    Raises:
+        DenseVSError: a GPU's memory does not suffice.
+    """
+    free = device.free_memory if device.is_cuda else 0
+    try:
+        yield
+    except RuntimeError as error:
+        if not device.is_cuda or "allocate" not in str(error):
+            raise
+        gibibyte = 2**30
+        raise DenseVSError(
+            f"{what} of {worlds} worlds needs about {worlds * bytes_per_world / gibibyte:.1f} GiB; {device.alias} had "
+            f"{free / gibibyte:.1f} GiB free, in which {free // bytes_per_world} worlds fit"
+        ) from error
+
+
+def _driver_remark(name: str) -> str:
+    """Why a GPU is not there, where Warp knows."""
+    runtime: Any = wp._src.context.runtime
+    found, needed = runtime.driver_version, runtime.min_driver_version
+    if not name.startswith("cuda") or found is None or needed is None or found >= needed:
+        return ""
+    return f"; the NVIDIA driver is for CUDA {found[0]}.{found[1]}, Warp needs at least {needed[0]}.{needed[1]}"
 
 
 def resolve_threads(threads: int | None = None) -> int:

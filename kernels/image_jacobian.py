@@ -381,6 +381,7 @@ def jacobian_kernels(joints: int, order: int = 1, layout: Layout = "matrices") -
         jacobian_out[world, point] = jacobian_of(state, displacement_in, world)
 
     return SimpleNamespace(
+        order=order,
         columns=columns,
         State=State,
         StateRow=StateRow,

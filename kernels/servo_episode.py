@@ -27,8 +27,9 @@ class EpisodeState:
     target_index: Any  # (B,) int
     targets: Any  # (B, K) vec2d [px]
     target: Any  # (B,) vec2d, the present one
-    point: Any  # (B,) vec2d, the tracked point
-    point32: Any  # (B, 1) vec2, the same
+    point: Any  # (B, 1) vec2d, the tracked point
+    point_of_world: Any  # (B,) vec2d, the same memory
+    point32: Any  # (B, 1) vec2, the same place
     outcome: Any  # (B, K) int: PENDING, REACHED, MISSED or LOST
     frames: Any  # (B, K) int, frames that the reach took
     error: Any  # (B, K) float, tracked point to target at its end [px]
@@ -45,6 +46,8 @@ class EpisodeState:
         def whole(*shape: int) -> wp.array:
             return wp.zeros(shape, dtype=int, device=device)
 
+        point: Any = wp.zeros((worlds, 1), dtype=wp.vec2d, device=device)
+
         return cls(
             phase=whole(worlds),
             age=whole(worlds),
@@ -52,7 +55,8 @@ class EpisodeState:
             target_index=whole(worlds),
             targets=wp.array(targets, dtype=wp.vec2d, device=device),
             target=wp.zeros(worlds, dtype=wp.vec2d, device=device),
-            point=wp.zeros(worlds, dtype=wp.vec2d, device=device),
+            point=point,
+            point_of_world=point.reshape((worlds,)),
             point32=wp.zeros((worlds, 1), dtype=wp.vec2, device=device),
             outcome=whole(worlds, count),
             frames=whole(worlds, count),
@@ -141,7 +145,7 @@ def advance_episodes_kernel(
     settled_out: wp.array(dtype=int),
     index_out: wp.array(dtype=int),
     target_out: wp.array(dtype=wp.vec2d),
-    point_out: wp.array(dtype=wp.vec2d),
+    point_out: wp.array2d(dtype=wp.vec2d),
     point32_out: wp.array2d(dtype=wp.vec2),
     outcome_out: wp.array2d(dtype=int),
     frames_out: wp.array2d(dtype=int),
@@ -200,7 +204,7 @@ def advance_episodes_kernel(
     age_out[world] = age
     index_out[world] = index
     target_out[world] = targets_in[world, index]
-    point_out[world] = point
+    point_out[world, 0] = point
     point32_out[world, 0] = wp.vec2(float(point[0]), float(point[1]))
     babbling_out[world] = wp.where(phase == wp.static(BABBLING), 1, 0)
     defining_out[world] = defining

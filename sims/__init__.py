@@ -9,6 +9,8 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from dense_vs.sims.adapters import SimCamera as SimCamera
     from dense_vs.sims.adapters import SimRobot as SimRobot
+    from dense_vs.sims.batch_servo import BatchServo as BatchServo
+    from dense_vs.sims.randomization import DomainRandomization as DomainRandomization
     from dense_vs.sims.robots import ROBOTS as ROBOTS
     from dense_vs.sims.scene import FRAME_SECONDS as FRAME_SECONDS
     from dense_vs.sims.surface_points import SurfacePoint as SurfacePoint
@@ -17,6 +19,8 @@ if TYPE_CHECKING:
     from dense_vs.sims.world import SimWorld as SimWorld
 
 _HOMES = {
+    "BatchServo": "batch_servo",
+    "DomainRandomization": "randomization",
     "FRAME_SECONDS": "scene",
     "ROBOTS": "robots",
     "DeviceFrame": "world",

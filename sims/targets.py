@@ -21,28 +21,50 @@ def reachable_targets(
     border: float = 20.0,
     share_of_range: float = 0.8,
 ) -> np.ndarray:
-    """Targets ``(count, 2)`` [px], each at least ``least_distance`` from the one before.
+    """Targets ``(count, 2)`` [px], ``(worlds, count, 2)`` for several worlds, each at least ``least_distance`` from
+    the one before.
 
     A posture is drawn from the middle ``share_of_range`` of the joint ranges (from 0.5 rad about the present one
     where a joint has no limits); it counts where the point is then seen, at least ``border`` px inside the image.
 
     Raises:
-        DenseVSError: several worlds, or no such posture found.
+        DenseVSError: no such posture found in a world.
     """
-    worlds, height, width = world.shape
-    if worlds != 1:
-        raise DenseVSError(f"the simulated world has {worlds} worlds; expected 1")
-    random = np.random.default_rng([seed, 7])
+    worlds = world.shape[0]
+    starts = np.asarray(world.project(point), dtype=np.float64).reshape(worlds, 2)
+    found = []
+    for number in range(worlds):
+        # The first world's are those of a single one.
+        random = np.random.default_rng([seed, 7] if number == 0 else [seed, 7, number])
+        found.append(
+            _targets_of_world(
+                world, point, number, count, random, starts[number], least_distance, border, share_of_range
+            )
+        )
+    return found[0] if worlds == 1 else np.stack(found)
+
+
+def _targets_of_world(
+    world: SimWorld,
+    point: SurfacePoint,
+    number: int,
+    count: int,
+    random: np.random.Generator,
+    previous: np.ndarray,
+    least_distance: float,
+    border: float,
+    share_of_range: float,
+) -> np.ndarray:
+    _, height, width = world.shape
     scene = world.scene
-    model = scene.model
+    present = world.physics.host_state(number)
+    model = world.physics.models.host(number)
     data = mujoco.MjData(model)
-    present = world.physics.host_state(0)
     columns = model.jnt_qposadr[scene.joints]
     low, high = scene.joint_limits.T
     q = present.qpos[columns]
     low, high = np.where(np.isfinite(low), low, q - 0.5), np.where(np.isfinite(high), high, q + 0.5)
     middle, half = (low + high) / 2, (high - low) / 2 * share_of_range
-    previous = np.asarray(world.project(point), dtype=np.float64)
     targets = []
     for _ in range(ATTEMPTS):
         if len(targets) == count:
@@ -55,8 +77,8 @@ def reachable_targets(
         mujoco.mj_comPos(model, data)
         mujoco.mj_camlight(model, data)
         pose = surface_points.camera_pose(data, scene.camera)
-        geom = int(point.geoms[0])
-        position = surface_points.world_point(data, geom, point.local[0])
+        geom = int(point.geoms[number])
+        position = surface_points.world_point(data, geom, point.local[number])
         pixel = surface_points.project(position, world.intrinsics, pose)
         inside = np.all(pixel >= border) and np.all(pixel <= (width - 1 - border, height - 1 - border))
         if not inside or np.hypot(*(pixel - previous)) < least_distance:
@@ -66,5 +88,7 @@ def reachable_targets(
         targets.append(pixel)
         previous = pixel
     if len(targets) < count:
-        raise DenseVSError(f"found {len(targets)} targets in {ATTEMPTS} random postures; expected {count}")
+        raise DenseVSError(
+            f"found {len(targets)} targets in {ATTEMPTS} random postures in world {number}; expected {count}"
+        )
     return np.array(targets).reshape(count, 2)
