@@ -1,0 +1,67 @@
+"""Annotated images of an object, as the ten that VOS-VS drew by hand for each (section 7.1), and segmenters that learn
+from them.
+
+The simulator's ids stand in for the annotators here; what is learnt from the images sees nothing but images afterwards.
+"""
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+import numpy as np
+
+from dense_vs.segmentation import FewShotSegmenter
+from dense_vs.sims.mobile_manipulator.postures import above
+from dense_vs.sims.mobile_manipulator.world import MobileWorld
+
+IMAGES = 10
+SUPPORTS = ((1.0, -0.55, 0.0), (1.0, 0.0, 0.125), (1.0, 0.55, 0.25))  # floor, green bin, blue bin [m]
+
+
+@dataclass(frozen=True)
+class AnnotatedImages:
+    """Images ``(H, W, 3)`` and masks ``(H, W)`` of one object."""
+
+    images: list[np.ndarray]
+    masks: list[np.ndarray]
+
+
+def annotate(world: MobileWorld, name: str, rng: np.random.Generator, count: int = IMAGES) -> AnnotatedImages:
+    """Images of an object by the grasp camera, in various poses, on various backgrounds, from near and far.
+
+    The object is taken out of storage for them and put back; the robot is left at the last view.
+    """
+    thing = world.objects[name]
+    images, masks = [], []
+    distances = np.geomspace(0.8, _nearest(world, name), count)
+    for number, distance in enumerate(distances):
+        x, y, z = SUPPORTS[(number + 1) % len(SUPPORTS)]
+        place = np.array([x, y, z]) + np.append(rng.uniform(-0.05, 0.05, 2), 0.0)
+        if thing.links:
+            world.lay_chain(name, place, rng)
+        else:
+            world.place(name, place, rng.uniform(-np.pi, np.pi))
+        x, y, _ = world.object_position(name)
+        height = min(z + thing.height + distance, 0.9)
+        away = 0.25 * (height - z - thing.height) * rng.uniform(-1, 1, 2)
+        world.set_posture(above(x + away[0], y + away[1], height, wrist_roll=rng.uniform(-1.2, 1.2)))
+        images.append(world.image("grasp"))
+        masks.append(world.true_mask("grasp", name))
+    world.store([name])
+    return AnnotatedImages(images, masks)
+
+
+def learn_segmenters(world: MobileWorld, names: Iterable[str], seed: int) -> dict[str, FewShotSegmenter]:
+    """A segmenter for each object, from its ten annotated images."""
+    segmenters = {}
+    for name in names:
+        seen = annotate(world, name, np.random.default_rng([seed, 40, list(world.objects).index(name)]))
+        segmenters[name] = FewShotSegmenter(seed=seed).fit(seen.images, seen.masks)
+    return segmenters
+
+
+def _nearest(world: MobileWorld, name: str) -> float:
+    """Distance from which the object about fills the image, at least that of the gripper's reach [m]."""
+    if world.objects[name].links:
+        return 0.35
+    radius = max(np.hypot(*part.position[:2]) + max(part.size[:2]) for part in world.objects[name].parts)
+    return float(np.clip(2.4 * radius, 0.19, 0.6))

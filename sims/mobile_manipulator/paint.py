@@ -1,0 +1,41 @@
+"""Textures of the household objects and of the scenery: noise and patches drawn from a seed around given colours."""
+
+import mujoco
+import numpy as np
+
+from dense_vs.sims.mobile_manipulator.objects import Paint
+from dense_vs.sims.textures import band_noise
+
+TEXTURE_SIZE = 96  # texels a side; a face of 0.1 m seen from 0.5 m is about as many pixels
+
+
+def painted_texture(rng: np.random.Generator, paint: Paint, size: int = TEXTURE_SIZE) -> np.ndarray:
+    """Texture (size, size, 3) uint8 of a paint: a mottled colour, with patches of the accent where noise is high."""
+    image = np.broadcast_to(np.array(paint.colour), (size, size, 3)).copy()
+    if paint.accent is not None and paint.patches > 0.0:
+        noise = band_noise(rng, size, size)
+        image[noise > np.quantile(noise, 1.0 - paint.patches)] = paint.accent
+    image += 0.02 * band_noise(rng, size, size)[..., None]
+    return np.rint(255.0 * np.clip(image, 0.0, 1.0)).astype(np.uint8)
+
+
+def add_material(spec: mujoco.MjSpec, name: str, texture: np.ndarray, paint: Paint, repeat: float = 0.0) -> None:
+    """Put a texture and its material into a specification.
+
+    Args:
+        spec: changed in place.
+        name: of both.
+        texture: (height, width, 3) uint8.
+        paint: its specular part.
+        repeat: repetitions a metre; 0 stretches the texture once over each face.
+    """
+    height, width, channels = texture.shape
+    added = spec.add_texture(
+        name=name, type=mujoco.mjtTexture.mjTEXTURE_2D, width=width, height=height, nchannel=channels
+    )
+    added.data = texture.tobytes()
+    material = spec.add_material(name=name, specular=paint.specular, shininess=paint.shininess)
+    material.textures[mujoco.mjtTextureRole.mjTEXROLE_RGB] = name
+    if repeat > 0.0:
+        material.texuniform = True
+        material.texrepeat = [repeat, repeat]

@@ -1,0 +1,274 @@
+"""The mobile manipulator in its room: physics by MuJoCo's C engine, both cameras rendered by MuJoCo-Warp.
+
+Motions are commanded as in VOS-VS section 4.2: a change of joint positions, carried out until the robot rests. The
+base's odometry drifts, images carry sensor noise. Ids of the renderer are for annotations, tests and scores only.
+"""
+
+from collections.abc import Sequence
+from typing import Any
+
+import mujoco
+import numpy as np
+
+from dense_vs.device import resolve_device, resolve_threads
+from dense_vs.errors import DenseVSError
+from dense_vs.sims.mobile_manipulator.model import JOINTS, compile_model
+from dense_vs.sims.mobile_manipulator.objects import HouseholdObject
+from dense_vs.sims.physics import HostPhysics
+from dense_vs.sims.renderer import Renderer, camera_intrinsics
+from dense_vs.sims.scene import FRAME_SECONDS, resolve_scene
+from dense_vs.sims.surface_points import camera_pose
+
+HEIGHT, WIDTH = 480, 640
+CAMERAS = ("head", "grasp")
+FINGERS = ("left_finger", "right_finger")
+OPENING = 0.135  # m, largest
+BASE = slice(7, 10)
+# Joint speeds [rad/s, m/s]; a motion takes as long as its slowest joint.
+SPEEDS = np.array([1.0, 1.0, 0.25, 0.8, 1.2, 1.2, 1.5, 0.3, 0.3, 0.6])
+
+
+class MobileWorld:
+    """One mobile manipulator, its bins, and household objects.
+
+    Args:
+        objects: names of :func:`household_objects`; all 24 when None. Objects begin in storage, out of sight.
+        seed: of textures, sensor noise and odometry.
+        device: Warp device of the renderer; the CPU here, whose physics is MuJoCo's own.
+        threads: CPU threads of the renderer.
+        shadows: whether the ceiling lamp casts shadows.
+        noise: standard deviation of the images' noise, of 255.
+        slip: standard deviation of the base's odometry error, as a share of each motion.
+
+    Raises:
+        DenseVSError: an unknown object, a device that is not the CPU.
+    """
+
+    def __init__(
+        self,
+        objects: Sequence[str] | None = None,
+        *,
+        seed: int = 0,
+        device: Any = "cpu",
+        threads: int | None = None,
+        shadows: bool = True,
+        noise: float = 2.0,
+        slip: float = 0.02,
+    ):
+        self.device = resolve_device(device)
+        if not self.device.is_cpu:
+            raise DenseVSError(f"device is {device!r}; expected 'cpu': this world's physics is MuJoCo's C engine")
+        model, self.objects = compile_model(objects, seed)
+        self.scene = resolve_scene(model, JOINTS, "grasp")
+        self.physics = HostPhysics(self.scene, self.device)
+        threads = resolve_threads(threads)
+        self._renderers = {
+            name: Renderer(
+                model,
+                self.physics.model,
+                self.physics.data,
+                model.camera(name).id,
+                (1, HEIGHT, WIDTH),
+                self.device,
+                threads,
+                shadows=shadows,
+            )
+            for name in CAMERAS
+        }
+        self._rendered: dict[str, bool] = {}
+        self._rng = np.random.default_rng([seed, 30])
+        self._noise, self._slip = noise, slip
+        self._finger_actuators = [model.actuator(name).id for name in FINGERS]
+        self._columns = model.jnt_qposadr[self.scene.joints]
+        self._odometry_error = np.zeros(3)
+        self.frames = 0
+        self.physics.reset(self._stored()[None])
+        self._settled()
+
+    @property
+    def model(self) -> mujoco.MjModel:
+        """The compiled model."""
+        return self.scene.model
+
+    @property
+    def state(self) -> mujoco.MjData:
+        """The engine's state."""
+        return self.physics.host_state(0)
+
+    @property
+    def joint_names(self) -> tuple[str, ...]:
+        """The ten joints in the order of (1)."""
+        return JOINTS
+
+    @property
+    def joint_limits(self) -> np.ndarray:
+        """(10, 2) lowest and highest position [rad, m]."""
+        return self.scene.joint_limits.copy()
+
+    @property
+    def time(self) -> float:
+        """[s]."""
+        return self.frames * FRAME_SECONDS
+
+    def joints(self) -> np.ndarray:
+        """Joint positions (10,) as the encoders tell them: those of the base by odometry [rad, m]."""
+        q = self.state.qpos[self._columns].copy()
+        q[BASE] -= self._odometry_error
+        return q
+
+    def true_joints(self) -> np.ndarray:
+        """Joint positions (10,), the base where it is."""
+        return self.state.qpos[self._columns].copy()
+
+    def set_posture(self, q: Any, *, forget_odometry: bool = True) -> None:
+        """Put the robot at joint positions (10,) at rest, without motion; objects stay where they are."""
+        qpos = self.state.qpos.copy()
+        qpos[self._columns] = q
+        for name in FINGERS:
+            qpos[self.model.joint(name).qposadr[0]] = OPENING / 2
+        if forget_odometry:
+            self._odometry_error[:] = 0.0
+        self.physics.reset(qpos[None])
+        for actuator in self._finger_actuators:
+            self.state.ctrl[actuator] = OPENING / 2
+        self._settled()
+
+    def move(self, delta: Any, *, settle_frames: int = 6) -> None:
+        """Change the joint targets by delta (10,) [rad, m] along a ramp at the joints' speeds, then come to rest."""
+        delta = np.asarray(delta, dtype=float)
+        if delta.shape != (len(JOINTS),) or not np.isfinite(delta).all():
+            raise DenseVSError(f"delta is {delta.tolist()}; expected {len(JOINTS)} finite numbers")
+        delta = delta.copy()
+        slip = self._slip * delta[BASE] * self._rng.standard_normal(3)
+        delta[BASE] += slip
+        self._odometry_error += slip
+        frames = max(1, int(np.ceil(np.max(np.abs(delta) / SPEEDS) / FRAME_SECONDS)))
+        for _ in range(frames):
+            self.physics.advance(delta[None] / frames)
+        self.wait(settle_frames)
+        self.frames += frames
+
+    def wait(self, frames: int) -> None:
+        """Let frames pass with all targets held."""
+        for _ in range(frames):
+            self.physics.advance(np.zeros((1, len(JOINTS))))
+        self.frames += frames
+        self._settled()
+
+    def set_gripper(self, opening: float, frames: int = 20) -> float:
+        """Command the gripper's opening [m] and wait; the opening then."""
+        for actuator in self._finger_actuators:
+            self.state.ctrl[actuator] = np.clip(opening, 0.0, OPENING) / 2
+        self.wait(frames)
+        return self.opening()
+
+    def opening(self) -> float:
+        """Distance between the fingertips [m], by the fingers' encoders."""
+        return float(sum(self.state.qpos[self.model.joint(name).qposadr[0]] for name in FINGERS))
+
+    def image(self, camera: str) -> np.ndarray:
+        """RGB uint8 (480, 640, 3) of ``"head"`` or ``"grasp"``, with sensor noise."""
+        rgb = self._render(camera).rgb.numpy()[0]
+        noise = self._rng.standard_normal(rgb.shape, dtype=np.float32)
+        return np.clip(np.rint(rgb + self._noise * noise), 0, 255).astype(np.uint8)
+
+    def depth(self, camera: str) -> np.ndarray:
+        """True depth (480, 640) [m] along the optical axis."""
+        return self._render(camera).depth.numpy()[0].copy()
+
+    def true_mask(self, camera: str, name: str) -> np.ndarray:
+        """Pixels of an object, bool (480, 640): for annotations, tests and scores."""
+        ids = self._render(camera).ids.numpy()[0]
+        return np.isin(ids, self.geoms(name))
+
+    def geoms(self, name: str) -> np.ndarray:
+        """Ids of an object's geoms."""
+        model = self.model
+        root = model.body(self.objects[name].body).id
+        return np.flatnonzero(model.body_rootid[model.geom_bodyid] == root)
+
+    def intrinsics(self, camera: str) -> np.ndarray:
+        """(3, 3) camera matrix [px]."""
+        return camera_intrinsics(self.model, self.model.camera(camera).id, HEIGHT, WIDTH)
+
+    def camera_pose(self, camera: str) -> np.ndarray:
+        """T_world_camera (4, 4)."""
+        return camera_pose(self.state, self.model.camera(camera).id)
+
+    def place(self, name: str, position: Any, yaw: float = 0.0, *, settle_frames: int = 15) -> None:
+        """Put an object on what is at a position (3,) [m], turned about the vertical [rad], and let it come to rest."""
+        self._place(name, position, yaw)
+        self.wait(settle_frames)
+
+    def lay_chain(self, name: str, position: Any, rng: np.random.Generator, step: float = 1.0) -> None:
+        """Lay a chain out in a random heap around a position (3,): each link turned against the one before it."""
+        self._place(name, position, rng.uniform(-np.pi, np.pi))
+        body = self.objects[name].body
+        turn = rng.choice([-1.0, 1.0])
+        for link in range(1, self.objects[name].links):
+            if rng.random() < 0.25:
+                turn = -turn
+            joint = self.model.joint(f"{body}_{link}").qposadr[0]
+            angle = turn * rng.uniform(0.5, 1.1) * step
+            self.state.qpos[joint : joint + 4] = [np.cos(angle / 2), 0, 0, np.sin(angle / 2)]
+        self.wait(30)
+
+    def store(self, names: Sequence[str] | None = None) -> None:
+        """Put objects away, out of sight."""
+        for name in self.objects if names is None else names:
+            self._place(name, self._storage(name), 0.0)
+            if self.objects[name].links:
+                for link in range(1, self.objects[name].links):
+                    joint = self.model.joint(f"{self.objects[name].body}_{link}").qposadr[0]
+                    self.state.qpos[joint : joint + 4] = [1, 0, 0, 0]
+        self._settled()
+
+    def object_position(self, name: str) -> np.ndarray:
+        """Position (3,) of an object's frame; a chain's, of the middle of its links."""
+        thing = self.objects[name]
+        bodies = [thing.body, *[f"{thing.body}_{link}" for link in range(1, thing.links)]]
+        return np.mean([self.state.body(body).xpos for body in bodies], axis=0)
+
+    def _place(self, name: str, position: Any, yaw: float) -> None:
+        joint = self.model.joint(self.objects[name].body)
+        column, dof = joint.qposadr[0], joint.dofadr[0]
+        count = 6 + 3 * max(0, self.objects[name].links - 1)
+        self.state.qpos[column : column + 3] = np.asarray(position, dtype=float) + np.array([0, 0, 0.001])
+        self.state.qpos[column + 3 : column + 7] = [np.cos(yaw / 2), 0, 0, np.sin(yaw / 2)]
+        self.state.qvel[dof : dof + count] = 0.0
+
+    def _storage(self, name: str) -> np.ndarray:
+        number = list(self.objects).index(name)
+        away = 1.5 if self.objects[name].links else 0.0  # a straight chain is long
+        return np.array([-6.0 + 0.45 * (number % 6), -2.0 + 0.7 * (number // 6) - 2 * away, 0.0])
+
+    def _stored(self) -> np.ndarray:
+        qpos = self.scene.home_qpos.copy()
+        for name, thing in self.objects.items():
+            column = self.model.joint(thing.body).qposadr[0]
+            qpos[column : column + 7] = [*self._storage(name), 1, 0, 0, 0]
+        return qpos
+
+    def _settled(self) -> None:
+        self.physics.update_poses()
+        self._rendered.clear()
+
+    def _render(self, camera: str) -> Renderer:
+        renderer = self._renderers.get(camera)
+        if renderer is None:
+            raise DenseVSError(f"camera {camera!r} is unknown; expected one of {', '.join(map(repr, CAMERAS))}")
+        if not self._rendered.get(camera, False):
+            renderer.render()
+            self._rendered[camera] = True
+        return renderer
+
+
+def object_of(world: MobileWorld, name: str) -> HouseholdObject:
+    """An object of a world by name.
+
+    Raises:
+        DenseVSError: not among them.
+    """
+    if name not in world.objects:
+        raise DenseVSError(f"object {name!r} is not in this world; expected one of {', '.join(world.objects)}")
+    return world.objects[name]
