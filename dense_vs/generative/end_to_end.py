@@ -15,7 +15,7 @@ from dense_vs.generative.levenberg_marquardt import Solution, minimize
 from dense_vs.generative.parameters import ModelParameters
 from dense_vs.generative.pixel_problem import Free, PixelProblem, State
 from dense_vs.generative.report import Stage
-from dense_vs.generative.rotation_fit import fit_rotations
+from dense_vs.generative.rotation_fit import fit_rotations_robustly, rotation_errors
 from dense_vs.generative.stereo import Reconstruction
 
 GOOD_RMS = 2.0  # px, of a coordinate: above, another minimum is looked for
@@ -46,13 +46,14 @@ def fit_kinematics(
     """
     started = time.perf_counter()
     q, rotation, translation = joints[found.posed], found.rotation[found.posed], found.translation[found.posed]
-    minima = fit_rotations(q, rotation, rng, starts=starts)
     fits = []
-    for minimum in minima[:TRIED_MINIMA]:
-        points, place = fit_axis_points(q, minimum.axes, translation)
+    for minimum in fit_rotations_robustly(q, rotation, rng, starts=starts):
+        errors = rotation_errors(q, rotation, minimum.axes, minimum.home)
+        weights = 1 / (1 + (errors / (2 * minimum.rms + 1e-6)) ** 2) ** 2
+        points, place = fit_axis_points(q, minimum.axes, translation, weights)
         fits.append(KinematicFit(minimum.axes, points, minimum.home, place, minimum.rms))
-    loss = minima[0].rms ** 2 * len(q)
-    stage = Stage("kinematics", float("nan"), loss, minima[0].rms, 0, True, time.perf_counter() - started)
+    loss = float((rotation_errors(q, rotation, fits[0].axes, fits[0].home_rotation) ** 2).sum())
+    stage = Stage("kinematics", float("nan"), loss, fits[0].rms, 0, True, time.perf_counter() - started)
     return fits, stage
 
 

@@ -106,8 +106,8 @@ def _step(equations: NormalEquations, damping: float) -> tuple[np.ndarray, np.nd
     solved = _solve_blocks(blocks, equations.chained, right)
     if solved is None:
         return None
-    across = equations.coupling.reshape(samples * width, -1)
-    reduced = across.T @ solved.reshape(samples * width, -1)
+    # Sample by sample: products this small are not worth a BLAS library's threads.
+    reduced = (equations.coupling.swapaxes(1, 2) @ solved).sum(axis=0)
     shared = np.zeros(0)
     if len(gradient):
         shared = _solve(matrix - reduced[:, :-1], reduced[:, -1] - gradient)

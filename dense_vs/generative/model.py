@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 
 from dense_vs.errors import DenseVSError
-from dense_vs.generative.fitting import fit_observed
+from dense_vs.generative.fitting import FitOptions, fit_joint_model
 from dense_vs.generative.joint_inference import JointInference, likeliest_path, predict
 from dense_vs.generative.observations import Observations
 from dense_vs.generative.parameters import ModelParameters
@@ -34,6 +34,11 @@ class GenerativeModel:
         controller: str = "joint",
         seed: int = 0,
         method: str = "lm",
+        *,
+        pixel_sigma: float | None = None,
+        state_sigma: float | None = None,
+        noise: str = "constant",
+        distortion: int = 0,
     ) -> "GenerativeModel":
         """Learn from observations alone."""
         for value, name, valid in (
@@ -44,7 +49,9 @@ class GenerativeModel:
         ):
             if value not in valid:
                 raise DenseVSError(f"{name} is {value!r}; expected one of {', '.join(map(repr, valid))}")
-        return cls(*fit_observed(obs, seed))
+        options = FitOptions(state, pixel_sigma, state_sigma, noise == "proportional", distortion)
+        fit = fit_joint_model(obs, seed, options)
+        return cls(fit.parameters, fit.joints, fit.report)
 
     def pixels(self, joints: Any) -> np.ndarray:
         """Pixels ``(T, cameras, features, 2)`` at joints ``(T, n)`` [rad]; NaN behind a camera."""

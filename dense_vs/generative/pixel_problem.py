@@ -11,7 +11,7 @@ from typing import Any, Protocol
 import numpy as np
 
 from dense_vs.generative.parameters import ModelParameters, tangents, turn
-from dense_vs.kernels.kinematics import Columns, FeatureProjection
+from dense_vs.kernels.kinematics import FeatureProjection
 
 
 @dataclass(frozen=True)
@@ -24,6 +24,23 @@ class Free:
     intrinsics: Any = False  # or a mask (c,)
     base: bool = False
     distortion: int = 0  # radial coefficients that are unknown with the intrinsics
+
+
+@dataclass(frozen=True)
+class Columns:
+    """First column of each shared unknown in the normal equations; -1 for what is known.
+
+    ``axes`` and ``points`` ``(n,)`` take 2 columns each, ``features`` ``(m,)`` 3, ``cameras`` ``(c,)`` 6, ``intrinsics``
+    ``(c,)`` ``intrinsics_count``; ``count`` is all of them.
+    """
+
+    axes: np.ndarray
+    points: np.ndarray
+    features: np.ndarray
+    cameras: np.ndarray
+    intrinsics: np.ndarray
+    intrinsics_count: int
+    count: int
 
 
 @dataclass
@@ -98,7 +115,9 @@ class PixelProblem:
         self.base_column = self.columns.count
         self.count = self.columns.count + (6 if free.base else 0)
         in_kernel = "pose" if free.base else local
-        self.kernel = FeatureProjection(1, samples, self.links, joints, cameras, self.columns, in_kernel)
+        with_intrinsics = self.columns.intrinsics_count if (self.columns.intrinsics >= 0).any() else 0
+        self.kernel = FeatureProjection(1, samples, self.links, joints, cameras, with_intrinsics, in_kernel)
+        self._places = _places(self.columns, with_intrinsics, self.base_column, free.base)
         self.kernel.set(pixels=np.where(self.seen[..., None], pixels, 0))
         self.reweight(np.ones(self.seen.shape) if weights is None else weights)
 
@@ -135,19 +154,32 @@ class PixelProblem:
         """Normal equations at ``state``."""
         self._load(state)
         self.kernel.evaluate()
-        samples = len(state.joints)
-        residuals = self.kernel.residuals.reshape(samples, -1)
-        jacobian = self.kernel.jacobian[0]
-        local = self.kernel.local_jacobian[0]
+        residuals = self.kernel.residuals[0]
+        jacobian, local = self.kernel.jacobian[0], self.kernel.local_jacobian[0]
         if self.free.base:
-            jacobian = np.concatenate([jacobian, local], axis=2)
-        flat = jacobian.reshape(-1, self.count)
-        equations = NormalEquations(0.0, flat.T @ flat, flat.T @ residuals.ravel())
+            jacobian = np.concatenate([jacobian, local], axis=-1)
+        cameras, features, samples, _, width = jacobian.shape
+        # A pair of camera and feature shares its columns, so its rows make one small dense product.
+        rows = jacobian.reshape(cameras * features, samples * 2, width)
+        errors = residuals.transpose(1, 2, 0, 3).reshape(cameras * features, samples * 2, 1)
+        transposed = rows.swapaxes(1, 2)
+        blocks, gradients = transposed @ rows, (transposed @ errors)[..., 0]
+        shared, gradient = np.zeros((self.count + 1, self.count + 1)), np.zeros(self.count + 1)
+        for places, block, part in zip(self._places, blocks, gradients, strict=True):
+            shared[places[:, None], places] += block
+            gradient[places] += part
+        equations = NormalEquations(0.0, shared[:-1, :-1].copy(), gradient[:-1].copy())
         if self.local != "none":
-            transposed = local.transpose(0, 2, 1)
-            equations.coupling = transposed @ jacobian
-            equations.local = transposed @ local
-            equations.local_gradient = (transposed @ residuals[..., None])[..., 0]
+            own = local.reshape(cameras * features, samples, 2, -1)
+            turned = own.swapaxes(2, 3)
+            coupling = np.zeros((samples, own.shape[-1], self.count + 1))
+            products = turned @ rows.reshape(cameras * features, samples, 2, width)
+            for places, product in zip(self._places, products, strict=True):
+                coupling[..., places] += product
+            equations.coupling = coupling[..., :-1].copy()
+            by_sample = own.transpose(1, 0, 2, 3).reshape(samples, -1, own.shape[-1])
+            equations.local = by_sample.swapaxes(1, 2) @ by_sample
+            equations.local_gradient = np.einsum("trd,tr->td", by_sample, residuals.reshape(samples, -1))
             if self.prior is not None:
                 self.prior.add(state, equations)
         equations.cost = self.cost_of(state, residuals)
@@ -258,3 +290,21 @@ def _columns(free: Free, joints: int, features: int, cameras: int) -> Columns:
     at_features, at_cameras = places(free.features, features, 3), places(free.cameras, cameras, 6)
     at_intrinsics = places(free.intrinsics, cameras, width)
     return Columns(axes, points, at_features, at_cameras, at_intrinsics, width, count)
+
+
+def _places(columns: Columns, intrinsics: int, base: int, with_base: bool) -> np.ndarray:
+    """Columns of the normal equations for the kernel's compact rows, ``(c * m, w)``; one past the last for none."""
+
+    def run(first: np.ndarray, width: int) -> np.ndarray:
+        spread = first[..., None] + np.arange(width)
+        return np.where(first[..., None] >= 0, spread, last).reshape(*first.shape[:-1], -1)
+
+    last = columns.count + (6 if with_base else 0)
+    kinematics = np.concatenate([run(columns.axes, 2), run(columns.points, 2)])
+    rows = []
+    for camera in range(len(columns.cameras)):
+        of_camera = [run(columns.cameras[[camera]], 6), run(columns.intrinsics[[camera]], intrinsics)]
+        for feature in range(len(columns.features)):
+            parts = [kinematics, run(columns.features[[feature]], 3), *of_camera]
+            rows.append(np.concatenate(parts + ([base + np.arange(6)] if with_base else [])))
+    return np.array(rows)

@@ -12,6 +12,7 @@ import numpy as np
 from dense_vs.generative.parameters import rotation_vector, tangents, turn
 from dense_vs.kernels.rotation_chain import RotationChain
 
+REFINED_MINIMA = 4
 DISTINCT = 1e-3  # relative difference of costs below which two ends count as the same minimum
 
 
@@ -46,7 +47,9 @@ def fit_rotations(
     """
     count = joints.shape[1]
     weights = np.ones(len(joints)) if weights is None else weights
-    axes, home = _starts(joints, rotations, rng, starts)
+    axes, home = np.zeros((0, count, 3)), np.zeros((0, 3, 3))
+    if starts > 0:
+        axes, home = _starts(joints, rotations, rng, starts)
     for trial_axes, trial_home in given or []:
         axes, home = np.concatenate([axes, trial_axes[None]]), np.concatenate([home, trial_home[None]])
     trials = len(axes)
@@ -83,10 +86,40 @@ def fit_rotations(
         active[refused[damping[refused] > 1e10]] = False
     minima: list[RotationMinimum] = []
     for trial in np.argsort(cost):
-        rms = float(np.sqrt(2 * cost[trial] / weights.sum()))
+        rms = float(np.sqrt(2 * max(cost[trial], 0.0) / weights.sum()))
         if not minima or rms > minima[-1].rms * (1 + DISTINCT) + 1e-9:
             minima.append(RotationMinimum(axes[trial], home[trial], rms))
     return minima
+
+
+def fit_rotations_robustly(
+    joints: np.ndarray, rotations: np.ndarray, rng: np.random.Generator, starts: int = 24
+) -> list[RotationMinimum]:
+    """As :func:`fit_rotations`, with samples of mistaken pose (depth reversals, swapped labels) losing their weight.
+
+    Each distinct minimum is taken up again with Cauchy weights of its own errors; its ``rms`` is then the median one.
+    """
+    minima = fit_rotations(joints, rotations, rng, starts=starts)
+    refined = []
+    for minimum in minima[:REFINED_MINIMA]:
+        axes, home = minimum.axes, minimum.home
+        errors = rotation_errors(joints, rotations, axes, home)
+        for _ in range(3):
+            scale = 2.0 * np.median(errors) + 1e-6
+            weights = 1 / (1 + (errors / scale) ** 2) ** 2
+            again = fit_rotations(joints, rotations, rng, weights, starts=0, max_iterations=30, given=[(axes, home)])[0]
+            axes, home = again.axes, again.home
+            errors = rotation_errors(joints, rotations, axes, home)
+        refined.append(RotationMinimum(axes, home, float(np.median(errors))))
+    return sorted(refined, key=lambda minimum: minimum.rms)
+
+
+def rotation_errors(joints: np.ndarray, rotations: np.ndarray, axes: np.ndarray, home: np.ndarray) -> np.ndarray:
+    """Angles ``(T,)`` [rad] between the chain's and the measured rotations."""
+    modelled = np.broadcast_to(np.eye(3), rotations.shape)
+    for axis, angle in zip(axes, joints.T, strict=True):
+        modelled = modelled @ turn(angle[:, None] * axis)
+    return np.linalg.norm(rotation_vector(rotations @ (modelled @ home).swapaxes(1, 2)), axis=1)
 
 
 def _equations(

@@ -61,7 +61,19 @@ def reconstruct(pixels: np.ndarray, intrinsics: np.ndarray) -> Reconstruction:
     placed = np.zeros(cameras, dtype=bool)
     placed[[a, b]] = True
     rotation, translation, structure, posed = align_samples(flat, seen, placed, camera_rotation, camera_translation)
-    for _ in range(cameras):
+    result = Reconstruction(rotation, translation, structure, camera_rotation, camera_translation, posed, placed)
+    return complete(result, pixels, intrinsics)
+
+
+def complete(found: Reconstruction, pixels: np.ndarray, intrinsics: np.ndarray) -> Reconstruction:
+    """Add the cameras, samples and features that can be placed by those that are, and express all in camera 0."""
+    flat, seen = rays(pixels, intrinsics), ~np.isnan(pixels[..., 0])
+    rotation, translation, structure = found.rotation.copy(), found.translation.copy(), found.structure
+    camera_rotation, camera_translation = found.camera_rotation.copy(), found.camera_translation.copy()
+    posed, placed = found.posed.copy(), found.placed_cameras.copy()
+    views = _Views(flat, seen, placed, camera_rotation, camera_translation)
+    structure = _grow(views, structure, rotation, translation, posed)
+    for _ in range(len(placed)):
         world = np.einsum("tij,mj->tmi", rotation, structure) + translation[:, None]
         known = posed[:, None] & np.isfinite(structure).all(axis=1)
         fresh = [c for c in np.flatnonzero(~placed) if (seen[:, c] & known).sum() >= PNP_POINTS]

@@ -88,16 +88,11 @@ def look_at(centre, target, roll=0.0):
 class Arm:
     """An arm, its features and its cameras, different for every seed."""
 
-    def __init__(self, name="ur5", seed=0, cameras=2, features=12, spread=0.3, distortion=0.0, links=None):
+    def __init__(self, name="ur5", seed=0, cameras=2, features=12, spread=0.3, distortion=0.0, links=None, facing=1.0):
         rng = np.random.default_rng([seed, 17])
         self.table, self.home, self.spread = TABLES[name], HOMES[name], spread
         self.joints = len(self.table)
         hand = link_poses(self.table, self.home)[-1]
-        # On a ball-like body of 5 to 9 cm about a point before the flange, normals outwards, all around.
-        direction = rng.normal(size=(features, 3))
-        direction /= np.linalg.norm(direction, axis=1, keepdims=True)
-        self.normals = direction
-        self.features = direction * rng.uniform(0.05, 0.09, (features, 1)) + [0, 0, 0.06]
         self.links = np.full(features, self.joints) if links is None else np.asarray(links)
         distance = 1.3 if spread <= 0.5 else 2.2
         self.cameras = []
@@ -113,6 +108,16 @@ class Arm:
                 [focal, focal * rng.uniform(0.99, 1.01), *(np.array([320, 240]) + rng.uniform(-8, 8, 2))]
             )
             self.cameras.append(Camera(rotation, -rotation @ centre, intrinsics, distortion=distortion))
+
+        # On a ball-like body of 5 to 9 cm before the flange, normals outwards; ``facing`` leaves more of them on the side
+        # towards the cameras, 0 spreads them all around.
+        middle = np.mean([c.centre for c in self.cameras], axis=0) - hand[:3, 3]
+        direction = rng.normal(size=(features, 3))
+        direction /= np.linalg.norm(direction, axis=1, keepdims=True)
+        direction += facing * hand[:3, :3].T @ middle / np.linalg.norm(middle)
+        direction /= np.linalg.norm(direction, axis=1, keepdims=True)
+        self.normals = direction
+        self.features = direction * rng.uniform(0.05, 0.09, (features, 1)) + [0, 0, 0.06]
 
     def guesses(self, rng, focal=0.01):
         """Intrinsics as a user knows them: focal lengths off by a share, principal point in the middle."""

@@ -1,0 +1,94 @@
+"""Stage 1: candidate reconstructions of cameras, structure and hand poses, each refined by bundle adjustment."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from dense_vs.errors import DenseVSError
+from dense_vs.generative.bundle_adjustment import adjust_bundle
+from dense_vs.generative.factorization import factorize
+from dense_vs.generative.levenberg_marquardt import Solution
+from dense_vs.generative.observations import Observations
+from dense_vs.generative.stereo import Reconstruction, complete, reconstruct
+
+POSED_SHARE = 0.6  # of the samples: below, a reconstruction gets company from other methods
+GOOD_BUNDLE = 1.5  # px RMS of a coordinate
+FACTORIZATIONS = 4
+
+FOCAL_SIGMA, CENTRE_SIGMA, DISTORTION_SIGMA = 0.1, 0.03, 0.2  # of given intrinsics: share, share of the width, k1
+UNKNOWN_FOCAL_SIGMA = 0.4
+
+
+@dataclass
+class Candidate:
+    """A reconstruction, its intrinsics and how well it explains the pixels that took part."""
+
+    found: Reconstruction
+    intrinsics: np.ndarray
+    weights: np.ndarray  # (T, c, m)
+    solution: Solution
+    rms: float  # px of a coordinate
+
+
+def guessed_intrinsics(obs: Observations) -> np.ndarray:
+    """The given intrinsics ``(c, 6)``, or a usual lens for each image size."""
+    if obs.intrinsics is not None:
+        return obs.intrinsics.copy()
+    rows = [[1.1 * max(h, w), 1.1 * max(h, w), (w - 1) / 2, (h - 1) / 2, 0, 0] for h, w in obs.image_sizes]
+    return np.array(rows)
+
+
+def intrinsics_prior(obs: Observations, guess: np.ndarray, pixel_sigma: float) -> tuple[np.ndarray, np.ndarray]:
+    """Mean and information of the intrinsics, weak enough for guesses that are a third off.
+
+    Beyond the paper: with few samples the pixels hardly tell the principal point, and without this it wanders.
+    """
+    widths = np.array([max(size) for size in obs.image_sizes], dtype=float)[:, None]
+    share = FOCAL_SIGMA if obs.intrinsics is not None else UNKNOWN_FOCAL_SIGMA
+    sigma = np.hstack([share * guess[:, :2], CENTRE_SIGMA * np.repeat(widths, 2, axis=1)])
+    sigma = np.hstack([sigma, np.full((len(guess), 2), DISTORTION_SIGMA)])
+    return guess, (pixel_sigma / sigma) ** 2
+
+
+def candidates(obs: Observations, hand: np.ndarray, rng: np.random.Generator) -> list[Candidate]:
+    """Reconstructions from the features ``(m,)`` of the hand, best first.
+
+    Raises:
+        DenseVSError: no way leads to one; the message says why.
+    """
+    pixels = np.where(hand[:, None], obs.pixels, np.nan)
+    guess = guessed_intrinsics(obs)
+    found: list[Candidate] = []
+    refusal: DenseVSError | None = None
+    cameras = pixels.shape[1]
+    if cameras > 1:
+        try:
+            found.append(_adjusted(reconstruct(pixels, guess), pixels, guess))
+        except DenseVSError as error:
+            refusal = error
+    sound = [c for c in found if c.found.posed.mean() >= POSED_SHARE and c.found.placed_cameras.all()]
+    if sound:
+        return sound
+    counts = np.isfinite(pixels[..., 0]).sum(axis=(0, 2))
+    for camera in np.argsort(-counts)[:2]:
+        for _ in range(FACTORIZATIONS):
+            try:
+                pair = factorize(pixels, guess, int(camera), rng)
+            except DenseVSError as error:
+                refusal = refusal or error
+                break
+            adjusted = [_adjusted(complete(single, pixels, guess), pixels, guess) for single in pair]
+            found += adjusted
+            if min(c.rms for c in adjusted) < GOOD_BUNDLE:
+                break
+    if not found:
+        raise refusal or DenseVSError("the pixels hold too few features to find structure and motion")
+    posed = np.array([c.found.posed.sum() + len(obs) * c.found.placed_cameras.sum() for c in found], dtype=float)
+    order = np.lexsort(([c.rms for c in found], np.array([c.rms for c in found]) > GOOD_BUNDLE, -(posed // 5)))
+    return [found[k] for k in order]
+
+
+def _adjusted(found: Reconstruction, pixels: np.ndarray, guess: np.ndarray) -> Candidate:
+    adjusted, intrinsics, solution, weights = adjust_bundle(pixels, guess, found, max_iterations=60)
+    taken = (weights > 0).sum()
+    return Candidate(adjusted, intrinsics, weights, solution, float(np.sqrt(solution.cost / max(2 * taken, 1))))
