@@ -14,8 +14,9 @@ import warp as wp
 from dense_vs.jacobian_options import JacobianOptions
 from dense_vs.kernels.covariance import fixed_gain, forget_covariance, regressors, update_shared_covariance
 from dense_vs.kernels.flow_field import count_bad_flow
-from dense_vs.kernels.image_jacobian import Layout, forget_state, jacobian_kernels
+from dense_vs.kernels.image_jacobian import forget_state, jacobian_kernels
 from dense_vs.kernels.launch import PixelLaunch, launch_pixels
+from dense_vs.kernels.state_image import Layout, group_size
 
 
 class JacobianFilter:
@@ -25,7 +26,7 @@ class JacobianFilter:
         options: checked options.
         device: Warp device.
         threads: CPU threads.
-        layout: of the state, see :mod:`dense_vs.kernels.image_jacobian`; ``"planes"`` on a GPU unless given.
+        layout: of the state, see :mod:`dense_vs.kernels.state_image`; ``"planes"`` on a GPU unless given.
         flow: (B, H, W) of vec2 that someone else fills; an array of its own unless given.
 
     Attributes:
@@ -73,7 +74,8 @@ class JacobianFilter:
         state = self.state[now].numpy()
         if self.layout == "planes":
             worlds, height, width = self.shape
-            state = np.moveaxis(state.reshape(worlds, 2, -1, height, width), (1, 2), (3, 4))
+            state = state.reshape(worlds, -1, height, width, self._group)
+            state = np.moveaxis(state, 1, 3).reshape(worlds, height, width, 2, -1)
         covariance, displacement = self.covariance[now].numpy(), self.displacement[now].numpy()
         return {"state": state, "covariance": covariance, "displacement": displacement}
 
@@ -81,7 +83,9 @@ class JacobianFilter:
         """Go on from what :meth:`stored` gave."""
         state = stored["state"]
         if self.layout == "planes":
-            state = np.moveaxis(state, (3, 4), (1, 2)).reshape(self.state[self.now].shape)
+            worlds, height, width = self.shape
+            state = state.reshape(worlds, height, width, -1, self._group)
+            state = np.moveaxis(state, 3, 1).reshape(-1, height, width, self._group)
         self.state[self.now].assign(np.ascontiguousarray(state))
         self.covariance[self.now].assign(stored["covariance"])
         self.displacement[self.now].assign(stored["displacement"])
@@ -177,11 +181,15 @@ class JacobianFilter:
         def pair(shape: tuple[int, ...], dtype: Any) -> list[Any]:
             return [wp.zeros(shape, dtype=dtype, device=device) for _ in range(2)]
 
+        self._group = group_size(columns)
         if self.layout == "planes":
-            self.state = self._floats = pair((2 * columns * worlds, height, width), wp.float32)
+            planes = 2 * columns // self._group * worlds
+            self.state = pair((planes, height, width), wp.types.vector(self._group, wp.float32))
+            shape = (planes, height, self._group * width)
         else:
             self.state = pair(self.shape, kernels.State)
-            self._floats = [_seen_as(array, wp.float32, (worlds, height, 2 * columns * width)) for array in self.state]
+            shape = (worlds, height, 2 * columns * width)
+        self._floats = [_seen_as(array, wp.float32, shape) for array in self.state]
         self.covariance = pair(self.shape, per_pixel) if per_pixel else pair((worlds, columns, columns), wp.float64)
         if options.covariance == "fixed":
             self.covariance[1] = self.covariance[0]

@@ -9,20 +9,17 @@ Bilinear sampling and the product with dq commute, so on a CPU, where arithmetic
 of v = J dq are computed once for the image and sampled in place of the columns of the state wherever only the product
 is needed: in the iteration and in the innovation. On a GPU, where moving the state costs more than sampling
 it twice, :func:`update_shared_once` does the same without the image of v.
-
-Layout. On a CPU a pixel's state is a matrix in one place. On a GPU each entry of it is an image of its own, a
-plane, so that neighbouring threads read neighbouring addresses.
 """
 
 from functools import cache
 from types import SimpleNamespace
-from typing import Literal
 
 import warp as wp
 
 from dense_vs.kernels.bilinear import Taps, bilinear, bilinear_taps
 from dense_vs.kernels.covariance import hessian_column, state_columns
 from dense_vs.kernels.flow_field import finite
+from dense_vs.kernels.state_image import Layout, state_image
 
 wp.set_module_options({"enable_backward": False})
 
@@ -49,9 +46,6 @@ def displacement(
     return moved
 
 
-Layout = Literal["matrices", "planes"]
-
-
 @wp.kernel
 def forget_state(
     # In:
@@ -72,9 +66,8 @@ def jacobian_kernels(joints: int, order: int = 1, layout: Layout = "matrices") -
     """Kernels for ``joints`` joints and a state of ``order`` 1 or 2, with their element types.
 
     ``State`` is (2, C) with C = :func:`state_columns`; ``StateRow`` (C); ``Jacobian`` (2, N); ``JointVector``
-    (N); ``Covariance`` (N, N). An image of states is (worlds, H, W) of ``State`` in layout ``"matrices"``, and
-    (worlds 2 C, H, W) of float32 in ``"planes"``: entry (row, column) of world w is plane w 2 C + row C + column. The
-    kernels with a covariance per pixel exist for order 1.
+    (N); ``Covariance`` (N, N); ``StateImage`` an image of states, see ``state_image.py``. The kernels with a covariance
+    per pixel exist for order 1.
     """
     columns = state_columns(joints, order)
     State = wp.types.matrix((2, columns), wp.float32)
@@ -82,62 +75,14 @@ def jacobian_kernels(joints: int, order: int = 1, layout: Layout = "matrices") -
     Jacobian = wp.types.matrix((2, joints), wp.float32)
     JointVector = wp.types.vector(joints, wp.float32)
     Covariance = wp.types.matrix((joints, joints), wp.float32)
-    StateImage = wp.array3d(dtype=State if layout == "matrices" else wp.float32)
+    stored = state_image(State, columns, layout)
+    StateImage = stored.StateImage
+    read_state, write_state, sample_state = stored.read_state, stored.write_state, stored.sample_state
     sample_variance = bilinear(JointVector)
 
     def kernel_in(form: str):
         # A module a form and size: a new size never recompiles the others, an unused form is never compiled.
         return wp.kernel(module=f"{__name__}_{form}_{layout}_{joints}_{order}", enable_backward=False)
-
-    if layout == "matrices":
-        sample_state = bilinear(State)
-
-        @wp.func
-        def read_state(image: StateImage, world: int, y: int, x: int) -> State:
-            return image[world, y, x]
-
-        @wp.func
-        def write_state(image: StateImage, world: int, y: int, x: int, state: State):
-            image[world, y, x] = state
-
-    else:
-
-        @wp.func
-        def read_state(image: StateImage, world: int, y: int, x: int) -> State:
-            state = State()
-            plane = world * wp.static(2 * columns)
-            for c in range(wp.static(columns)):
-                state[0, c] = image[plane + c, y, x]
-                state[1, c] = image[plane + wp.static(columns) + c, y, x]
-            return state
-
-        @wp.func
-        def write_state(image: StateImage, world: int, y: int, x: int, state: State):
-            plane = world * wp.static(2 * columns)
-            for c in range(wp.static(columns)):
-                image[plane + c, y, x] = state[0, c]
-                image[plane + wp.static(columns) + c, y, x] = state[1, c]
-
-        @wp.func
-        def sample_plane(image: StateImage, plane: int, taps: Taps) -> float:
-            upper = (
-                image[plane, taps.top, taps.left] * taps.upper_left
-                + image[plane, taps.top, taps.right] * taps.upper_right
-            )
-            lower = (
-                image[plane, taps.bottom, taps.left] * taps.lower_left
-                + image[plane, taps.bottom, taps.right] * taps.lower_right
-            )
-            return upper + lower
-
-        @wp.func
-        def sample_state(image: StateImage, world: int, taps: Taps) -> State:
-            state = State()
-            plane = world * wp.static(2 * columns)
-            for c in range(wp.static(columns)):
-                state[0, c] = sample_plane(image, plane + c, taps)
-                state[1, c] = sample_plane(image, plane + wp.static(columns) + c, taps)
-            return state
 
     @wp.func
     def innovation(flow: wp.vec2, model_flow: wp.array3d(dtype=wp.vec2), world: int, taps: Taps) -> wp.vec2:

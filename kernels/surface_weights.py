@@ -9,7 +9,8 @@ from types import SimpleNamespace
 
 import warp as wp
 
-from dense_vs.kernels.image_jacobian import Layout, jacobian_kernels
+from dense_vs.kernels.image_jacobian import jacobian_kernels
+from dense_vs.kernels.state_image import Layout
 
 wp.set_module_options({"enable_backward": False})
 
