@@ -52,6 +52,8 @@ class ServoLoop:
         threads: CPU threads of an estimator made here.
         device: of an estimator made here.
         seed: of babbling and dither made here.
+        command_period: time between commands [s], for a robot that takes a new one only so often; in the frames between
+            them J is learnt and the commanded step is zero. A command every frame unless given.
         on_frame: called with the loop after every frame; a viewer, a recorder, an evaluation.
 
     Raises:
@@ -71,6 +73,7 @@ class ServoLoop:
         device: str = "auto",
         threads: int | None = None,
         seed: int = 0,
+        command_period: float | None = None,
         on_frame: Callable[["ServoLoop"], None] | None = None,
     ):
         self.camera, self.robot = camera, robot
@@ -89,7 +92,12 @@ class ServoLoop:
             )
         self.estimator = estimator
         self.servo = servo or VisualServo(joints, joint_limits=self.joint_limits, seed=seed)
-        self.babbling = babbling or Babbling(joints, seed=seed)
+        if command_period is not None and not 0 < command_period < np.inf:
+            raise DenseVSError(f"command_period is {command_period!r}; expected a finite number of seconds above 0")
+        self.command_period = command_period
+        pace = {} if command_period is None else {"frame_time": command_period}
+        self.babbling = babbling or Babbling(joints, seed=seed, **pace)
+        self._next_command = time
         self.pipeline = FramePipeline(estimator, flow, scale=scale)
         self.tracker: PointTracker | None = None
         self.target: np.ndarray | None = None
@@ -130,7 +138,7 @@ class ServoLoop:
             raise DenseVSError(f"babbling of {seconds!r} s; expected a finite number above 0")
         end = self.frame.time + seconds
         while self.frame.time < end:
-            self.step(self._limited(self.babbling.step(self.frame.flow)))
+            self.step(self._when_due(lambda: self._limited(self.babbling.step(self.frame.flow))))
 
     def define_point(self, point: Any, **options: Any) -> None:
         """Choose the point of the body to control, at its place in the last image [px].
@@ -164,13 +172,29 @@ class ServoLoop:
         settled = frames = 0
         distance = float(np.hypot(*(self.point - self.target)))
         while frames < max_frames and settled < settle_frames and not self._lost:
-            J = self.estimator.at(self.point)[0]
-            self.step(self.servo(J, self.point, self.target, self.frame.positions))
+            self.step(self._when_due(self._servo_step))
             frames += 1
             distance = float(np.hypot(*(self.point - self.target)))
             settled = settled + 1 if distance <= tolerance else 0
         goal = float(self.target[0]), float(self.target[1])
         return Reach(goal, frames, distance, settled >= settle_frames and not self._lost, self._lost)
+
+    def _servo_step(self) -> np.ndarray:
+        J = self.estimator.at(self.point)[0]
+        return self.servo(J, self.point, self.target, self.frame.positions)
+
+    def _when_due(self, choose: Callable[[], np.ndarray]) -> np.ndarray:
+        """The chosen joint step where a command is due by now, else zero."""
+        if self.command_period is None:
+            return choose()
+        late = self.frame.time - self._next_command
+        if late < -1e-6:  # s; stamps are sums of rounded numbers
+            return np.zeros(self.estimator.options.joints)
+        # On a grid, which begins anew after a pause.
+        self._next_command += self.command_period * (
+            1 if late < self.command_period else late // self.command_period + 1
+        )
+        return choose()
 
     @property
     def _lost(self) -> bool:

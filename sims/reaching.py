@@ -60,6 +60,7 @@ class ReachingExperiment:
             seen at when the babbling is over.
         seed: of babbling, dither and targets.
         babble_seconds: time spent learning J first [s].
+        command_seconds: time that the robot carries a command out in, see :class:`SimRobot`.
         on_frame: called with the experiment after every frame.
         loop: options of :class:`ServoLoop`.
     """
@@ -71,6 +72,7 @@ class ReachingExperiment:
         point: Any = "tip",
         seed: int = 0,
         babble_seconds: float = 10.0,
+        command_seconds: float = 0.0,
         on_frame: Callable[["ReachingExperiment"], None] | None = None,
         **loop: Any,
     ):
@@ -82,25 +84,34 @@ class ReachingExperiment:
         self._seed = seed
         self._on_frame = on_frame
         joints = len(world.joint_names)
-        loop.setdefault("babbling", Babbling(joints, seed=seed, frame_time=FRAME_SECONDS))
-        self.loop = ServoLoop(SimCamera(world), SimRobot(world), seed=seed, on_frame=self._after_frame, **loop)
+        pace = loop.get("command_period") or FRAME_SECONDS
+        loop.setdefault("babbling", Babbling(joints, seed=seed, frame_time=pace))
+        robot = SimRobot(world, command_seconds=command_seconds)
+        self.loop = ServoLoop(SimCamera(world), robot, seed=seed, on_frame=self._after_frame, **loop)
 
     def learn(self) -> JacobianError:
         """Babble, and return the error of J then."""
         self.loop.babble(self.babble_seconds)
         return self.jacobian_error()
 
-    def choose(self, **tracker: Any) -> np.ndarray:
-        """Define the point to control at its present place, as a click in the image would; that place [px]."""
+    def choose(self, point: Any = None, **tracker: Any) -> np.ndarray:
+        """Define the point to control at its present place, as a click in the image would; that place [px].
+
+        Args:
+            point: another one than the constructor's; what has been learnt stays.
+            tracker: options of :class:`dense_vs.PointTracker`.
+        """
+        if point is not None:
+            self._point = point
         pixel = self.world.project(self._point) if isinstance(self._point, str) else np.asarray(self._point, float)
         self.surface_point = self.world.track_point(pixel)
         self.loop.define_point(pixel, **tracker)
         return pixel
 
-    def targets(self, count: int) -> np.ndarray:
-        """Targets ``(count, 2)`` that the chosen point can reach."""
+    def targets(self, count: int, **options: Any) -> np.ndarray:
+        """Targets ``(count, 2)`` that the chosen point can reach; options of :func:`reachable_targets`."""
         assert self.surface_point is not None
-        return reachable_targets(self.world, self.surface_point, count, self._seed)
+        return reachable_targets(self.world, self.surface_point, count, self._seed, **options)
 
     def reach(self, target: Any, **options: Any) -> MeasuredReach:
         """Servo to a target and measure; options of :meth:`ServoLoop.reach`."""

@@ -20,12 +20,14 @@ def reachable_targets(
     least_distance: float = 20.0,
     border: float = 20.0,
     share_of_range: float = 0.8,
+    reach: float | None = None,
 ) -> np.ndarray:
     """Targets ``(count, 2)`` [px], ``(worlds, count, 2)`` for several worlds, each at least ``least_distance`` from
     the one before.
 
     A posture is drawn from the middle ``share_of_range`` of the joint ranges (from 0.5 rad about the present one
-    where a joint has no limits); it counts where the point is then seen, at least ``border`` px inside the image.
+    where a joint has no limits), or from ``reach`` rad about the present posture where that is given; passive joints
+    follow. It counts where the point is then seen, at least ``border`` px inside the image.
 
     Raises:
         DenseVSError: no such posture found in a world.
@@ -38,7 +40,7 @@ def reachable_targets(
         random = np.random.default_rng([seed, 7] if number == 0 else [seed, 7, number])
         found.append(
             _targets_of_world(
-                world, point, number, count, random, starts[number], least_distance, border, share_of_range
+                world, point, number, count, random, starts[number], least_distance, border, share_of_range, reach
             )
         )
     return found[0] if worlds == 1 else np.stack(found)
@@ -54,6 +56,7 @@ def _targets_of_world(
     least_distance: float,
     border: float,
     share_of_range: float,
+    reach: float | None,
 ) -> np.ndarray:
     _, height, width = world.shape
     scene = world.scene
@@ -64,15 +67,22 @@ def _targets_of_world(
     low, high = scene.joint_limits.T
     q = present.qpos[columns]
     low, high = np.where(np.isfinite(low), low, q - 0.5), np.where(np.isfinite(high), high, q + 0.5)
-    middle, half = (low + high) / 2, (high - low) / 2 * share_of_range
+    if reach is None:
+        middle, half = (low + high) / 2, (high - low) / 2 * share_of_range
+        low, high = middle - half, middle + half
+    else:
+        low, high = np.maximum(low, q - reach), np.minimum(high, q + reach)
     targets = []
     for _ in range(ATTEMPTS):
         if len(targets) == count:
             break
-        data.qpos[:] = present.qpos
+        posture = present.qpos.copy()
+        posture[columns] = (low + high) / 2 + (high - low) / 2 * random.uniform(-1, 1, len(columns))
+        data.qpos[:], closed = scene.chain.closed(model, posture)
+        if not closed:
+            continue
         data.mocap_pos[:] = present.mocap_pos
         data.mocap_quat[:] = present.mocap_quat
-        data.qpos[columns] = middle + half * random.uniform(-1, 1, len(columns))
         mujoco.mj_kinematics(model, data)
         mujoco.mj_comPos(model, data)
         mujoco.mj_camlight(model, data)

@@ -8,7 +8,11 @@ beside the paper's and writes them as JSON.
 
 # Imported when named on the command line.
 EXPERIMENTS: dict[str, dict[str, str]] = {
-    "dije": {},
+    "dije": {
+        "rake": "dense_vs.sims.experiments.dije.rake",
+        "reach": "dense_vs.sims.experiments.dije.reach",
+        "vacuum": "dense_vs.sims.experiments.dije.vacuum",
+    },
     "generative": {},
     "vosvs": {},
 }

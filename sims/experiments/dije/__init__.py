@@ -1,0 +1,1 @@
+"""The experiments of the paper on dense image Jacobian estimation (DIJE)."""

@@ -1,0 +1,223 @@
+"""What the servo experiments of DIJE section V-B share: a robot that learns J, then brings points to targets.
+
+As in the paper, images come at 30 frames a second and a joint command every 0.7 s. Unlike the paper's robot, which
+began with J = 0 and the control law, ours babbles first: (17) commands nothing where J is zero. The loop sees
+images and joint readings only; the simulator chooses targets that can be reached and says what came of it.
+"""
+
+import argparse
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from dense_vs.errors import DenseVSError
+from dense_vs.evaluation import JacobianError
+from dense_vs.sims.experiments.rows import Row
+
+PAPER_GAIN, PAPER_PERIOD = 0.034, 0.7
+
+
+@dataclass(frozen=True)
+class ServoTask:
+    """One of the experiments.
+
+    Attributes:
+        figure: of the paper.
+        robot, joints: of :class:`dense_vs.sims.SimWorld`.
+        points: what is controlled, one after the other without learning anew.
+        close_px: true error that counts as success; ``soft_px`` where the robot is compliant [px].
+        least_distance: between a target and the one before [px].
+    """
+
+    figure: str
+    robot: str
+    joints: tuple[str, ...]
+    points: tuple[str, ...]
+    close_px: float
+    soft_px: float
+    least_distance: float
+
+
+@dataclass(frozen=True)
+class TaskReach:
+    """One target: which point, where to, in how many frames, and the true distance at the end [px]."""
+
+    point: str
+    target: tuple[float, float]
+    frames: int
+    true_error_px: float
+    believed_error_px: float
+    image: np.ndarray  # (H, W, 3) at the end
+    path: tuple[int, int]  # first and last frame of the trace
+
+
+@dataclass
+class TaskRun:
+    """What a seed brought; ``trace`` as :class:`dense_vs.sims.reaching.Trace`."""
+
+    seed: int
+    learnt: JacobianError
+    trace: Any
+    reaches: list[TaskReach] = field(default_factory=list)
+    estimated: np.ndarray | None = None  # (H, W, 2, N) at the end
+    true: np.ndarray | None = None
+    mask: np.ndarray | None = None  # (H, W), the robot
+
+
+def add_task_arguments(parser: argparse.ArgumentParser, task: ServoTask) -> None:
+    """Declare the arguments that the three experiments share."""
+    parser.add_argument(
+        "--targets",
+        nargs="+",
+        default=["2"],
+        metavar="N",
+        help="random reachable targets a point (default: 2), or the targets themselves as X,Y [px]",
+    )
+    parser.add_argument("--babble", type=float, default=20.0, metavar="S", help="seconds of learning (default: 20)")
+    parser.add_argument(
+        "--period", type=float, default=PAPER_PERIOD, metavar="S", help="seconds between commands (default: 0.7)"
+    )
+    parser.add_argument("--gain", type=float, default=0.5, help="k_p of (17) (default: 0.5; the paper's is 0.034)")
+    parser.add_argument(
+        "--commands", type=int, default=20, help="commands after which a target is given up (default: 20)"
+    )
+    parser.add_argument("--compliance", action="store_true", help="muscle-like joints: soft, late, read with noise")
+    parser.add_argument("--distractor", default="none", help="what passes by, as walker-behind (default: none)")
+    parser.set_defaults(task=task)
+
+
+def run_task(arguments: argparse.Namespace) -> list[Row]:
+    """Run the task of the arguments for every seed, draw it, and return its rows."""
+    from dense_vs.cli.output import note_first_run, progress
+    from dense_vs.sims.experiments.dije.servo_figures import draw_run
+    from dense_vs.sims.world import FRAME_SECONDS
+
+    task: ServoTask = arguments.task
+    targets = parse_targets(arguments.targets)
+    if not arguments.babble > 0 or not arguments.period > 0 or arguments.commands < 1:
+        raise DenseVSError("--babble and --period are seconds above 0, --commands is a whole number of at least 1")
+    note_first_run()
+    count = targets if isinstance(targets, int) else len(targets)
+    frames = arguments.babble / FRAME_SECONDS + 200 * count * len(task.points)
+    runs = []
+    with progress("seed", round(frames * len(arguments.seeds))) as bar:
+        for seed in arguments.seeds:
+            bar.set_description(f"seed {seed}")
+            run = run_seed(task, seed, targets, arguments, bar.update)
+            draw_run(task, run, arguments.out)
+            runs.append(run)
+    return task_rows(task, runs, arguments)
+
+
+def run_seed(
+    task: ServoTask,
+    seed: int,
+    targets: int | np.ndarray,
+    arguments: argparse.Namespace,
+    on_frame: Callable[[], Any] = lambda: None,
+) -> TaskRun:
+    """One robot: learn J, then every point to its targets."""
+    from dense_vs.jacobian import DenseJacobian
+    from dense_vs.servo import VisualServo
+    from dense_vs.sims.reaching import ReachingExperiment
+    from dense_vs.sims.world import FRAME_SECONDS, SimWorld
+
+    world = SimWorld(
+        task.robot,
+        joints=task.joints,
+        seed=seed,
+        compliance=arguments.compliance,
+        distractor=arguments.distractor,
+        device=arguments.device,
+        threads=arguments.threads,
+    )
+    joints = len(task.joints)
+    frames = round(arguments.period / FRAME_SECONDS)
+    experiment = ReachingExperiment(
+        world,
+        point=task.points[0],
+        seed=seed,
+        babble_seconds=arguments.babble,
+        command_seconds=arguments.period,
+        command_period=arguments.period,
+        on_frame=lambda _: on_frame(),
+        estimator=DenseJacobian(
+            height=240,
+            width=320,
+            joints=joints,
+            device=arguments.device,
+            threads=arguments.threads,
+            on_bad_flow="skip",
+        ),
+        # A step lasts 0.7 s instead of a frame, so it may be longer.
+        servo=VisualServo(
+            joints, joint_limits=world.joint_limits, seed=seed, gain=arguments.gain, max_step=0.12, dither=0.001
+        ),
+    )
+    run = TaskRun(seed, experiment.learn(), experiment.trace)
+    for point in task.points:
+        experiment.choose(point)
+        if isinstance(targets, int):
+            places = experiment.targets(targets, reach=0.35, least_distance=task.least_distance, border=25.0)
+        else:
+            places = targets
+        for target in places:
+            first = len(run.trace.times)
+            measured = experiment.reach(target, settle_frames=frames + 5, max_frames=arguments.commands * frames)
+            run.reaches.append(
+                TaskReach(
+                    point,
+                    measured.reach.target,
+                    measured.reach.frames,
+                    measured.true_error_px,
+                    measured.reach.error_px,
+                    experiment.loop.frame.image.copy(),
+                    (first, len(run.trace.times) - 1),
+                )
+            )
+    run.estimated, run.true = experiment.loop.estimator.to_numpy().copy(), world.true_jacobian()
+    run.mask = world.robot_mask()
+    return run
+
+
+def task_rows(task: ServoTask, runs: list[TaskRun], arguments: argparse.Namespace) -> list[Row]:
+    """The figures of all seeds."""
+    seeds = tuple(run.seed for run in runs)
+    close = task.soft_px if arguments.compliance else task.close_px
+    rows = [
+        Row("seconds between commands", PAPER_PERIOD, arguments.period, "s", seeds),
+        Row("gain of a command", PAPER_GAIN, arguments.gain, "", seeds),
+        Row("J error after learning, median", None, float(np.median([run.learnt.median for run in runs])), "", seeds),
+    ]
+    for point in task.points:
+        reaches = [reach for run in runs for reach in run.reaches if reach.point == point]
+        errors = np.array([reach.true_error_px for reach in reaches])
+        seconds = np.array([reach.frames for reach in reaches]) / 30
+        rows += [
+            Row(f"{point}: true error, median", None, float(np.median(errors)), "px", seeds),
+            Row(f"{point}: true error, worst", None, float(errors.max()), "px", seeds),
+            Row(f"{point}: targets within {close:g} px", None, int((errors < close).sum()), f"of {len(errors)}", seeds),
+            Row(f"{point}: time to a target, median", None, float(np.median(seconds)), "s", seeds),
+        ]
+    return rows
+
+
+def parse_targets(texts: list[str]) -> int | np.ndarray:
+    """A number of random targets, or targets (K, 2) [px] out of ``X,Y`` each.
+
+    Raises:
+        DenseVSError: neither.
+    """
+    if len(texts) == 1 and texts[0].isdecimal() and int(texts[0]) > 0:
+        return int(texts[0])
+    try:
+        places = np.array([[float(part) for part in text.split(",")] for text in texts])
+    except ValueError:
+        places = np.empty((0, 0))
+    if places.shape != (len(texts), 2) or not np.isfinite(places).all():
+        raise DenseVSError(
+            f"--targets is {' '.join(texts)}; expected a whole number of at least 1, or X,Y of each target"
+        )
+    return places
