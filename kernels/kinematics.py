@@ -16,7 +16,6 @@ v and Rv the feature from p_i before and after the turn. float64: the normal equ
 are ill-conditioned in the free scale. Arrays lead with ``runs``: restarts, hypotheses or worlds solved at once.
 """
 
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -27,29 +26,6 @@ wp.set_module_options({"enable_backward": False})
 INTRINSICS = 6  # fx, fy, cx, cy [px], k1, k2
 
 
-@dataclass(frozen=True)
-class Columns:
-    """Where the unknowns that all samples share stand in a row of the Jacobian; -1 for what is known.
-
-    Attributes:
-        axes: ``(n,)`` first of the 2 columns that turn w_i about its two tangents.
-        points: ``(n,)`` first of the 2 columns that shift p_i along the same tangents.
-        features: ``(m,)`` first of the 3 columns of a feature.
-        cameras: ``(c,)`` first of the 6 columns of a camera: turn, then shift.
-        intrinsics: ``(c,)`` first of the ``intrinsics_count`` columns of fx, fy, cx, cy, k1, k2.
-        intrinsics_count: how many of those six are unknown.
-        count: columns in all.
-    """
-
-    axes: np.ndarray
-    points: np.ndarray
-    features: np.ndarray
-    cameras: np.ndarray
-    intrinsics: np.ndarray
-    intrinsics_count: int
-    count: int
-
-
 class FeatureProjection:
     """Residuals of feature pixels and their Jacobian, for arrays whose shapes stay the same.
 
@@ -57,13 +33,16 @@ class FeatureProjection:
         runs, samples: leading shape of the arrays.
         links: ``(m,)`` link that each feature stands on: 0 none (the base), n the last.
         joints, cameras: how many.
-        columns: the shared unknowns; None for residuals only.
+        intrinsics: how many of fx, fy, cx, cy, k1, k2 get columns: 0, 4, 5 or 6.
         local: unknowns of each sample: ``"none"``, ``"joints"`` (n columns) or ``"pose"`` (6: turn, then shift).
         device: Warp device.
 
     ``residuals`` is ``(runs, T, c, m, 2)`` [px], model minus measured, times the root of the weight, NaN for a feature
-    with a weight that is not in front of its camera; ``jacobian`` ``(runs, T, c * m * 2, columns)``, ``local_jacobian``
-    ``(runs, T, c * m * 2, n or 6)``. On a CPU they are views that the next :meth:`evaluate` overwrites.
+    with a weight that is not in front of its camera. A row of ``jacobian`` ``(runs, c, m, T, 2, w)`` holds only what its
+    feature and its camera depend on: turns of the n axes about their two tangents, shifts of the n points along the
+    same, the feature (3), the camera's turn and shift (6) and its intrinsics, w = 4 n + 9 + ``intrinsics``.
+    ``local_jacobian`` is ``(runs, c, m, T, 2, n or 6)``. On a CPU they are views that the next :meth:`evaluate`
+    overwrites.
     """
 
     def __init__(
@@ -73,22 +52,18 @@ class FeatureProjection:
         links: np.ndarray,
         joints: int,
         cameras: int,
-        columns: Columns | None = None,
+        intrinsics: int = 4,
         local: str = "none",
         device: Any = "cpu",
     ):
         self.device = wp.get_device(device)
         features = len(links)
-        rows = cameras * features * 2
+        self.width = 4 * joints + 9 + intrinsics
+        self._grid = (runs, cameras, features, samples, 2)
         local_count = {"none": 0, "joints": joints, "pose": 6}[local]
-        shared = 0 if columns is None else columns.count
 
         def zeros(shape: tuple[int, ...], dtype: Any = wp.float64) -> Any:
             return wp.zeros(shape, dtype=dtype, device=self.device)
-
-        def indices(values: Any, length: int) -> Any:
-            array = np.full(length, -1) if values is None else values
-            return wp.array(np.asarray(array, dtype=np.int32), dtype=wp.int32, device=self.device)
 
         self.inputs = {
             "joints": zeros((runs, samples, joints)),
@@ -107,25 +82,15 @@ class FeatureProjection:
         self._rotation = zeros((runs, samples, joints + 1), wp.mat33d)
         self._translation = zeros((runs, samples, joints + 1), wp.vec3d)
         self._residuals = zeros((runs, samples, cameras, features), wp.vec2d)
-        self._jacobian = zeros((runs, samples, rows, shared))
-        self._local = zeros((runs, samples, rows, local_count))
+        self._jacobian = zeros((runs, cameras * features, samples * 2, self.width))
+        self._local = zeros((runs, cameras * features, samples * 2, local_count))
+        self._links = wp.array(np.asarray(links, dtype=np.int32), dtype=wp.int32, device=self.device)
         given = self.inputs
-        places = [
-            indices(None if columns is None else getattr(columns, name), length)
-            for name, length in (
-                ("axes", joints),
-                ("points", joints),
-                ("features", features),
-                ("cameras", cameras),
-                ("intrinsics", cameras),
-            )
-        ]
         chain = [given[name] for name in ("joints", "pose_rotation", "pose_translation", "axes", "points")]
         chain += [self._rotation, self._translation]
         seen = [given[name] for name in ("features", "camera_rotation", "camera_translation", "intrinsics")]
-        seen += [given["pixels"], given["weights"], indices(links, features), self._rotation, self._translation]
-        differentiated = [given["axes"], given["points"], given["tangents"], *places]
-        differentiated += [0 if columns is None else columns.intrinsics_count, int(local == "joints")]
+        seen += [given["pixels"], given["weights"], self._links, self._rotation, self._translation]
+        differentiated = [given["axes"], given["points"], given["tangents"], intrinsics, int(local == "joints")]
         differentiated += [int(local == "pose"), self._residuals, self._jacobian, self._local]
 
         def command(kernel: Any, dim: tuple[int, ...], arguments: list[Any]) -> Any:
@@ -161,13 +126,13 @@ class FeatureProjection:
 
     @property
     def jacobian(self) -> np.ndarray:
-        """``(runs, T, c * m * 2, columns)``."""
-        return self._jacobian.numpy()
+        """``(runs, c, m, T, 2, w)``."""
+        return self._jacobian.numpy().reshape(*self._grid, -1)
 
     @property
     def local_jacobian(self) -> np.ndarray:
-        """``(runs, T, c * m * 2, n or 6)``."""
-        return self._local.numpy()
+        """``(runs, c, m, T, 2, n or 6)``."""
+        return self._local.numpy().reshape(*self._grid, -1)
 
 
 @wp.func
@@ -277,17 +242,12 @@ def jacobian_kernel(
     axes_in: wp.array2d[wp.vec3d],
     points_in: wp.array2d[wp.vec3d],
     tangents_in: wp.array3d[wp.vec3d],  # (runs, n, 2) orthonormal to the axis
-    axis_column_in: wp.array[int],
-    point_column_in: wp.array[int],
-    feature_column_in: wp.array[int],
-    camera_column_in: wp.array[int],
-    intrinsics_column_in: wp.array[int],
     intrinsics_count: int,
     joints_are_unknown: int,
     pose_is_unknown: int,
     # Out:
     residuals_out: wp.array4d[wp.vec2d],
-    jacobian_out: wp.array4d[wp.float64],  # (runs, T, c * m * 2, columns), zero where this kernel does not write
+    jacobian_out: wp.array4d[wp.float64],  # (runs, c * m, T * 2, w), zero for links behind the feature's
     local_out: wp.array4d[wp.float64],
 ):
     """Residuals and the rows of their Jacobian."""
@@ -310,63 +270,58 @@ def jacobian_kernel(
         p = wp.vec3d(wp.float64(0.0), wp.float64(0.0), wp.float64(1.0))
         weight = wp.float64(0.0)
     gradient_x, gradient_y = project_gradient(p, k)
-    first = (camera * features_in.shape[1] + feature) * 2
-    column = intrinsics_column_in[camera]
-    if column >= 0:
+    pair = camera * features_in.shape[1] + feature
+    n = axes_in.shape[1]
+    at_feature = 4 * n
+    at_camera = at_feature + 3
+    at_intrinsics = at_camera + 6
+    first = 2 * sample
+    if intrinsics_count > 0:
         a = p[0] / p[2]
         b = p[1] / p[2]
         r2 = a * a + b * b
         scale = wp.float64(1.0) + r2 * (k[4] + r2 * k[5])
-        jacobian_out[run, sample, first, column] = weight * a * scale
-        jacobian_out[run, sample, first + 1, column + 1] = weight * b * scale
-        jacobian_out[run, sample, first, column + 2] = weight
-        jacobian_out[run, sample, first + 1, column + 3] = weight
+        jacobian_out[run, pair, first, at_intrinsics] = weight * a * scale
+        jacobian_out[run, pair, first + 1, at_intrinsics + 1] = weight * b * scale
+        jacobian_out[run, pair, first, at_intrinsics + 2] = weight
+        jacobian_out[run, pair, first + 1, at_intrinsics + 3] = weight
         if intrinsics_count > 4:
-            jacobian_out[run, sample, first, column + 4] = weight * k[0] * a * r2
-            jacobian_out[run, sample, first + 1, column + 4] = weight * k[1] * b * r2
+            jacobian_out[run, pair, first, at_intrinsics + 4] = weight * k[0] * a * r2
+            jacobian_out[run, pair, first + 1, at_intrinsics + 4] = weight * k[1] * b * r2
         if intrinsics_count > 5:
-            jacobian_out[run, sample, first, column + 5] = weight * k[0] * a * r2 * r2
-            jacobian_out[run, sample, first + 1, column + 5] = weight * k[1] * b * r2 * r2
-    for row in range(2):
+            jacobian_out[run, pair, first, at_intrinsics + 5] = weight * k[0] * a * r2 * r2
+            jacobian_out[run, pair, first + 1, at_intrinsics + 5] = weight * k[1] * b * r2 * r2
+    for coordinate in range(2):
+        row = first + coordinate
         d = weight * gradient_x
-        if row == 1:
+        if coordinate == 1:
             d = weight * gradient_y
-        column = camera_column_in[camera]
-        if column >= 0:
-            moment = wp.cross(turned, d)
-            for e in range(3):
-                jacobian_out[run, sample, first + row, column + e] = moment[e]
-                jacobian_out[run, sample, first + row, column + 3 + e] = d[e]
+        moment = wp.cross(turned, d)
         g = d @ camera_rotation
+        h = g @ rotation_in[run, sample, link]
+        for e in range(3):
+            jacobian_out[run, pair, row, at_camera + e] = moment[e]
+            jacobian_out[run, pair, row, at_camera + 3 + e] = d[e]
+            jacobian_out[run, pair, row, at_feature + e] = h[e]
         if pose_is_unknown != 0:
             moment = wp.cross(world - translation_in[run, sample, 0], g)
             for e in range(3):
-                local_out[run, sample, first + row, e] = moment[e]
-                local_out[run, sample, first + row, 3 + e] = g[e]
-        column = feature_column_in[feature]
-        if column >= 0:
-            h = g @ rotation_in[run, sample, link]
-            for e in range(3):
-                jacobian_out[run, sample, first + row, column + e] = h[e]
-        if link > 0:
-            h0 = g @ rotation_in[run, sample, 0]
-            y0 = (world - translation_in[run, sample, 0]) @ rotation_in[run, sample, 0]
-            for i in range(link):
-                h1 = g @ rotation_in[run, sample, i + 1]
-                y1 = (world - translation_in[run, sample, i + 1]) @ rotation_in[run, sample, i + 1]
-                anchor = points_in[run, i]
-                after = y0 - anchor
-                if joints_are_unknown != 0:
-                    local_out[run, sample, first + row, i] = wp.dot(h0, wp.cross(axes_in[run, i], after))
-                column = axis_column_in[i]
-                if column >= 0:
-                    lever = wp.cross(after, h0) - wp.cross(y1 - anchor, h1)
-                    jacobian_out[run, sample, first + row, column] = wp.dot(lever, tangents_in[run, i, 0])
-                    jacobian_out[run, sample, first + row, column + 1] = wp.dot(lever, tangents_in[run, i, 1])
-                column = point_column_in[i]
-                if column >= 0:
-                    slip = h0 - h1
-                    jacobian_out[run, sample, first + row, column] = wp.dot(slip, tangents_in[run, i, 0])
-                    jacobian_out[run, sample, first + row, column + 1] = wp.dot(slip, tangents_in[run, i, 1])
-                h0 = h1
-                y0 = y1
+                local_out[run, pair, row, e] = moment[e]
+                local_out[run, pair, row, 3 + e] = g[e]
+        h0 = g @ rotation_in[run, sample, 0]
+        y0 = (world - translation_in[run, sample, 0]) @ rotation_in[run, sample, 0]
+        for i in range(link):
+            h1 = g @ rotation_in[run, sample, i + 1]
+            y1 = (world - translation_in[run, sample, i + 1]) @ rotation_in[run, sample, i + 1]
+            anchor = points_in[run, i]
+            after = y0 - anchor
+            if joints_are_unknown != 0:
+                local_out[run, pair, row, i] = wp.dot(h0, wp.cross(axes_in[run, i], after))
+            lever = wp.cross(after, h0) - wp.cross(y1 - anchor, h1)
+            slip = h0 - h1
+            for e in range(2):
+                tangent = tangents_in[run, i, e]
+                jacobian_out[run, pair, row, 2 * i + e] = wp.dot(lever, tangent)
+                jacobian_out[run, pair, row, 2 * (n + i) + e] = wp.dot(slip, tangent)
+            h0 = h1
+            y0 = y1
