@@ -17,6 +17,7 @@ from dense_vs.kernels.flow_field import count_bad_flow
 from dense_vs.kernels.image_jacobian import forget_state, jacobian_kernels
 from dense_vs.kernels.launch import PixelLaunch, launch_pixels
 from dense_vs.kernels.state_image import Layout, group_size
+from dense_vs.kernels.tiles import tile_launch
 
 
 class JacobianFilter:
@@ -236,8 +237,10 @@ class JacobianFilter:
             self.regress.append(self._worlds(regressors, [self.dq, displacement, self.regressor], kernels.columns))
             if self._once:
                 self.predict.append(_nothing)  # the correction computes J dq where it wants it
-                inputs = [state, regressor, int(by_model), iterations, self.flow, gain]
-                self.correct.append(self._pixels(kernels.update_shared_once, [*inputs, next_state]))
+                kernel = kernels.update_shared_once(by_model, iterations)
+                self.correct.append(
+                    tile_launch(kernel, self.shape, [state, regressor, self.flow, gain, next_state], self.device)
+                )
             else:
                 self.predict.append(self._pixels(kernels.predicted_flow, [state, regressor, self.model_flow]))
             if not self._once and options.covariance in ("shared", "fixed"):

@@ -20,6 +20,7 @@ from dense_vs.kernels.bilinear import Taps, bilinear, bilinear_taps
 from dense_vs.kernels.covariance import hessian_column, state_columns
 from dense_vs.kernels.flow_field import finite
 from dense_vs.kernels.state_image import Layout, state_image
+from dense_vs.kernels.tiles import tile_pixel
 
 wp.set_module_options({"enable_backward": False})
 
@@ -159,47 +160,53 @@ def jacobian_kernels(joints: int, order: int = 1, layout: Layout = "matrices") -
             error = innovation(flow_in[world, y, x], model_flow_in, world, taps)
             write_state(state_out, world, y, x, prior + wp.outer(error, gain))
 
-    @kernel_in("shared")
-    def update_shared_once(
-        row_begin: int,
-        column_step: int,
-        # In:
-        state_in: StateImage,
-        regressor_in: wp.array(dtype=StateRow),
-        by_model: int,
-        iterations: int,
-        flow_in: wp.array3d(dtype=wp.vec2),
-        gain_in: wp.array(dtype=StateRow),
-        # Out:
-        state_out: StateImage,
-    ):
-        """``predicted_flow`` and ``update_shared`` in one pass: v = J dq is computed from J wherever it is wanted.
+    @cache
+    def update_shared_once(by_model: bool, iterations: int) -> wp.Kernel:
+        """Tile kernel of one pass: ``predicted_flow`` and ``update_shared``, v = J dq computed wherever it is wanted.
 
-        The displacement is v, iterated, where ``by_model`` is not 0, else the flow, or none with 0 iterations.
+        The displacement is v, iterated, with ``by_model``, else the flow, or none with 0 iterations. The choice
+        is compiled in: a GPU is held up by the number of instructions here.
         """
-        world, row, column = wp.tid()
-        y = row_begin + row
-        height = state_in.shape[1]
-        width = state_in.shape[2]
-        regressor = regressor_in[world]
-        gain = gain_in[world]
-        for x in range(column, width, column_step):
+        module = f"{__name__}_once_{int(by_model)}{iterations}_{joints}_{order}"
+
+        @wp.kernel(module=module, enable_backward=False, grid_stride=False)
+        def update_once(
+            # In:
+            state_in: StateImage,
+            regressor_in: wp.array(dtype=StateRow),
+            flow_in: wp.array3d(dtype=wp.vec2),
+            gain_in: wp.array(dtype=StateRow),
+            # Out:
+            state_out: StateImage,
+        ):
+            """State <- moved state + (u - predicted u) K^T."""
+            height = state_in.shape[1]
+            width = state_in.shape[2]
+            place = tile_pixel(wp.int64(wp.tid()), height, width)
+            world = place[0]
+            y = place[1]
+            x = place[2]
+            if x >= width or y >= height:
+                return
+            regressor = regressor_in[world]
             flow = flow_in[world, y, x]
             moved = wp.vec2(0.0, 0.0)
-            if by_model != 0:
+            if wp.static(by_model):
                 moved = read_state(state_in, world, y, x) * regressor
                 if finite(moved):
-                    for _ in range(iterations - 1):
+                    for _ in range(wp.static(iterations - 1)):
                         moved = sample_state(state_in, world, bilinear_taps(x, y, moved, width, height)) * regressor
                 else:
                     moved = wp.vec2(0.0, 0.0)
-            elif iterations > 0 and finite(flow):
+            elif wp.static(iterations > 0) and finite(flow):
                 moved = flow
             prior = sample_state(state_in, world, bilinear_taps(x, y, moved, width, height))
             error = wp.vec2(0.0, 0.0)
             if finite(flow):
                 error = flow - prior * regressor
-            write_state(state_out, world, y, x, prior + wp.outer(error, gain))
+            write_state(state_out, world, y, x, prior + wp.outer(error, gain_in[world]))
+
+        return update_once
 
     @kernel_in("diagonal")
     def update_diagonal(
