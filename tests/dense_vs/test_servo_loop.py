@@ -141,3 +141,22 @@ def test_refuses(scene, learnt):
         make(scene, estimator=estimator)
     with pytest.raises(DenseVSError, match=r"once scaled by 1.0; expected 64 x 48"):
         make(scene, estimator=DenseJacobian(height=48, width=64, joints=4, device="cpu"))
+
+
+def test_a_robot_that_takes_a_command_only_so_often(scene):
+    robot, commands = PlanarRobot(), []
+
+    def command(delta):
+        commands.append(np.array(delta))
+        PlanarRobot.command(robot, delta)
+
+    robot.command = command
+    loop = ServoLoop(PlaneCamera(robot, scene), robot, device="cpu", seed=2, command_period=0.2)
+    loop.babble(2.0)
+    loop.define_point([60.0, 50.0])
+    loop.reach([63.0, 48.0], max_frames=20, tolerance=1e-6)
+    moved = np.flatnonzero([np.any(delta != 0) for delta in commands])
+    np.testing.assert_array_equal(moved, np.arange(0, 80, 6))  # every 0.2 s of 30 frames a second
+    assert loop.estimator.updates == 80  # J is learnt in between, too
+    with pytest.raises(DenseVSError, match="command_period is 0"):
+        ServoLoop(PlaneCamera(robot, scene), robot, device="cpu", command_period=0.0)

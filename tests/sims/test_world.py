@@ -182,6 +182,23 @@ def test_camera_and_robot_of_a_world(small):
     assert time == camera.read()[1] == pytest.approx(1 / 30)
 
 
+def test_a_robot_carries_commands_out_over_time(small):
+    robot = SimRobot(small, command_seconds=0.3)
+    start, places = robot.joints()[0], []
+    for frame in range(14):
+        robot.command(np.array([0.1, 0.0, -0.05]) if frame in (0, 4) else np.zeros(3))
+        places.append(robot.joints()[0] - start)
+    steps = np.diff(np.array(places)[:, 0])
+    assert steps.max() < 0.035  # minimal jerk: at most 1.9 times the mean speed of either command
+    assert np.all(steps > -1e-6)
+    for _ in range(8):
+        robot.command(np.zeros(3))
+    np.testing.assert_allclose(robot.joints()[0] - start, [0.2, 0.0, -0.1], atol=1e-6)
+    for seconds in (-1.0, np.nan):
+        with pytest.raises(DenseVSError, match="command_seconds"):
+            SimRobot(small, command_seconds=seconds)
+
+
 @pytest.mark.parametrize(
     ("options", "message"),
     [

@@ -1,29 +1,26 @@
 """Pictures of a servo run as the paper's: paths over camera images (Fig. 6), places over time (Fig. 7 to 9), J."""
 
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import cv2
 import numpy as np
 
 from dense_vs.errors import DenseVSError
 from dense_vs.files import atomic_write
+from dense_vs.sims.experiments.dije.servo_run import ServoTask, TaskRun
 from dense_vs.visualization import RED, draw_point, label, tile, vectors_to_rgb
-
-if TYPE_CHECKING:
-    from dense_vs.sims.experiments.dije.servo_task import ServoTask, TaskRun
 
 _SCALE = 2  # of the camera images
 
 
-def draw_run(task: "ServoTask", run: "TaskRun", out: Path) -> None:
+def draw_run(task: ServoTask, run: TaskRun, out: Path) -> None:
     """Write ``seedN_images.png``, ``seedN_time.png`` and ``seedN_jacobian.png``."""
     _write(out / f"seed{run.seed}_images.png", _images(run))
     _write(out / f"seed{run.seed}_jacobian.png", _jacobians(task, run))
     _over_time(task, run, out / f"seed{run.seed}_time.png")
 
 
-def _images(run: "TaskRun") -> np.ndarray:
+def _images(run: TaskRun) -> np.ndarray:
     """The camera at the end of each reach, with the path of the point, as Fig. 6."""
     panels = []
     for number, reach in enumerate(run.reaches):
@@ -40,7 +37,7 @@ def _images(run: "TaskRun") -> np.ndarray:
     return tile(panels, columns=min(2, len(panels)))
 
 
-def _jacobians(task: "ServoTask", run: "TaskRun") -> np.ndarray:
+def _jacobians(task: ServoTask, run: TaskRun) -> np.ndarray:
     """Columns of J at the end: estimated above, true below."""
     assert run.estimated is not None
     assert run.true is not None
@@ -53,7 +50,7 @@ def _jacobians(task: "ServoTask", run: "TaskRun") -> np.ndarray:
     return tile(panels, columns=len(task.joints))
 
 
-def _over_time(task: "ServoTask", run: "TaskRun", path: Path) -> None:
+def _over_time(task: ServoTask, run: TaskRun, path: Path) -> None:
     """Point and target over time, as Fig. 7 to 9, and the true distance between them."""
     try:
         from matplotlib.backends.backend_agg import FigureCanvasAgg

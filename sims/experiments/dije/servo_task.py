@@ -7,63 +7,15 @@ images and joint readings only; the simulator chooses targets that can be reache
 
 import argparse
 from collections.abc import Callable
-from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
 
 from dense_vs.errors import DenseVSError
-from dense_vs.evaluation import JacobianError
+from dense_vs.sims.experiments.dije.servo_run import ServoTask, TaskReach, TaskRun
 from dense_vs.sims.experiments.rows import Row
 
 PAPER_GAIN, PAPER_PERIOD = 0.034, 0.7
-
-
-@dataclass(frozen=True)
-class ServoTask:
-    """One of the experiments.
-
-    Attributes:
-        figure: of the paper.
-        robot, joints: of :class:`dense_vs.sims.SimWorld`.
-        points: what is controlled, one after the other without learning anew.
-        close_px: true error that counts as success; ``soft_px`` where the robot is compliant [px].
-        least_distance: between a target and the one before [px].
-    """
-
-    figure: str
-    robot: str
-    joints: tuple[str, ...]
-    points: tuple[str, ...]
-    close_px: float
-    soft_px: float
-    least_distance: float
-
-
-@dataclass(frozen=True)
-class TaskReach:
-    """One target: which point, where to, in how many frames, and the true distance at the end [px]."""
-
-    point: str
-    target: tuple[float, float]
-    frames: int
-    true_error_px: float
-    believed_error_px: float
-    image: np.ndarray  # (H, W, 3) at the end
-    path: tuple[int, int]  # first and last frame of the trace
-
-
-@dataclass
-class TaskRun:
-    """What a seed brought; ``trace`` as :class:`dense_vs.sims.reaching.Trace`."""
-
-    seed: int
-    learnt: JacobianError
-    trace: Any
-    reaches: list[TaskReach] = field(default_factory=list)
-    estimated: np.ndarray | None = None  # (H, W, 2, N) at the end
-    true: np.ndarray | None = None
-    mask: np.ndarray | None = None  # (H, W), the robot
 
 
 def add_task_arguments(parser: argparse.ArgumentParser, task: ServoTask) -> None:
