@@ -15,9 +15,12 @@ import numpy as np
 
 from dense_vs.broyden import HadamardBroyden
 from dense_vs.errors import DenseVSError
-from dense_vs.feature_servo import FeatureServo
+from dense_vs.feature_servo import FeatureCommand, FeatureServo
+from dense_vs.featurewise_broyden import FeaturewiseBroyden
 from dense_vs.robot import Camera, Robot
 from dense_vs.segmentation import MaskQuality, MaskVerdict, Segmenter, assess_mask
+
+_FIRST_STEP = 0.02  # m or rad, the first of a learning run
 
 
 class ServoEnd(Enum):
@@ -81,10 +84,13 @@ class MaskServo:
             has them, are kept.
         segmenter: finds the object.
         joints: names of the n joints in use.
-        pinv: J+ ``(n, 2)`` [rad/px, m/px], or a :class:`HadamardBroyden` that also learns from every look.
+        pinv: J+ ``(n, 2)`` [rad/px, m/px], or a :class:`HadamardBroyden` or :class:`FeaturewiseBroyden` that also
+            learns from every look.
         target: s* ``(2,)`` [px].
         gain: lambda of (10).
         max_step: largest step of each joint per command [rad, m].
+        max_image_step: while learning, the largest step is made smaller or larger from look to look so that the object
+            moves about so far in the image [px]: a wrong J+ then shows before the object is out of view.
         tolerance: largest error component [px] that counts as converged.
         patience: looks without the object until it counts as lost.
         stalled: commands that joint limits cut, with no smaller error, until the run ends ``AT_LIMIT``.
@@ -104,7 +110,8 @@ class MaskServo:
         pinv: Any,
         target: Any,
         gain: float = 1.0,
-        max_step: Any = 0.15,
+        max_step: float = 0.15,
+        max_image_step: float = 60.0,
         tolerance: float = 5.0,
         patience: int = 3,
         stalled: int = 4,
@@ -116,7 +123,7 @@ class MaskServo:
             raise DenseVSError(f"joints are {list(joints)}; expected some of {', '.join(names)}")
         self.camera, self.robot, self.segmenter = camera, robot, segmenter
         self.columns = np.array([names.index(joint) for joint in joints])
-        self.learner = pinv if isinstance(pinv, HadamardBroyden) else None
+        self.learner = pinv if isinstance(pinv, (HadamardBroyden, FeaturewiseBroyden)) else None
         self._fixed = None if self.learner is not None else np.asarray(pinv, dtype=np.float64)
         limits = getattr(robot, "joint_limits", None)
         self.servo = FeatureServo(
@@ -128,6 +135,7 @@ class MaskServo:
             patience=patience,
         )
         self.stalled = stalled
+        self._max_step, self._max_image_step = float(max_step), float(max_image_step)
         self._on_look = on_look
 
     @property
@@ -138,6 +146,8 @@ class MaskServo:
     def run(self, max_looks: int = 30) -> ServoRun:
         """Servo until the object is at the target, is lost, joint limits hold, or the looks are used up."""
         self.servo.reset()
+        if self.learner is not None:
+            self.servo.max_step = np.asarray(min(self._max_step, _FIRST_STEP))
         looks: list[ServoLook] = []
         mask = None
         held, least = 0, np.inf
@@ -147,7 +157,7 @@ class MaskServo:
             quality = assess_mask(mask)
             positions = np.asarray(self.robot.joints()[0], dtype=np.float64)[self.columns]
             features = np.array(quality.centroid) if quality.servoable else None
-            self._learn(quality, positions)
+            self._learn(quality, positions, looks[-1] if looks else None)
             command = self.servo.step(self.pinv, features, positions)
             looks.append(ServoLook(quality, command.error, positions, self.pinv.copy()))
             if self._on_look is not None:
@@ -162,24 +172,40 @@ class MaskServo:
                 least = min(least, error)
                 if held >= self.stalled:
                     return ServoRun(ServoEnd.AT_LIMIT, looks, mask)
-                self._command(self._enough(command.dq, command.at_limit))
+                self._command(self._enough(command))
         return ServoRun(ServoEnd.EXHAUSTED, looks, mask)
 
-    def _learn(self, quality: MaskQuality, positions: np.ndarray) -> None:
+    def _learn(self, quality: MaskQuality, positions: np.ndarray, before: ServoLook | None) -> None:
         """(11); only from whole masks, as the centroid of a part moves otherwise than the object."""
         if self.learner is None:
             return
-        if quality.verdict is MaskVerdict.GOOD:
-            self.learner.observe(positions, np.array(quality.centroid) - self.servo.target)
-        else:
+        if quality.verdict is not MaskVerdict.GOOD:
             self.learner.forget_observation()
+            return
+        self.learner.observe(positions, np.array(quality.centroid) - self.servo.target)
+        if before is not None and before.quality.verdict is MaskVerdict.GOOD:
+            moved = float(np.hypot(*(np.array(quality.centroid) - before.centroid)))
+            change = np.clip(self._max_image_step / max(moved, 1e-6), 0.5, 1.5)
+            self.servo.max_step = np.asarray(np.clip(float(self.servo.max_step) * change, 0.005, self._max_step))
 
-    def _enough(self, dq: np.ndarray, at_limit: np.ndarray) -> np.ndarray:
-        """The step, at least so long that the learner takes notice of it."""
-        size = float(np.abs(dq).sum())
-        if self.learner is None or at_limit.any() or size == 0.0:
+    def _enough(self, command: FeatureCommand) -> np.ndarray:
+        """The step, or a larger one of one feature's joints alone where their J+ is too small to learn anything from it.
+
+        Alone, as in (11) an element near zero is learnt from in proportion to its share of the denominator.
+        """
+        dq = command.dq
+        if self.learner is None or command.at_limit.any():
             return dq
-        return dq * max(1.0, 1.25 * self.learner.min_motion / size)
+        coupling = self.learner.coupling
+        if coupling is None:
+            coupling = np.ones((len(dq), len(command.error)))
+        for feature in np.argsort(-np.abs(command.error)):
+            joints = coupling[:, feature] > 0
+            size = float(np.abs(dq[joints]).sum())
+            wrong = abs(command.error[feature]) > 2 * self.servo.tolerance
+            if wrong and 0.0 < size < 0.25 * self.learner.min_motion:
+                return np.where(joints, dq, 0.0) * (1.25 * self.learner.min_motion / size)
+        return dq
 
     def _command(self, dq: np.ndarray) -> None:
         delta = np.zeros(len(self.robot.joint_names))

@@ -1,0 +1,136 @@
+"""Learning J+ of one configuration from step responses, VOS-VS section 7.3: servo, update, begin again when lost."""
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from dense_vs.broyden import HadamardBroyden
+from dense_vs.featurewise_broyden import FeaturewiseBroyden
+from dense_vs.mask_servo import MaskServo, ServoEnd, ServoLook
+from dense_vs.segmentation import Segmenter
+from dense_vs.sims.experiments.vosvs.configurations import Configuration
+from dense_vs.sims.experiments.vosvs.staging import put_in_view, start_posture
+from dense_vs.sims.mobile_manipulator.adapters import ManipulatorCamera, ManipulatorRobot
+from dense_vs.sims.mobile_manipulator.world import MobileWorld
+
+INITIAL = 0.001  # of J+ wherever H is 1
+ALPHA = 0.1
+MAX_STEP = 0.3  # m or rad a command
+UPDATES = ("hadamard", "featurewise", "original")
+
+
+@dataclass
+class Episode:
+    """One step response: an object put somewhere, and what the servo did about it.
+
+    Attributes:
+        end: how it ended.
+        centroids: ``(T, 2)`` of the masks [px].
+        images: the first, some, and the last image, where asked for.
+    """
+
+    end: ServoEnd
+    centroids: np.ndarray
+    looks: list[ServoLook]
+    images: list[np.ndarray] = field(default_factory=list)
+    masks: list[np.ndarray] = field(default_factory=list)
+
+
+@dataclass
+class Learning:
+    """What learning one configuration came to.
+
+    Attributes:
+        converged: whether a step response ended at the target.
+        updates: changes of J+ until it first did; None if it never did.
+        restarts: how often the object went out of view or a joint limit was reached, and the robot was put back.
+        pinv: the last J+.
+        history: J+ after every update, ``(U, n, 2)``.
+        episodes: all step responses.
+    """
+
+    converged: bool
+    updates: int | None
+    restarts: int
+    pinv: np.ndarray
+    history: np.ndarray
+    episodes: list[Episode]
+
+
+def learn(
+    world: MobileWorld,
+    one: Configuration,
+    name: str,
+    segmenter: Segmenter,
+    rng: np.random.Generator,
+    *,
+    update: str = "hadamard",
+    responses: int = 4,
+    looks: int = 120,
+    keep_images: bool = False,
+) -> Learning:
+    """Learn J+ from 0.001 H.
+
+    Args:
+        update: ``"hadamard"``, (11); ``"featurewise"``, (11) a feature at a time; ``"original"``, Broyden's.
+        responses: step responses in all once the first has converged: the object is put elsewhere for each.
+        looks: images in all.
+        keep_images: keep those of the first response, for Fig. 18.
+    """
+    learner = _learner(one, update)
+    history = [learner.pinv]
+    camera, robot = ManipulatorCamera(world, one.camera), ManipulatorRobot(world)
+    result = Learning(False, None, 0, learner.pinv, learner.pinv[None], [])
+    changes = 0
+    world.set_posture(start_posture(one))
+    put_in_view(world, one, name, rng)
+    left, reached = looks, 0
+    while left > 0 and reached < responses:
+        images: list[np.ndarray] = []
+        masks: list[np.ndarray] = []
+
+        def keep(_: ServoLook, image: np.ndarray, mask: np.ndarray, images=images, masks=masks) -> None:
+            images.append(image)
+            masks.append(mask)
+
+        servo = MaskServo(
+            camera,
+            robot,
+            segmenter,
+            joints=one.joints,
+            pinv=learner,
+            target=one.target,
+            max_step=MAX_STEP,
+            tolerance=8.0,
+            on_look=keep if keep_images and reached == 0 else None,
+        )
+        getattr(segmenter, "reset", lambda: None)()
+        learner.forget_observation()
+        run = servo.run(left)
+        left -= len(run.looks)
+        for look in run.looks:
+            if not np.array_equal(look.pinv, history[-1]):
+                history.append(look.pinv)
+        changes = len(history) - 1
+        centroids = np.array([look.centroid for look in run.looks])
+        result.episodes.append(Episode(run.end, centroids, run.looks, images, masks))
+        if run.end is ServoEnd.CONVERGED:
+            reached += 1
+            if result.updates is None:
+                result.converged = True
+                result.updates = changes
+            if reached < responses and left > 0:
+                world.set_posture(start_posture(one))
+                put_in_view(world, one, name, rng)
+        else:
+            result.restarts += run.end is not ServoEnd.EXHAUSTED
+            world.set_posture(start_posture(one))
+    result.pinv = learner.pinv
+    result.history = np.stack(history)
+    return result
+
+
+def _learner(one: Configuration, update: str) -> HadamardBroyden | FeaturewiseBroyden:
+    if update == "featurewise":
+        return FeaturewiseBroyden(INITIAL * one.coupling, one.coupling, ALPHA)
+    return HadamardBroyden(INITIAL * one.coupling, one.coupling if update == "hadamard" else None, ALPHA)

@@ -1,0 +1,79 @@
+"""Where objects stand before the robot at the start of a servo run, and the segmenters that find them."""
+
+from collections.abc import Iterable
+
+import numpy as np
+
+from dense_vs.errors import DenseVSError
+from dense_vs.segmentation import Segmenter
+from dense_vs.sims.experiments.vosvs.configurations import Configuration
+from dense_vs.sims.experiments.vosvs.true_jacobian import true_centroid
+from dense_vs.sims.mobile_manipulator.annotations import learn_segmenters
+from dense_vs.sims.mobile_manipulator.postures import posture
+from dense_vs.sims.mobile_manipulator.world import HEIGHT, WIDTH, MobileWorld
+
+ROOM = (-3.0, 2.5)  # clear floor, away from bins [m]
+
+
+def start_posture(one: Configuration) -> np.ndarray:
+    """Joint positions (10,) at the configuration's start."""
+    return posture(one.posture, forward=ROOM[0], lateral=ROOM[1])
+
+
+def put_in_view(
+    world: MobileWorld,
+    one: Configuration,
+    name: str,
+    rng: np.random.Generator,
+    *,
+    least: float = 80.0,
+    border: float = 60.0,
+    tries: int = 200,
+) -> np.ndarray:
+    """Put an object on the floor where the configuration's start shows it whole and off its target.
+
+    Args:
+        least: smallest offset from the target along both image axes [px].
+        border: about the smallest distance of the centroid from the image border [px].
+        tries: places drawn before giving up.
+
+    Returns:
+        The centroid ``(2,)`` [px] by the renderer.
+
+    Raises:
+        DenseVSError: no such place found.
+    """
+    target, middle = np.array(one.target), np.array([WIDTH, HEIGHT]) / 2
+    for _ in range(tries):
+        pixel = middle + (middle - border) * rng.uniform(-1, 1, 2)
+        if np.any(np.abs(pixel - target) < least):
+            continue
+        ground = floor_point(world, one.camera, pixel, 0.5 * world.objects[name].height)
+        if ground is None or np.linalg.norm(ground - world.camera_pose(one.camera)[:3, 3]) > 2.2:
+            continue
+        x, y, _ = ground
+        if world.objects[name].links:
+            world.lay_chain(name, (x, y, 0.0), rng)
+        else:
+            world.place(name, (x, y, 0.0), rng.uniform(-np.pi, np.pi))
+        place = true_centroid(world, one.camera, name)
+        inside = np.all(np.abs(place - middle) < middle - 0.7 * border)
+        mask = world.true_mask(one.camera, name)
+        cut = mask[[0, -1]].any() or mask[:, [0, -1]].any()
+        if inside and not cut and np.all(np.abs(place - target) >= 0.7 * least):
+            return place
+    raise DenseVSError(f"found no place for {name!r} in {tries} tries; expected one in view of {one.name!r}")
+
+
+def floor_point(world: MobileWorld, camera: str, pixel: np.ndarray, height: float = 0.0) -> np.ndarray | None:
+    """Point (3,) at a height [m] over the floor that a camera shows at a pixel; None where it looks above it."""
+    pose = world.camera_pose(camera)
+    ray = pose[:3, :3] @ np.linalg.solve(world.intrinsics(camera), np.append(pixel, 1.0))
+    if ray[2] > -1e-3:
+        return None
+    return pose[:3, 3] + ray * (height - pose[2, 3]) / ray[2]
+
+
+def learnt_segmenters(world: MobileWorld, names: Iterable[str], seed: int) -> dict[str, Segmenter]:
+    """Segmenters of objects, each learnt from ten annotated images of the grasp camera."""
+    return dict(learn_segmenters(world, names, seed))
