@@ -1,7 +1,4 @@
-"""Eight mask pixels at once: the bytes of a 64-bit word, any value but 0 counting as set.
-
-What most of a mask consists of, words that are empty or full, costs one comparison for eight pixels.
-"""
+"""Eight mask pixels at once: the bytes of a 64-bit word, the leftmost pixel the lowest; any value but 0 is set."""
 
 import numpy as np
 import warp as wp
@@ -11,13 +8,18 @@ wp.set_module_options({"enable_backward": False})
 WORD = 8  # pixels
 _gather = wp.constant(wp.uint64(0x0102040810204080))
 _low = wp.constant(wp.uint64(0x7F7F7F7F7F7F7F7F))
-FULL = wp.constant(wp.uint64(0x8080808080808080))
+_high = wp.constant(wp.uint64(0x8080808080808080))
+
+# Weights of weighted_bytes, that of the leftmost pixel in the highest byte: 1, x and x^2 for x = 0 .. 7.
+WEIGHTS_ONE = wp.uint64(0x0101010101010101)
+WEIGHTS_X = wp.uint64(0x0001020304050607)
+WEIGHTS_XX = wp.uint64(0x0001040910192431)
 
 
 @wp.func
 def set_bytes(word: wp.uint64) -> wp.uint64:
     """The word with 0x80 in each byte that is not 0, and 0 in the others."""
-    return (((word & _low) + _low) | word) & FULL
+    return (((word & _low) + _low) | word) & _high
 
 
 @wp.func
@@ -27,9 +29,9 @@ def packed_byte(marked: wp.uint64) -> wp.uint64:
 
 
 @wp.func
-def is_set(marked: wp.uint64, byte: int) -> bool:
-    """Whether a byte is marked; byte 0 is the leftmost pixel, as both CPUs and GPUs are little-endian."""
-    return ((marked >> wp.uint64(8 * byte + 7)) & wp.uint64(1)) != wp.uint64(0)
+def weighted_bytes(marked: wp.uint64, weights: wp.uint64) -> wp.uint64:
+    """Sum over the marked bytes of their weights, at most 255: the highest byte of a product is a sum of products."""
+    return ((marked >> wp.uint64(7)) * weights) >> wp.uint64(56)
 
 
 def words(masks: wp.array) -> wp.array:

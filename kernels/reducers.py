@@ -1,9 +1,9 @@
 """One pass over masks or labelled images: what VOS-VS computes from a segmentation, (3)-(5), and more.
 
 Of every region: area s_A (3), centroid s_x, s_y (4), (5), box, second moments, and which sides of the image it
-touches. A row is walked in runs of equal pixels, whose sums are known in closed form; the sums of a band of rows are
-added up apart, and then those of the bands. All sums are of whole numbers: the same for any number of threads, and
-exact.
+touches. A mask's pixels are summed eight at once; a row of labels is walked in runs of equal ones, whose sums are
+known in closed form. The sums of a band of rows are added up apart, and then those of the bands. All sums are of whole
+numbers: the same for any number of threads, and exact.
 """
 
 from dataclasses import dataclass
@@ -15,7 +15,16 @@ import numpy as np
 import warp as wp
 
 from dense_vs.kernels.launch import PixelLaunch
-from dense_vs.kernels.mask_words import WORD, WordMasks, is_set, set_bytes, stage
+from dense_vs.kernels.mask_words import (
+    WEIGHTS_ONE,
+    WEIGHTS_X,
+    WEIGHTS_XX,
+    WORD,
+    WordMasks,
+    set_bytes,
+    stage,
+    weighted_bytes,
+)
 
 wp.set_module_options({"enable_backward": False})
 
@@ -234,34 +243,42 @@ def _kernels(source: str) -> SimpleNamespace:
             sums_out: wp.array4d(dtype=wp.int64),
             reach_out: wp.array4d(dtype=int),
         ):
-            """Where a pixel differs from the one before it, a run begins or ends; most words hold no such place."""
+            """Sums of eight pixels at once; most words of most masks are empty."""
             world, row, column = wp.tid()
             y = row_begin + row
             height = words_in.shape[1]
-            total = RowSums()
-            begin = column * run
-            last = wp.min(begin + run, words_in.shape[2])
+            count = wp.int64(0)
+            of_x = wp.int64(0)
+            of_xx = wp.int64(0)
             first = int(-1)
             end = int(0)
-            before = wp.uint64(0)  # the pixel before this word, in the byte of its first one
-            for k in range(begin, last):
-                marked = set_bytes(words_in[world, y, k])
-                changes = marked ^ ((marked << wp.uint64(8)) | before)
-                if changes != wp.uint64(0):
-                    for byte in range(8):
-                        if is_set(changes, byte):
-                            end = k * 8 + byte
-                            if is_set(marked, byte):
-                                total -= sums_below(end)
-                                if first < 0:
-                                    first = end
-                            else:
-                                total += sums_below(end)
-                before = marked >> wp.uint64(56)
-            if before != wp.uint64(0):
-                end = last * 8
-                total += sums_below(end)
+            begin = column * run
+            for k in range(begin, wp.min(begin + run, words_in.shape[2])):
+                word = words_in[world, y, k]
+                if word != wp.uint64(0):
+                    marked = set_bytes(word)
+                    n = wp.int64(weighted_bytes(marked, wp.static(WEIGHTS_ONE)))
+                    left = wp.int64(k * 8)
+                    inner = wp.int64(weighted_bytes(marked, wp.static(WEIGHTS_X)))
+                    count += n
+                    of_x += left * n + inner
+                    of_xx += left * (left * n + inner + inner)
+                    of_xx += wp.int64(weighted_bytes(marked, wp.static(WEIGHTS_XX)))
+                    if first < 0:
+                        first = k
+                    end = k
             if first >= 0:
+                head = set_bytes(words_in[world, y, first])
+                tail = set_bytes(words_in[world, y, end])
+                first *= 8
+                while (head & wp.uint64(0x80)) == wp.uint64(0):
+                    head = head >> wp.uint64(8)
+                    first += 1
+                end = end * 8 + 8
+                while (tail >> wp.uint64(63)) == wp.uint64(0):
+                    tail = tail << wp.uint64(8)
+                    end -= 1
+                total = RowSums(count, of_x, of_xx)
                 band = band_of(row_begin, bands, height)
                 add_row(total, first, end, y, band, world, 0, height, width, sums_out, reach_out)
 
