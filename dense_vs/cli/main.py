@@ -12,12 +12,14 @@ from dense_vs.errors import DenseVSError
 
 # Commands that need a simulator stand with it; all are named here and imported when the command line is read.
 COMMANDS = {
+    "depth-eval": "dense_vs.cli.depth_eval",
+    "depth-train": "dense_vs.sims.cli.depth_train",
     "estimate": "dense_vs.cli.estimate",
     "reach": "dense_vs.sims.cli.reach",
     "record": "dense_vs.sims.cli.record",
     "reproduce": "dense_vs.sims.cli.reproduce",
 }
-EXTRAS = {"mujoco": "sims", "mujoco_warp": "sims", "av": "viz", "matplotlib": "viz"}
+EXTRAS = {"mujoco": "sims", "mujoco_warp": "sims", "av": "viz", "matplotlib": "viz", "sklearn": "vos"}
 
 
 def build_parser() -> argparse.ArgumentParser:

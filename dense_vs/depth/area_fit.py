@@ -42,13 +42,15 @@ class DepthEstimate:
     used: np.ndarray
 
 
-def depth_from_areas(areas: Any, camera_z: Any) -> DepthEstimate:
+def depth_from_areas(areas: Any, camera_z: Any, *, keep_empty: bool = False) -> DepthEstimate:
     """The least-squares solution of (20).
 
     Args:
-        areas: ``(m,)`` [px], mask area s_A (3) at each view; views without a mask (area 0) are left out.
+        areas: ``(m,)`` [px], mask area s_A (3) at each view.
         camera_z: ``(m,)`` [m], the camera's position along its optical axis, which points against z as in the paper:
             the distance is z_camera - z_object.
+        keep_empty: whether a view without a mask (area 0), which knows nothing of the depth, stays a row of (20), as
+            in the published scores; it pulls c_object towards 0.
 
     Raises:
         DepthUnobservableError: fewer than two views with a mask, a camera that does not move, sizes that do not change.
@@ -57,8 +59,8 @@ def depth_from_areas(areas: Any, camera_z: Any) -> DepthEstimate:
     areas, camera_z = checked_areas(areas), checked_positions(camera_z, "camera_z")
     if areas.shape != camera_z.shape:
         raise DenseVSError(f"areas have shape {areas.shape} and camera_z {camera_z.shape}; expected the same length")
-    used = areas > 0
-    check_motion(camera_z[used])
+    check_motion(camera_z[areas > 0])
+    used = np.ones(len(areas), dtype=bool) if keep_empty else areas > 0
     size = np.sqrt(areas[used])
     if np.ptp(size) <= 1e-9 * size.max():
         raise DepthUnobservableError(
@@ -75,7 +77,8 @@ def depth_from_areas(areas: Any, camera_z: Any) -> DepthEstimate:
     if len(size) > 2:
         variance = np.sum(residuals[used] ** 2) / (len(size) - 2)
         spread = float(np.sqrt(variance / np.sum((size - size.mean()) ** 2)))
-    nearest = float(camera_z[used][np.argmin(np.abs(camera_z[used] - z_object))])
+    seen = camera_z[areas > 0]
+    nearest = float(seen[np.argmin(np.abs(seen - z_object))])
     return DepthEstimate(z_object, c_object, nearest - z_object, spread, residuals, used)
 
 

@@ -1,0 +1,191 @@
+"""How probable each distance is, given how an object's lengths in the image change as the camera approaches.
+
+Perspective (14) of VOS-VS scales every length of view i, taken b_i behind the nearest one, by s_i = z / (z + b_i).
+VOS-DE uses one length, the square root of the area; here they are thirteen: widths along eight axes, the square root
+of the area, and the standard deviation along four axes. With Y (m, d) the lengths and a (d,) those at the nearest view,
+
+    Y = s a^T + n 1 t^T + E,    rows of E normal with a covariance that is the same in every view and unknown.
+
+Beyond the paper: integrating out a and the covariance leaves a matrix-t density, p(z) ~ |R(z) + Psi|^(-(m-1)/2) with
+R the scatter of the residuals. It learns from the views themselves which lengths err together (a mask that is grown by
+a pixel grows in all of them, which leaves the shape telling the scale) and which are reliable. Psi is the least error
+to believe in: pixels, and the change of a solid object's outline where it stands off the optical axis. The grown
+outline n that all views share is integrated out too.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from dense_vs.depth.region_shape import WIDTH_AXES, RegionShape
+
+_STD_AXES = slice(0, None, 2)  # of WIDTH_AXES
+
+
+@dataclass(frozen=True, kw_only=True)
+class ScaleModel:
+    """What is believed before the views are seen.
+
+    Attributes:
+        pixel_noise: least standard error of a length [px].
+        relative_noise: the same as a share of the object's size.
+        solidity: change of an outline by parallax, as a share of the object's offset from the axis over the image
+            width; 0 for a flat object.
+        grown: standard deviation of the outline's growth that all views share [px].
+        log_distance: standard deviation of log(distance / travel) about 0: nobody approaches an object by a
+            hundredth or a hundred times of its distance.
+        outlier_degrees: degrees of freedom of Student's t over views; infinite trusts all views alike.
+        lengths: indices of the lengths to use; None uses all thirteen.
+    """
+
+    pixel_noise: float = 0.3
+    relative_noise: float = 0.01
+    solidity: float = 0.3
+    grown: float = 2.0
+    log_distance: float = 1.2
+    outlier_degrees: float = 4.0
+    lengths: tuple[int, ...] | None = None
+
+
+@dataclass(frozen=True)
+class DistancePosterior:
+    """Distances at the nearest view and how probable they are.
+
+    Attributes:
+        distance: ``(g,)`` [m], equally spaced in the logarithm.
+        probability: ``(g,)``, sums to 1.
+        view_weight: ``(m,)``, 1 for a view that agrees with the others, towards 0 for an outlier.
+    """
+
+    distance: np.ndarray
+    probability: np.ndarray
+    view_weight: np.ndarray
+
+    def least_relative_error(self) -> float:
+        """The distance with the least expected \\|z_est - z\\| / z: the median of the probability over z."""
+        return _quantile(self.distance, self.probability / self.distance, 0.5)
+
+    def quantile(self, share: float) -> float:
+        """The distance [m] that is exceeded with probability 1 - ``share``."""
+        return _quantile(self.distance, self.probability, share)
+
+    def log_std(self) -> float:
+        """Standard deviation of the logarithm of the distance."""
+        log = np.log(self.distance)
+        mean = self.probability @ log
+        return float(np.sqrt(self.probability @ (log - mean) ** 2))
+
+
+# Distances considered, as multiples of the camera's travel.
+_multiples = np.exp(np.linspace(np.log(0.03), np.log(30.0), 140))
+_growths = np.linspace(-2.5, 2.5, 11)  # in standard deviations
+
+
+def distance_posterior(
+    shapes: Sequence[RegionShape],
+    camera_back: np.ndarray,
+    image_size: tuple[int, int],
+    model: ScaleModel | None = None,
+) -> DistancePosterior:
+    """The posterior of the distance at the nearest of the views.
+
+    Args:
+        shapes: the object in m >= 2 views, nearest first.
+        camera_back: ``(m,)`` [m], ascending, not all the same.
+        image_size: height, width [px].
+    """
+    model = model or ScaleModel()
+    back = camera_back - camera_back[0]
+    z = _multiples * float(np.ptp(back))
+    scale = z[:, None] / (z[:, None] + back)
+    Y = np.array([lengths(shape) for shape in shapes])
+    least = _least_error(shapes[0], image_size, model)
+    grow = _growth(shapes[0])
+    if model.lengths is not None:
+        chosen = list(model.lengths)
+        Y, least, grow = Y[:, chosen], least[np.ix_(chosen, chosen)], grow[chosen]
+    prior = -0.5 * (np.log(_multiples) / model.log_distance) ** 2
+    weight = np.ones(len(Y))
+    for _ in range(1 if np.isinf(model.outlier_degrees) else 4):
+        log_density = _log_density(Y, scale, weight, grow, least, model.grown) + prior
+        if np.isfinite(model.outlier_degrees):
+            weight = _view_weights(Y, scale[log_density.argmax()], weight, grow, least, model.outlier_degrees)
+    density = np.exp(log_density - log_density.max())
+    return DistancePosterior(z, density / density.sum(), weight)
+
+
+def lengths(shape: RegionShape) -> np.ndarray:
+    """``(13,)`` [px]: eight widths, the square root of the area, the standard deviation along four axes."""
+    return np.concatenate([shape.widths, [np.sqrt(shape.area)], _deviations(shape)])
+
+
+def _deviations(shape: RegionShape) -> np.ndarray:
+    axes = WIDTH_AXES[:, _STD_AXES]
+    return np.sqrt(np.maximum(np.einsum("xk,xy,yk->k", axes, shape.moments, axes), 1 / 12))
+
+
+def _growth(shape: RegionShape) -> np.ndarray:
+    """``(13,)``, change of each length for an outline that moves outwards by a pixel."""
+    deviations, widths = _deviations(shape), shape.widths
+    of_area = shape.outline / (2 * np.sqrt(shape.area))
+    return np.concatenate([np.full(len(widths), 2.0), [of_area], 2 * deviations / widths[_STD_AXES]])
+
+
+def _least_error(shape: RegionShape, image_size: tuple[int, int], model: ScaleModel) -> np.ndarray:
+    """``(13, 13)`` [px^2], the least covariance of a view's errors.
+
+    A solid object is about as deep as it is wide. Its far outline is seen at another scale than its near one, so where
+    it stands off the axis, its extent in that direction errs by the share offset / focal length, and the focal length
+    is about an image width.
+    """
+    height, width = image_size
+    offset = np.abs(shape.centroid - 0.5 * np.array([width - 1, height - 1])) / width
+    of_lengths = lengths(shape)
+    covariance = (model.pixel_noise**2 + model.relative_noise**2 * shape.area) * np.eye(len(of_lengths))
+    for direction in range(2):
+        along = WIDTH_AXES[direction] ** 2
+        share = np.concatenate([along, [0.5], along[_STD_AXES]])
+        stretch = model.solidity * offset[direction] * share * of_lengths
+        covariance += np.outer(stretch, stretch)
+    return covariance
+
+
+def _log_density(
+    Y: np.ndarray, scale: np.ndarray, weight: np.ndarray, grow: np.ndarray, least: np.ndarray, grown: float
+) -> np.ndarray:
+    """Log marginal likelihood at each distance, the shared growth integrated out."""
+    root = np.sqrt(weight)
+    s = scale * root
+    projection = np.eye(len(Y)) - np.einsum("gm,gn->gmn", s, s) / np.einsum("gm,gm->g", s, s)[:, None, None]
+    weighted = root[:, None] * Y
+    scatter = np.einsum("md,gme->gde", weighted, projection @ weighted) + weight.sum() * least
+    ones = projection @ root
+    with_ones = ones @ weighted
+    of_ones = ones @ root
+    growth = np.outer(grow, grow)
+    degrees = 0.5 * max(weight.sum() - 1.0, 0.5)
+    per_growth = []
+    for deviations in _growths if grown > 0 else np.zeros(1):
+        n = deviations * grown
+        cross = n * with_ones[:, :, None] * grow
+        residual = scatter - cross - cross.transpose(0, 2, 1) + n * n * of_ones[:, None, None] * growth
+        per_growth.append(-degrees * np.linalg.slogdet(residual)[1] - 0.5 * deviations**2)
+    return np.asarray(np.logaddexp.reduce(per_growth, axis=0))
+
+
+def _view_weights(
+    Y: np.ndarray, scale: np.ndarray, weight: np.ndarray, grow: np.ndarray, least: np.ndarray, degrees: float
+) -> np.ndarray:
+    """``(m,)`` weights of Student's t by each view's residual, leaving out what growth of the outline explains."""
+    at_nearest = (weight * scale) @ Y / (weight @ scale**2)
+    residual = Y - scale[:, None] * at_nearest
+    residual = residual - np.outer(residual @ grow / (grow @ grow), grow)
+    size = np.sum(residual**2 / np.diag(least), axis=1) / Y.shape[1]
+    typical = max(float(np.median(size)), 1.0)
+    return np.minimum(1.0, (degrees + 1.0) / (degrees + size / typical))
+
+
+def _quantile(values: np.ndarray, mass: np.ndarray, share: float) -> float:
+    total = np.cumsum(mass)
+    return float(np.exp(np.interp(share * total[-1], total - 0.5 * mass, np.log(values))))
