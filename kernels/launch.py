@@ -77,12 +77,16 @@ class PixelLaunch:
             for row_begin, grid in grids
         ]
 
-    def __call__(self) -> None:
-        """Run on the arrays' present content; on a CPU the result is there on return."""
+    def __call__(self, stream: wp.Stream | None = None) -> None:
+        """Run on the arrays' present content; on a CPU the result is there on return.
+
+        Args:
+            stream: of a GPU, the device's present one unless given.
+        """
         first, *others = self._commands
         pool = _pool(len(others)) if others else None
         futures = [pool.submit(command.launch) for command in others] if pool else []
-        first.launch()
+        first.launch(stream)
         for future in futures:
             future.result()
 
