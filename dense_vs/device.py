@@ -61,7 +61,7 @@ def _driver_remark(name: str) -> str:
     """Why a GPU is not there, where Warp knows."""
     runtime: Any = wp._src.context.runtime
     found, needed = runtime.driver_version, runtime.min_driver_version
-    if not name.startswith("cuda") or found is None or needed is None or found >= needed:
+    if not str(name).startswith("cuda") or found is None or needed is None or found >= needed:
         return ""
     return f"; the NVIDIA driver is for CUDA {found[0]}.{found[1]}, Warp needs at least {needed[0]}.{needed[1]}"
 

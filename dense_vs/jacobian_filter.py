@@ -16,6 +16,7 @@ from dense_vs.kernels.covariance import fixed_gain, forget_covariance, regressor
 from dense_vs.kernels.flow_field import count_bad_flow
 from dense_vs.kernels.image_jacobian import forget_state, jacobian_kernels
 from dense_vs.kernels.launch import PixelLaunch, launch_pixels
+from dense_vs.kernels.row_taps import RowTaps
 from dense_vs.kernels.state_image import Layout, group_size
 from dense_vs.kernels.tiles import tile_launch
 
@@ -224,7 +225,8 @@ class JacobianFilter:
         dq = _seen_as(self.dq, kernels.JointVector, self.dq.shape[:1])
         by_model = options.prediction == "model"
         iterations = {"model": options.prediction_iterations, "flow": 1, "none": 0}[options.prediction]
-        moved_by = [self.model_flow if by_model else self.flow, iterations]
+        taps = RowTaps.empty(options.height, options.width, self.device)
+        moved_by = [self.model_flow if by_model else self.flow, iterations, *taps.arrays]
         flows = [self.flow, self.model_flow]
         noises = [options.process_noise, options.drift_noise, options.measurement_noise, options.max_variance]
 

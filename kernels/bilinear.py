@@ -1,5 +1,6 @@
 """Bilinear sampling of per-pixel vectors and matrices, the interpolate() of DIJE equations (13) to (16)."""
 
+import math
 from functools import cache
 from typing import Any
 
@@ -51,19 +52,35 @@ def bilinear_taps(x: int, y: int, shift: wp.vec2, width: int, height: int) -> Ta
     return taps
 
 
+# In the machine's own terms, as Warp looks up the array's strides for every element: half the time of a pixel's pass on
+# a CPU. Arithmetic and its order are those of the four taps written out.
+_SAMPLE = """
+    const int width = image.shape[2];
+    const size_t world_begin = (size_t)world * image.shape[1] * width;
+    const float *pixels = reinterpret_cast<const float*>(image.data + world_begin);
+    const float *upper_left = pixels + (size_t)(taps.top * width + taps.left) * %(size)d;
+    const float *upper_right = pixels + (size_t)(taps.top * width + taps.right) * %(size)d;
+    const float *lower_left = pixels + (size_t)(taps.bottom * width + taps.left) * %(size)d;
+    const float *lower_right = pixels + (size_t)(taps.bottom * width + taps.right) * %(size)d;
+    %(type)s sampled;
+    float *out = reinterpret_cast<float*>(&sampled);
+    for (int i = 0; i < %(size)d; ++i)
+        out[i] = (upper_left[i] * taps.upper_left + upper_right[i] * taps.upper_right)
+            + (lower_left[i] * taps.lower_left + lower_right[i] * taps.lower_right);
+    return sampled;
+"""
+
+
 @cache
 def bilinear(dtype: Any) -> wp.Function:
-    """Warp function that reads a ``(worlds, height, width)`` image of ``dtype`` with :class:`Taps`."""
+    """Warp function that reads a contiguous ``(worlds, height, width)`` image of ``dtype``, a float32 vector or
+    matrix, with :class:`Taps`.
+    """
+    shape = dtype._shape_
+    kind = "vec_t" if len(shape) == 1 else "mat_t"
+    native = {"size": math.prod(shape), "type": f"wp::{kind}<{', '.join(map(str, shape))}, wp::float32>"}
 
-    @wp.func
-    def sample(image: wp.array3d(dtype=dtype), world: int, taps: Taps):
-        upper = (
-            image[world, taps.top, taps.left] * taps.upper_left + image[world, taps.top, taps.right] * taps.upper_right
-        )
-        lower = (
-            image[world, taps.bottom, taps.left] * taps.lower_left
-            + image[world, taps.bottom, taps.right] * taps.lower_right
-        )
-        return upper + lower
+    @wp.func_native(_SAMPLE % native)
+    def sample(image: wp.array3d(dtype=dtype), world: int, taps: Taps) -> dtype: ...
 
     return sample

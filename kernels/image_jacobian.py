@@ -19,6 +19,7 @@ import warp as wp
 from dense_vs.kernels.bilinear import Taps, bilinear, bilinear_taps
 from dense_vs.kernels.covariance import hessian_column, state_columns
 from dense_vs.kernels.flow_field import finite
+from dense_vs.kernels.row_taps import find_row_taps, row_taps
 from dense_vs.kernels.state_image import Layout, state_image
 from dense_vs.kernels.tiles import tile_pixel
 
@@ -31,10 +32,7 @@ sample_vec2 = bilinear(wp.vec2)
 def displacement(
     image: wp.array3d(dtype=wp.vec2), world: int, x: int, y: int, iterations: int, width: int, height: int
 ) -> wp.vec2:
-    """Displacement [px] of the point now at (x, y): v(x), then v(x - v(x)), ... ``iterations`` times, 0 to 3.
-
-    Written out, as a loop of unknown length halves the speed of the pixel loop around it on a CPU.
-    """
+    """Displacement [px] of the point now at (x, y): v(x), then v(x - v(x)), ... ``iterations`` times, 0 to 3."""
     moved = wp.vec2(0.0, 0.0)
     if iterations > 0:
         moved = image[world, y, x]
@@ -45,6 +43,26 @@ def displacement(
     if iterations > 2:
         moved = sample_vec2(image, world, bilinear_taps(x, y, moved, width, height))
     return moved
+
+
+@wp.func
+def moved_taps(
+    image: wp.array3d(dtype=wp.vec2),
+    world: int,
+    x: int,
+    y: int,
+    iterations: int,
+    band: int,
+    column_step: int,
+    places: wp.array3d(dtype=wp.int32),
+    fractions: wp.array3d(dtype=wp.float32),
+) -> Taps:
+    """Taps for where the point now at (x, y) was: found for the row where a thread walks one, else here."""
+    if column_step == 1:
+        return row_taps(band, x, places, fractions)
+    width = image.shape[2]
+    height = image.shape[1]
+    return bilinear_taps(x, y, displacement(image, world, x, y, iterations, width, height), width, height)
 
 
 @wp.kernel
@@ -141,6 +159,8 @@ def jacobian_kernels(joints: int, order: int = 1, layout: Layout = "matrices") -
         state_in: StateImage,
         displacement_in: wp.array3d(dtype=wp.vec2),
         iterations: int,
+        places: wp.array3d(dtype=wp.int32),
+        fractions: wp.array3d(dtype=wp.float32),
         flow_in: wp.array3d(dtype=wp.vec2),
         model_flow_in: wp.array3d(dtype=wp.vec2),
         gain_in: wp.array(dtype=StateRow),
@@ -150,12 +170,12 @@ def jacobian_kernels(joints: int, order: int = 1, layout: Layout = "matrices") -
         """State <- moved state + (u - predicted u) K^T, (10) and (12) with one gain K for the image."""
         world, row, column = wp.tid()
         y = row_begin + row
-        height = state_in.shape[1]
         width = state_in.shape[2]
         gain = gain_in[world]
+        if column_step == 1:
+            find_row_taps(displacement_in, world, y, iterations, row_begin, places, fractions)
         for x in range(column, width, column_step):
-            moved = displacement(displacement_in, world, x, y, iterations, width, height)
-            taps = bilinear_taps(x, y, moved, width, height)
+            taps = moved_taps(displacement_in, world, x, y, iterations, row_begin, column_step, places, fractions)
             prior = sample_state(state_in, world, taps)
             error = innovation(flow_in[world, y, x], model_flow_in, world, taps)
             write_state(state_out, world, y, x, prior + wp.outer(error, gain))
@@ -217,6 +237,8 @@ def jacobian_kernels(joints: int, order: int = 1, layout: Layout = "matrices") -
         variance_in: wp.array3d(dtype=JointVector),
         displacement_in: wp.array3d(dtype=wp.vec2),
         iterations: int,
+        places: wp.array3d(dtype=wp.int32),
+        fractions: wp.array3d(dtype=wp.float32),
         move_variance: int,
         flow_in: wp.array3d(dtype=wp.vec2),
         model_flow_in: wp.array3d(dtype=wp.vec2),
@@ -232,13 +254,13 @@ def jacobian_kernels(joints: int, order: int = 1, layout: Layout = "matrices") -
         """(9) to (11): a variance per pixel and joint, covariances dropped."""
         world, row, column = wp.tid()
         y = row_begin + row
-        height = jacobian_in.shape[1]
         width = jacobian_in.shape[2]
         dq = dq_in[world]
         growth = process_noise * wp.dot(dq, dq) + drift_noise
+        if column_step == 1:
+            find_row_taps(displacement_in, world, y, iterations, row_begin, places, fractions)
         for x in range(column, width, column_step):
-            moved = displacement(displacement_in, world, x, y, iterations, width, height)
-            taps = bilinear_taps(x, y, moved, width, height)
+            taps = moved_taps(displacement_in, world, x, y, iterations, row_begin, column_step, places, fractions)
             prior = sample_state(jacobian_in, world, taps)
             variance = variance_in[world, y, x]
             if move_variance != 0:
@@ -263,6 +285,8 @@ def jacobian_kernels(joints: int, order: int = 1, layout: Layout = "matrices") -
         covariance_in: wp.array3d(dtype=Covariance),
         displacement_in: wp.array3d(dtype=wp.vec2),
         iterations: int,
+        places: wp.array3d(dtype=wp.int32),
+        fractions: wp.array3d(dtype=wp.float32),
         flow_in: wp.array3d(dtype=wp.vec2),
         model_flow_in: wp.array3d(dtype=wp.vec2),
         dq_in: wp.array(dtype=JointVector),
@@ -277,13 +301,13 @@ def jacobian_kernels(joints: int, order: int = 1, layout: Layout = "matrices") -
         """Qian and Su's filter: a full N x N covariance per pixel."""
         world, row, column = wp.tid()
         y = row_begin + row
-        height = jacobian_in.shape[1]
         width = jacobian_in.shape[2]
         dq = dq_in[world]
         growth = process_noise * wp.dot(dq, dq) + drift_noise
+        if column_step == 1:
+            find_row_taps(displacement_in, world, y, iterations, row_begin, places, fractions)
         for x in range(column, width, column_step):
-            moved = displacement(displacement_in, world, x, y, iterations, width, height)
-            taps = bilinear_taps(x, y, moved, width, height)
+            taps = moved_taps(displacement_in, world, x, y, iterations, row_begin, column_step, places, fractions)
             prior = sample_state(jacobian_in, world, taps)
             covariance = covariance_in[world, y, x]
             scale = JointVector()

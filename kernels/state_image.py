@@ -20,21 +20,32 @@ from dense_vs.kernels.bilinear import Taps, bilinear
 
 Layout = Literal["matrices", "planes"]
 
+# The offset within a plane is a 32-bit number that the groups of a pixel share, the plane's address one that its
+# pixels share: that leaves one instruction of addressing a read.
+_PLANE = """
+    auto *pixels = reinterpret_cast<Packed*>(image.data) + (size_t)plane * ((size_t)image.shape[1] * image.shape[2]);
+    const int at = y * image.shape[2] + x;
+"""
 _READ = """
-    const size_t at = ((size_t)plane * image.shape[1] + y) * image.shape[2] + x;
 #if defined(__CUDA_ARCH__)
-    const float%(size)d found = reinterpret_cast<const float%(size)d*>(image.data)[at];
+    const float%(size)d found = pixels[at];
     return wp::vec_t<%(size)d, wp::float32>(%(found)s);
 #else
-    return image.data[at];
+    return pixels[at];
 #endif
 """
 _WRITE = """
-    const size_t at = ((size_t)plane * image.shape[1] + y) * image.shape[2] + x;
 #if defined(__CUDA_ARCH__)
-    reinterpret_cast<float%(size)d*>(image.data)[at] = make_float%(size)d(%(given)s);
+    pixels[at] = make_float%(size)d(%(given)s);
 #else
-    image.data[at] = group;
+    pixels[at] = group;
+#endif
+"""
+_TYPE = """
+#if defined(__CUDA_ARCH__)
+    using Packed = float%(size)d;
+#else
+    using Packed = wp::vec_t<%(size)d, wp::float32>;
 #endif
 """
 
@@ -81,10 +92,10 @@ def _planes(State: Any, columns: int) -> SimpleNamespace:
         "given": ", ".join(f"group[{lane}]" for lane in range(size)),
     }
 
-    @wp.func_native(_READ % lanes)
+    @wp.func_native((_TYPE + _PLANE + _READ) % lanes)
     def read_group(image: StateImage, plane: int, y: int, x: int) -> Group: ...
 
-    @wp.func_native(_WRITE % lanes)
+    @wp.func_native((_TYPE + _PLANE + _WRITE) % lanes)
     def write_group(image: StateImage, plane: int, y: int, x: int, group: Group): ...
 
     @wp.func
