@@ -14,5 +14,7 @@ EXPERIMENTS: dict[str, dict[str, str]] = {
         "vacuum": "dense_vs.sims.experiments.dije.vacuum",
     },
     "generative": {},
-    "vosvs": {},
+    "vosvs": {
+        "depth-log": "dense_vs.sims.experiments.vosvs.depth_log",
+    },
 }
