@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from dense_vs.pipeline import FramePipeline as FramePipeline
     from dense_vs.robot import Camera as Camera
     from dense_vs.robot import Robot as Robot
+    from dense_vs.self_body import SelfBody as SelfBody
     from dense_vs.servo import VisualServo as VisualServo
     from dense_vs.servo_loop import ServoLoop as ServoLoop
     from dense_vs.tracker import PointTracker as PointTracker
@@ -36,6 +37,7 @@ _HOMES = {
     "JointLog": "joint_log",
     "PointTracker": "tracker",
     "Robot": "robot",
+    "SelfBody": "self_body",
     "ServoLoop": "servo_loop",
     "VisualServo": "servo",
 }
