@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from dense_vs.errors import DenseVSError
+from dense_vs.generative.denavit_hartenberg import DenavitHartenberg, DHProblem, DHState, from_lines, with_dh
 from dense_vs.generative.end_to_end import all_shared, coordinate_rms, fit_kinematics, fit_pixels, initial_parameters
 from dense_vs.generative.initialization import Candidate, candidates, guessed_intrinsics, intrinsics_prior
 from dense_vs.generative.levenberg_marquardt import Solution, minimize
@@ -31,6 +32,7 @@ class FitOptions:
     state_sigma: float | None = None
     proportional_noise: bool = False
     distortion: int = 0
+    kinematics: str = "poe"
 
 
 @dataclass
@@ -40,6 +42,7 @@ class Fit:
     parameters: ModelParameters
     joints: np.ndarray
     report: FitReport
+    dh: DenavitHartenberg | None = None
 
 
 def fit_joint_model(obs: Observations, seed: int, options: FitOptions) -> Fit:
@@ -78,9 +81,12 @@ def fit_joint_model(obs: Observations, seed: int, options: FitOptions) -> Fit:
     parameters, solution = _from_hand(obs, links, joints, starts, options, guess, pixel_sigma)
     parameters = _add_rest(obs, links, joints, parameters, guess)
     problem = _problem(obs, links, parameters, joints, options, guess, pixel_sigma)
-    best = minimize(problem, State(parameters, joints), 60)
+    start = State(parameters, joints)
+    if options.kinematics == "dh":
+        start = with_dh(start, from_lines(parameters.axes, parameters.points, parameters.centre))
+    best = minimize(_in_coordinates(problem, options), start, 60)
     if options.state == "observed":
-        best = _reject(problem, best)
+        best = _reject(problem, best, options)
     report.stages.append(_stage("end to end", best, problem, clock, solution))
     if options.state != "observed":
         clock = time.perf_counter()
@@ -90,7 +96,13 @@ def fit_joint_model(obs: Observations, seed: int, options: FitOptions) -> Fit:
         report.stages.append(_stage("noise of the state", best, problem, clock))
     _finish(report, obs, problem, best, options)
     report.seconds = time.perf_counter() - started
-    return Fit(_without_unseen(best.state.parameters, problem), best.state.joints, report)
+    dh = best.state.dh if isinstance(best.state, DHState) else None
+    return Fit(_without_unseen(best.state.parameters, problem), best.state.joints, report, dh)
+
+
+def _in_coordinates(problem: PixelProblem, options: FitOptions) -> PixelProblem | DHProblem:
+    """The problem in the kinematic parameters that were asked for."""
+    return DHProblem(problem) if options.kinematics == "dh" else problem
 
 
 def _first_joints(obs: Observations, state: str) -> np.ndarray:
@@ -243,7 +255,7 @@ def _problem(
     return problem
 
 
-def _reject(problem: PixelProblem, solution: Solution) -> Solution:
+def _reject(problem: PixelProblem, solution: Solution, options: FitOptions) -> Solution:
     """Least squares of the sound detections: those the model makes mistakes of lose all weight, the others get it back."""
     before = None
     for _ in range(REJECTION_ROUNDS):
@@ -253,7 +265,7 @@ def _reject(problem: PixelProblem, solution: Solution) -> Solution:
         if before is not None and (wrong == before).all():
             break
         problem.reweight((~wrong).astype(float))
-        again = minimize(problem, solution.state, 60)
+        again = minimize(_in_coordinates(problem, options), solution.state, 60)
         solution = replace(again, iterations=solution.iterations + again.iterations)
         before = wrong
     return solution
@@ -271,16 +283,17 @@ def _with_noise(
     """The joints of the samples made unknown, tied to their readings or to the actions."""
     state = solution.state
     problem = _problem(obs, links, state.parameters, state.joints, options, guess, pixel_sigma, "joints")
+    posed = _in_coordinates(problem, options)
     for attempt in range(2):
         if options.state == "noisy":
-            best, sigma = fit_noisy_readings(problem, state, obs.joints, pixel_sigma, options.state_sigma)
+            best, sigma = fit_noisy_readings(posed, state, obs.joints, pixel_sigma, options.state_sigma)
         else:
             best, sigma = fit_noisy_actions(
-                problem, state, obs.actions, pixel_sigma, options.state_sigma, options.proportional_noise
+                posed, state, obs.actions, pixel_sigma, options.state_sigma, options.proportional_noise
             )
         state = best.state
         if attempt == 0:
-            best = _reject(problem, best)
+            best = _reject(problem, best, options)
             state = best.state
     return best, sigma, problem
 

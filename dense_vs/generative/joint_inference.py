@@ -49,9 +49,10 @@ class JointInference:
         self.images = predict(parameters, self.memory)
         self._solvers: dict[tuple[int, int], JointSolver] = {}
 
-    def __call__(self, pixels: np.ndarray, near: np.ndarray | None = None, robust_scale: float = 0.0) -> Inference:
+    def __call__(self, pixels: np.ndarray, near: np.ndarray | None = None, robust: bool = False) -> Inference:
         """Joints of images ``(B, c, m, 2)``; ``near`` ``(B, n)`` [rad] is where they are looked for first."""
         count = len(pixels)
+        robust_scale = 4 * self.pixel_sigma if robust else 0.0
         if near is None:
             return self._choose(*self._solve(pixels, self._nearest(pixels), robust_scale), pixels, None)
         joints, costs = self._solve(pixels, near[:, None], robust_scale)

@@ -1,28 +1,66 @@
 """The generative model: from joints to the pixels of features, and back."""
 
+import json
+import os
+from dataclasses import fields
 from typing import Any
 
 import numpy as np
 
 from dense_vs.errors import DenseVSError
+from dense_vs.files import atomic_write, read_arrays
+from dense_vs.generative.cartesian import fit_cartesian
+from dense_vs.generative.denavit_hartenberg import DenavitHartenberg, from_lines
 from dense_vs.generative.fitting import FitOptions, fit_joint_model
-from dense_vs.generative.joint_inference import JointInference, likeliest_path, predict
+from dense_vs.generative.joint_inference import JointInference, likeliest_path, predict, project_points
 from dense_vs.generative.observations import Observations
+from dense_vs.generative.online import OnlineLearner
 from dense_vs.generative.parameters import ModelParameters
+from dense_vs.generative.pose_inference import infer_poses
+from dense_vs.generative.relearning import relearn
 from dense_vs.generative.report import FitReport
 
 KINEMATICS = ("poe", "dh")
 STATES = ("observed", "noisy", "actions")
 CONTROLLERS = ("joint", "cartesian")
 METHODS = ("lm", "paper")
+NOISES = ("constant", "proportional")
+STILL = 0.02  # rad that a joint which did not move while learning may be away from there
+
+FORMAT = "dense-vs generative model"
+FORMAT_VERSION = 1
 
 
 class GenerativeModel:
-    """Kinematics, structure and cameras of an arm, learnt together from feature pixels; made by :meth:`fit`."""
+    """Kinematics, structure and cameras of an arm, learnt together from feature pixels; made by :meth:`fit`.
 
-    def __init__(self, parameters: ModelParameters, joints: np.ndarray, report: FitReport):
-        self.parameters, self.report = parameters, report
-        self._memory = joints
+    Attributes:
+        parameters: what it predicts with.
+        report: how it was learnt.
+        controller: ``"joint"`` or ``"cartesian"``.
+        kinematics: ``"poe"`` or ``"dh"``.
+        postures: ``(T, n)`` joints [rad] of the samples as the model sees them; with a Cartesian controller none.
+        poses: ``(T, 4, 4)`` of the hand in the samples, with a Cartesian controller.
+        image_sizes: ``(h, w)`` of each camera [px].
+    """
+
+    def __init__(
+        self,
+        parameters: ModelParameters,
+        postures: np.ndarray,
+        report: FitReport,
+        *,
+        controller: str = "joint",
+        kinematics: str = "poe",
+        poses: np.ndarray | None = None,
+        image_sizes: list[tuple[int, int]] | None = None,
+        dh: DenavitHartenberg | None = None,
+    ):
+        self.parameters, self.postures, self.report = parameters, postures, report
+        self.controller, self.kinematics = controller, kinematics
+        self.poses = poses
+        self.image_sizes = [] if image_sizes is None else image_sizes
+        self._dh = dh
         self._inference: JointInference | None = None
 
     @classmethod
@@ -36,43 +74,300 @@ class GenerativeModel:
         method: str = "lm",
         *,
         pixel_sigma: float | None = None,
-        state_sigma: float | None = None,
+        state_sigma: Any = None,
         noise: str = "constant",
         distortion: int = 0,
     ) -> "GenerativeModel":
-        """Learn from observations alone."""
+        """Learn from observations alone.
+
+        Args:
+            obs: what was seen, and what is known of the arm's state.
+            kinematics: ``"poe"``, lines in the home pose, or ``"dh"``, the paper's parameters with a free tool
+                transform, which converge slowly where axes are parallel.
+            state: ``"observed"``: joints (or poses) are exact, eqs. (2) to (7); ``"noisy"``: they are not, (8) to
+                (11); ``"actions"``: only the actions are known, (12) to (15).
+            controller: what joints, poses and actions belong to.
+            seed: of the starts of the kinematic stage.
+            method: ``"lm"``, beyond the paper, or ``"paper"``: L-BFGS in the three stages as published, which needs
+                ``kinematics="dh"`` and a joint controller.
+            pixel_sigma: noise of a pixel coordinate [px]; estimated unless given.
+            state_sigma: noise of joints or joint steps [rad], with a Cartesian controller of rotation [rad] and
+                translation; estimated unless given.
+            noise: of joint actions, ``"constant"``, or ``"proportional"`` to the step; ``state_sigma`` is then a share.
+            distortion: radial coefficients to learn, 0, 1 or 2.
+
+        Raises:
+            DenseVSError: an unknown option, or observations that cannot determine a model. What they leave open
+                without making the rest wrong is in ``report.unobservable``.
+        """
         for value, name, valid in (
             (kinematics, "kinematics", KINEMATICS),
             (state, "state", STATES),
             (controller, "controller", CONTROLLERS),
             (method, "method", METHODS),
+            (noise, "noise", NOISES),
+            (distortion, "distortion", (0, 1, 2)),
         ):
             if value not in valid:
                 raise DenseVSError(f"{name} is {value!r}; expected one of {', '.join(map(repr, valid))}")
-        options = FitOptions(state, pixel_sigma, state_sigma, noise == "proportional", distortion)
+        _check_sigma(pixel_sigma, "pixel_sigma", 1)
+        _check_sigma(state_sigma, "state_sigma", 2 if controller == "cartesian" else 1)
+        sizes = list(obs.image_sizes)
+        if method == "paper":
+            if kinematics != "dh" or controller != "joint":
+                raise DenseVSError(
+                    f"method 'paper' was published for kinematics 'dh' and controller 'joint'; got {kinematics!r} and "
+                    f"{controller!r}"
+                )
+            from dense_vs.generative.published import fit_as_published
+
+            fit = fit_as_published(obs, seed, state, state_sigma)
+            return cls(fit.parameters, fit.joints, fit.report, kinematics="dh", image_sizes=sizes, dh=fit.dh)
+        if controller == "cartesian":
+            sigmas = None if state_sigma is None else (float(state_sigma[0]), float(state_sigma[1]))
+            parameters, poses, report = fit_cartesian(obs, seed, state, pixel_sigma, sigmas, distortion)
+            return cls(parameters, np.zeros((0, 0)), report, controller=controller, poses=poses, image_sizes=sizes)
+        options = FitOptions(state, pixel_sigma, state_sigma, noise == "proportional", distortion, kinematics)
         fit = fit_joint_model(obs, seed, options)
-        return cls(fit.parameters, fit.joints, fit.report)
+        return cls(fit.parameters, fit.joints, fit.report, kinematics=kinematics, image_sizes=sizes, dh=fit.dh)
 
     def pixels(self, joints: Any) -> np.ndarray:
-        """Pixels ``(T, cameras, features, 2)`` at joints ``(T, n)`` [rad]; NaN behind a camera."""
-        return predict(self.parameters, np.atleast_2d(np.asarray(joints, dtype=np.float64)))
+        """Pixels ``(T, cameras, features, 2)`` at joints ``(T, n)`` [rad], or at poses ``(T, 4, 4)``.
 
-    def infer_joints(self, pixels: Any, near: Any = None, actions: Any = None) -> np.ndarray:
-        """Joints ``(n,)`` [rad] of an image ``(c, m, 2)``, or ``(B, n)`` of images ``(B, c, m, 2)``."""
-        images = np.asarray(pixels, dtype=np.float64)
-        single = images.ndim == 3
-        images = images[None] if single else images
-        if self._inference is None:
-            self._inference = JointInference(self.parameters, self._memory, self.report.pixel_sigma or 0.5)
+        NaN behind a camera and for features that the model does not know.
+
+        Raises:
+            DenseVSError: another shape, or a joint that never moved while learning is asked to be elsewhere.
+        """
+        if self.controller == "cartesian":
+            poses = _array(joints, "poses", (4, 4))
+            world = np.einsum("tij,mj->tmi", poses[:, :3, :3], self.parameters.features) + poses[:, None, :3, 3]
+            return project_points(self.parameters, world)
+        angles = _array(joints, "joints", (self.parameters.joint_count,))
+        for joint in self.report.still_joints:
+            away = np.abs(angles[:, joint - 1] - self.parameters.centre[joint - 1]).max(initial=0.0)
+            if away > STILL:
+                raise DenseVSError(
+                    f"joint {joint} is {away:.3g} rad from where it stood in all observations; its axis is unknown, so "
+                    "the model holds only there: learn from observations in which it moves"
+                )
+        return predict(self.parameters, angles)
+
+    def infer_joints(self, pixels: Any, near: Any = None, actions: Any = None, robust: bool = False) -> np.ndarray:
+        """Joints ``(n,)`` [rad] of an image ``(c, m, 2)``, or ``(B, n)`` of images ``(B, c, m, 2)``.
+
+        Args:
+            pixels: NaN where not seen.
+            near: ``(n,)`` or ``(B, n)`` [rad], where the arm should be, as the last estimate plus the commanded step:
+                of several postures that explain an image the nearest is taken.
+            actions: ``(B - 1, n)`` [rad] commanded between the images: the sequence most consistent with them is taken.
+            robust: tolerate mistaken labels (Cauchy loss).
+
+        Raises:
+            DenseVSError: wrong shapes, an image that does not show enough, or a Cartesian model.
+        """
+        self._need_joints()
+        p = self.parameters
+        images, single = self._images(pixels)
+        seen = np.isfinite(images[..., 0]) & np.isfinite(p.features).all(axis=1)
+        few = np.flatnonzero(seen.sum(axis=(1, 2)) < 3)
+        if len(few):
+            raise DenseVSError(
+                f"image {few[0]} shows {int(seen[few[0]].sum())} known features; expected at least 3 to infer the joints"
+            )
+        images = np.where(seen[..., None], images, np.nan)
         if near is not None:
-            near = np.broadcast_to(np.asarray(near, dtype=np.float64), (len(images), self.parameters.joint_count))
-        found = self._inference(images, near)
+            near = np.asarray(near, dtype=np.float64)
+            if near.shape not in ((p.joint_count,), (len(images), p.joint_count)) or not np.isfinite(near).all():
+                raise DenseVSError(f"near has shape {near.shape}; expected finite ({p.joint_count},) or one an image")
+            near = np.broadcast_to(near, (len(images), p.joint_count))
+        if actions is not None:
+            actions = np.asarray(actions, dtype=np.float64)
+            expected = (len(images) - 1, p.joint_count)
+            if actions.shape != expected or not np.isfinite(actions).all():
+                raise DenseVSError(f"actions have shape {actions.shape}; expected finite {expected}")
+        if self._inference is None:
+            self._inference = JointInference(p, self.postures, self.report.pixel_sigma or 0.5)
+        found = self._inference(images, near, robust)
         joints = found.joints
         if actions is not None:
-            joints = likeliest_path(found.candidates, np.asarray(actions, dtype=np.float64))
+            joints = likeliest_path(found.candidates, actions)
         return joints[0] if single else joints
 
+    def infer_poses(self, pixels: Any) -> np.ndarray:
+        """Poses ``(4, 4)`` of the hand in an image ``(c, m, 2)``, or ``(B, 4, 4)`` of images.
+
+        With a joint controller they are motions from the home pose, in the model's unit. NaN where an image shows
+        fewer than four features of the hand to each camera.
+        """
+        images, single = self._images(pixels)
+        rotation, translation, _ = infer_poses(self.parameters, images, self._hand())
+        poses = np.tile(np.eye(4), (len(images), 1, 1))
+        poses[:, :3, :3], poses[:, :3, 3] = rotation, translation
+        poses[np.isnan(translation[:, 0])] = np.nan
+        return poses[0] if single else poses
+
     def command(self, current_pixels: Any, target_pixels: Any, near: Any = None) -> np.ndarray:
-        """Joint delta ``(n,)`` [rad] that carries the features of the current image to those of the target image."""
+        """Joint step ``(n,)`` [rad] from the current image to the target's, each ``(c, m, 2)``.
+
+        With a Cartesian controller the transform A ``(4, 4)`` with P_target = A P_current.
+
+        Args:
+            current_pixels, target_pixels: NaN where not seen; the two need not show the same features.
+            near: where the arm should be [rad], as for :meth:`infer_joints`.
+
+        Raises:
+            DenseVSError: an image that does not show enough.
+        """
+        if self.controller == "cartesian":
+            current, target = self.infer_poses(current_pixels), self.infer_poses(target_pixels)
+            for pose, name in ((current, "current"), (target, "target")):
+                if np.isnan(pose).any():
+                    raise DenseVSError(f"the {name} image shows fewer than 4 features to each camera; its pose is unknown")
+            return target @ np.linalg.inv(current)
         current = self.infer_joints(current_pixels, near=near)
         return self.infer_joints(target_pixels, near=current) - current
+
+    def relearn(self, obs: Observations, what: str, seed: int = 0) -> FitReport:
+        """Learn one part anew from joints and pixels and keep the others; the report of it.
+
+        Args:
+            obs: a few samples; two are often enough for a camera or the structure.
+            what: ``"camera:I"``, one past the last for a new camera; ``"structure"``, or ``"structure:K,L"`` for some
+                features, new ones among them; ``"base"``; ``"kinematics"``.
+            seed: of the starts of the kinematic stage.
+
+        Raises:
+            DenseVSError: no such part, or observations that cannot tell it; the model stays as it was.
+        """
+        self._need_joints()
+        parameters, report = relearn(self.parameters, obs, what, self.report.pixel_sigma or 0.5, seed)
+        if what == "kinematics":
+            self.postures, self.report.still_joints = obs.joints, []
+            self._dh = from_lines(parameters.axes, parameters.points, parameters.centre) if self._dh else None
+        self.image_sizes = list(obs.image_sizes) if len(obs.image_sizes) >= len(self.image_sizes) else self.image_sizes
+        self.parameters, self._inference = parameters, None
+        return report
+
+    def online(self, capacity: int = 50, relearn_after: int = 0) -> OnlineLearner:
+        """A buffer that watches for changes while the model is used; see :class:`OnlineLearner`."""
+        self._need_joints()
+        return OnlineLearner(self, capacity, relearn_after)
+
+    @property
+    def denavit_hartenberg(self) -> DenavitHartenberg:
+        """The chain as a DH table; lengths in the model's unit."""
+        self._need_joints()
+        p = self.parameters
+        return self._dh or from_lines(p.axes, p.points, p.centre)
+
+    def save(self, path: str | os.PathLike[str]) -> None:
+        """Write the model to an ``.npz`` file, whole or not at all.
+
+        Raises:
+            DenseVSError: the file cannot be written.
+        """
+        content: dict[str, Any] = {f"parameters_{f.name}": getattr(self.parameters, f.name) for f in fields(ModelParameters)}
+        content |= {"format": FORMAT, "format_version": FORMAT_VERSION, "postures": self.postures}
+        content |= {"controller": self.controller, "kinematics": self.kinematics}
+        content |= {"image_sizes": np.array(self.image_sizes, dtype=np.int64).reshape(-1, 2)}
+        content["report"] = json.dumps(self.report.as_dict())
+        if self.poses is not None:
+            content["poses"] = self.poses
+        if self._dh is not None:
+            content |= {"dh_base": self._dh.base, "dh_table": self._dh.table}
+        with atomic_write(path) as stream:
+            np.savez(stream, **content)
+
+    @classmethod
+    def load(cls, path: str | os.PathLike[str]) -> "GenerativeModel":
+        """Read what :meth:`save` wrote.
+
+        Raises:
+            DenseVSError: not such a file, another version of it, or damaged.
+        """
+        content = read_arrays(path, "a saved generative model")
+        if str(content.get("format")) != FORMAT:
+            raise DenseVSError(f"{path} is not a saved generative model; expected a file that GenerativeModel.save wrote")
+        if str(content.get("format_version")) != str(FORMAT_VERSION):
+            raise DenseVSError(f"{path} has format version {content.get('format_version')}; expected {FORMAT_VERSION}")
+        try:
+            parameters = ModelParameters(**{f.name: content[f"parameters_{f.name}"] for f in fields(ModelParameters)})
+            report = FitReport.from_dict(json.loads(str(content["report"])))
+            sizes = [(int(h), int(w)) for h, w in content["image_sizes"]]
+            controller, kinematics = str(content["controller"]), str(content["kinematics"])
+            postures, poses = content["postures"], content.get("poses")
+            dh = DenavitHartenberg(content["dh_base"], content["dh_table"]) if "dh_base" in content else None
+        except (KeyError, ValueError, TypeError) as error:
+            raise DenseVSError(f"{path} is damaged: {error}") from error
+        _check_parameters(parameters, postures, str(path))
+        return cls(
+            parameters,
+            postures,
+            report,
+            controller=controller,
+            kinematics=kinematics,
+            poses=poses,
+            image_sizes=sizes,
+            dh=dh,
+        )
+
+    def _hand(self) -> np.ndarray:
+        return self.parameters.links == self.parameters.joint_count
+
+    def _need_joints(self) -> None:
+        if self.controller != "joint":
+            raise DenseVSError("this model is of a Cartesian controller and has no joints; use infer_poses and command")
+
+    def _images(self, pixels: Any) -> tuple[np.ndarray, bool]:
+        expected = (len(self.parameters.intrinsics), len(self.parameters.features), 2)
+        try:
+            images = np.asarray(pixels, dtype=np.float64)
+        except (TypeError, ValueError) as error:
+            raise DenseVSError(f"pixels are a {type(pixels).__name__}; expected {expected} numbers an image") from error
+        if images.shape[-3:] != expected or images.ndim not in (3, 4) or np.isinf(images).any():
+            raise DenseVSError(f"pixels have shape {images.shape}; expected finite or NaN {expected}, or several of them")
+        return (images[None], True) if images.ndim == 3 else (images, False)
+
+
+def _array(value: Any, name: str, each: tuple[int, ...]) -> np.ndarray:
+    try:
+        array = np.asarray(value, dtype=np.float64)
+    except (TypeError, ValueError) as error:
+        raise DenseVSError(f"{name} are a {type(value).__name__}; expected numbers of shape (T, {each})") from error
+    if array.shape == each:
+        array = array[None]
+    if array.shape[1:] != each or not np.isfinite(array).all():
+        shown = ", ".join(map(str, each))
+        raise DenseVSError(f"{name} have shape {array.shape}; expected finite numbers of shape (T, {shown})")
+    return array
+
+
+def _check_sigma(value: Any, name: str, count: int) -> None:
+    if value is None:
+        return
+    array = np.asarray(value, dtype=object).ravel()
+    if len(array) != count or not all(isinstance(v, int | float) and 0 < v < float("inf") for v in array):
+        raise DenseVSError(f"{name} is {value!r}; expected {count} positive number{'s' if count > 1 else ''} or None")
+
+
+def _check_parameters(p: ModelParameters, postures: np.ndarray, path: str) -> None:
+    joints, features, cameras = len(p.axes), len(p.features), len(p.intrinsics)
+    shapes = {
+        "axes": (joints, 3),
+        "points": (joints, 3),
+        "centre": (joints,),
+        "features": (features, 3),
+        "links": (features,),
+        "camera_rotation": (cameras, 3, 3),
+        "camera_translation": (cameras, 3),
+        "intrinsics": (cameras, 6),
+        "base_rotation": (3, 3),
+        "base_translation": (3,),
+    }
+    for name, shape in shapes.items():
+        array = getattr(p, name)
+        if array.shape != shape or (name != "features" and not np.isfinite(array).all()):
+            raise DenseVSError(f"{path} is damaged: {name} has shape {array.shape}; expected finite {shape}")
+    if postures.ndim != 2 or postures.shape[1] != joints:
+        raise DenseVSError(f"{path} is damaged: postures have shape {postures.shape}; expected (T, {joints})")

@@ -53,6 +53,7 @@ class FitReport:
         unused_samples: samples that no stage could use.
         joint_sigma: estimated noise of joints or of joint actions [rad], where the state is not exact.
         pixel_sigma: estimated noise of a pixel coordinate [px].
+        pose_sigma: estimated noise of rotation [rad] and translation [m], with a Cartesian controller.
     """
 
     stages: list[Stage] = field(default_factory=list)
@@ -67,6 +68,7 @@ class FitReport:
     unused_samples: list[int] = field(default_factory=list)
     joint_sigma: float | None = None
     pixel_sigma: float | None = None
+    pose_sigma: tuple[float, float] | None = None
 
     @property
     def losses(self) -> list[float]:
@@ -84,3 +86,13 @@ class FitReport:
         content["stages"] = [vars(stage) for stage in self.stages]
         content["outliers"] = [vars(outlier) for outlier in self.outliers]
         return content
+
+    @classmethod
+    def from_dict(cls, content: dict[str, Any]) -> "FitReport":
+        """What :meth:`as_dict` made."""
+        report = cls(**content)
+        report.stages = [Stage(**stage) for stage in content["stages"]]
+        report.outliers = [Outlier(**outlier) for outlier in content["outliers"]]
+        report.swapped = [(t, c, a, b) for t, c, a, b in content["swapped"]]
+        report.pose_sigma = None if report.pose_sigma is None else (report.pose_sigma[0], report.pose_sigma[1])
+        return report

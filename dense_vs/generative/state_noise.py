@@ -10,6 +10,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from dense_vs.generative.denavit_hartenberg import DHProblem
 from dense_vs.generative.joint_priors import JointActions, JointReadings
 from dense_vs.generative.levenberg_marquardt import Solution, minimize
 from dense_vs.generative.pixel_problem import PixelProblem, State
@@ -20,7 +21,7 @@ FIRST_SIGMA = 0.02  # rad
 
 
 def fit_noisy_readings(
-    problem: PixelProblem, state: State, joints: np.ndarray, pixel_sigma: float, joint_sigma: float | None
+    problem: PixelProblem | DHProblem, state: State, joints: np.ndarray, pixel_sigma: float, joint_sigma: float | None
 ) -> tuple[Solution, float]:
     """Joints of the samples and all shared parameters from noisy readings ``(T, n)``; also sigma [rad]."""
 
@@ -34,7 +35,7 @@ def fit_noisy_readings(
 
 
 def fit_noisy_actions(
-    problem: PixelProblem,
+    problem: PixelProblem | DHProblem,
     state: State,
     actions: np.ndarray,
     pixel_sigma: float,
@@ -58,7 +59,7 @@ def fit_noisy_actions(
 
 
 def _fit(
-    problem: PixelProblem,
+    problem: PixelProblem | DHProblem,
     state: State,
     prior: Callable[[float], JointReadings | JointActions],
     deviation: Callable[[State], np.ndarray],
@@ -70,7 +71,7 @@ def _fit(
     sigma = FIRST_SIGMA / float(np.sqrt(np.mean(spread**2))) if given is None else given
     solution, iterations, seconds = None, 0, 0.0
     for _ in range(1 if given is not None else ROUNDS):
-        problem.prior = prior(sigma)
+        (problem.problem if isinstance(problem, DHProblem) else problem).prior = prior(sigma)
         solution = minimize(problem, state, max_iterations=40, tolerance=1e-6)
         state = solution.state
         iterations, seconds = iterations + solution.iterations, seconds + solution.seconds
@@ -86,7 +87,7 @@ def _fit(
     return replace(solution, iterations=iterations, seconds=seconds), sigma
 
 
-def _posterior_variance(problem: PixelProblem, state: State, pixel_sigma: float, chained: bool) -> np.ndarray:
+def _posterior_variance(problem: PixelProblem | DHProblem, state: State, pixel_sigma: float, chained: bool) -> np.ndarray:
     """Variance [rad^2] of each deviation given the shared parameters."""
     equations = problem.linearize(state)
     assert equations.local is not None
@@ -94,13 +95,20 @@ def _posterior_variance(problem: PixelProblem, state: State, pixel_sigma: float,
     if not chained:
         inverse = np.linalg.inv(equations.local)
         return pixel_sigma**2 * np.einsum("tii->ti", inverse)
-    full = np.zeros((samples, joints, samples, joints))
-    at = np.arange(samples)
-    full[at, :, at] = equations.local
     assert equations.chained is not None
-    full[at[1:], :, at[:-1]] = equations.chained
-    full[at[:-1], :, at[1:]] = equations.chained.swapaxes(1, 2)
-    inverse = np.linalg.pinv(full.reshape(samples * joints, -1), hermitian=True).reshape(full.shape)
-    own = np.einsum("titi->ti", inverse)
-    across = np.einsum("titi->ti", inverse[1:, :, :-1])
-    return pixel_sigma**2 * (own[1:] + own[:-1] - 2 * across)
+    own, across = neighbour_covariance(equations.local, equations.chained)
+    variance = np.einsum("tii->ti", own)
+    return pixel_sigma**2 * (variance[1:] + variance[:-1] - 2 * np.einsum("tii->ti", across))
+
+
+def neighbour_covariance(local: np.ndarray, chained: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Blocks of the inverse of a block-tridiagonal matrix: the diagonal, and those below it."""
+    inverse = [np.linalg.inv(local[0])]
+    for block, below in zip(local[1:], chained, strict=True):
+        inverse.append(np.linalg.inv(block - below @ inverse[-1] @ below.T))
+    own, across = [inverse[-1]], []
+    for forward, below in zip(inverse[-2::-1], chained[::-1], strict=True):
+        gain = below @ forward
+        across.append(-own[-1] @ gain)
+        own.append(forward + gain.T @ own[-1] @ gain)
+    return np.array(own[::-1]), np.array(across[::-1])
