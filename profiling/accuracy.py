@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 import warp as wp
-from metrics import Metric, add_json_argument, report
+from metrics import Metric, add_report_arguments, report
 
 from dense_vs.cli.output import progress, table
 from dense_vs.evaluation import JacobianError, jacobian_error
@@ -58,14 +58,14 @@ def run_world(
     return errors, reaches
 
 
-def main() -> None:
+def main() -> int:
     """Run the command."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--robots", default="arm,planar", help="robots, by comma (default: arm,planar)")
     parser.add_argument("--seeds", default="0,1,2,3,4", help="seeds, by comma (default: 0,1,2,3,4)")
     parser.add_argument("--targets", type=int, default=10, help="targets per world (default: 10)")
     parser.add_argument("--distractor", default="none", help="none, behind or front (default: none)")
-    add_json_argument(parser)
+    add_report_arguments(parser)
     arguments = parser.parse_args()
     wp.config.log_level = wp.LOG_ERROR
     worlds = [(robot, int(seed)) for robot in arguments.robots.split(",") for seed in arguments.seeds.split(",")]
@@ -101,8 +101,8 @@ def main() -> None:
             Metric("reach error, worst", float(true_errors.max()), "px", "lower", 1.0),
             Metric("reach frames, median", float(np.median([r.reach.frames for r in reaches])), "frames", "lower"),
         ]
-    report(metrics, arguments.json)
+    return report(metrics, arguments)
 
 
 if __name__ == "__main__":
-    main()
+    raise SystemExit(main())

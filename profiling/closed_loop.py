@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 import warp as wp
-from metrics import Metric, add_json_argument, report
+from metrics import Metric, add_report_arguments, report
 
 from dense_vs.device import resolve_device
 from dense_vs.jacobian_filter import JacobianFilter
@@ -83,7 +83,7 @@ def make_batch(arguments: argparse.Namespace, worlds: int) -> BatchServo:
     )
 
 
-def main() -> None:
+def main() -> int:
     """Run the command."""
     parser = argparse.ArgumentParser(description="The whole servo loop of many simulated robots.")
     parser.add_argument("--device", default="auto", help="auto, cpu or cuda:N (default: auto)")
@@ -96,7 +96,7 @@ def main() -> None:
     parser.add_argument("--seed", type=int, default=0, help="of everything (default: 0)")
     parser.add_argument("--randomize", action="store_true", help="links, textures, lights and camera differ by world")
     parser.add_argument("--speed-only", action="store_true", help="leave out the reaches")
-    add_json_argument(parser)
+    add_report_arguments(parser)
     arguments = parser.parse_args()
     wp.config.log_level = wp.LOG_ERROR
     device = resolve_device(arguments.device)
@@ -117,7 +117,7 @@ def main() -> None:
     del batch
     if not arguments.speed_only:
         metrics += reach_metrics(arguments, device)
-    report(metrics, arguments.json)
+    return report(metrics, arguments)
 
 
 def speed_metrics(batch: BatchServo, label: str) -> list[Metric]:
@@ -170,4 +170,4 @@ def reach_metrics(arguments: argparse.Namespace, device: wp.Device) -> list[Metr
 
 
 if __name__ == "__main__":
-    main()
+    raise SystemExit(main())

@@ -16,7 +16,7 @@ import warp as wp
 from flow_candidates import Flow, candidates
 from flow_pairs import FlowPair, flow_pairs
 from interleaved import interleaved
-from metrics import Metric, add_json_argument, report
+from metrics import Metric, add_report_arguments, report
 from recorded_frames import image_size
 
 from dense_vs.cli.output import table
@@ -48,7 +48,7 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument("--seeds", default="0,1,2", help="by comma")
     parser.add_argument("--speeds", default="1,2,3,4", help="px per frame, by comma")
     parser.add_argument("--size", default="320x240", metavar="WxH")
-    add_json_argument(parser)
+    add_report_arguments(parser)
     options = parser.parse_args(arguments)
     wp.config.log_level = wp.LOG_ERROR
     width, height = image_size(options.size)
@@ -63,7 +63,7 @@ def main(arguments: list[str] | None = None) -> int:
     print(f"{len(pairs)} pairs of {options.size}, median speed from {min(speeds):.1f} to {max(speeds):.1f} px a frame")
     scores = compare(candidates(options.scan), pairs, asked)
     print_scores(scores, asked)
-    report([metric for score in scores if score.name in METHODS for metric in _metrics(score)], options.json)
+    return report([metric for score in scores if score.name in METHODS for metric in _metrics(score)], options)
     return 0
 
 

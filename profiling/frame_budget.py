@@ -12,7 +12,7 @@ import sys
 
 import numpy as np
 import warp as wp
-from metrics import Metric, add_json_argument, report
+from metrics import Metric, add_report_arguments, report
 from recorded_frames import Recording, Replay, image_size, record
 from stage_clock import StageClock
 
@@ -37,7 +37,7 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument("--flow", choices=METHODS, default="dis")
     parser.add_argument("--threads", type=int)
     parser.add_argument("--budget", type=float, metavar="FPS", help="frames a second that are needed")
-    add_json_argument(parser)
+    add_report_arguments(parser)
     options = parser.parse_args(arguments)
     metrics, over = [], []
     wp.config.log_level = wp.LOG_ERROR
@@ -57,10 +57,10 @@ def main(arguments: list[str] | None = None) -> int:
             slowest = max(STAGES, key=lambda stage: float(np.median(seconds[stage])))
             spent = 1e3 * float(np.median(seconds[slowest]))
             over.append(f"{size}: {fps:.1f} fps, needed {options.budget:g}; slowest stage: {slowest}, {spent:.1f} ms")
-    report(metrics, options.json)
+    failed = report(metrics, options)
     for line in over:
         print(line, file=sys.stderr)
-    return 1 if over else 0
+    return 1 if over or failed else 0
 
 
 def stage_times(recording: Recording, method: str, threads: int | None, frames: int) -> dict[str, np.ndarray]:

@@ -3,6 +3,7 @@
 import argparse
 import json
 import platform
+import sys
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from datetime import UTC, datetime
@@ -28,6 +29,9 @@ PACKAGES = (
 )
 
 
+RATIO_UNITS = ("x", "1")
+
+
 @dataclass(frozen=True)
 class Metric:
     """One measured figure.
@@ -35,7 +39,7 @@ class Metric:
     Attributes:
         name: what it is, the same in every run.
         value: the figure.
-        unit: ``"ms"``, ``"fps"``, ``"px"``, ``"x"`` (a ratio).
+        unit: ``"ms"``, ``"fps"``, ``"px"``; ``"x"`` and ``"1"`` are ratios, which ``--gate`` compares.
         better: which way is better.
         tolerance: share of the value that two runs on one quiet machine may differ by.
     """
@@ -47,20 +51,56 @@ class Metric:
     tolerance: float = 0.1
 
 
-def add_json_argument(parser: argparse.ArgumentParser) -> None:
-    """Give a command the option ``--json FILE``."""
+def add_report_arguments(parser: argparse.ArgumentParser) -> None:
+    """Give a command the options ``--json FILE`` and ``--gate FILE``."""
     parser.add_argument("--json", type=Path, metavar="FILE", help="write the metrics here")
+    parser.add_argument(
+        "--gate",
+        type=Path,
+        metavar="FILE",
+        help="exit with 1 where a ratio is worse than in this earlier result by more than its tolerance",
+    )
 
 
-def report(metrics: Sequence[Metric], json_path: Path | None) -> None:
-    """Print the metrics; write them to ``json_path`` with machine, versions and date, where one is given."""
+def report(metrics: Sequence[Metric], arguments: argparse.Namespace) -> int:
+    """Print the metrics, write them where ``--json`` says with machine, versions and date, hold them to ``--gate``.
+
+    Returns:
+        the exit code: 1 where the gate is not passed.
+    """
     rows = [[m.name, f"{m.value:.4g}", m.unit, m.better] for m in metrics]
     print("\n" + table(("metric", "value", "unit", "better"), rows))
-    if json_path is not None:
+    if arguments.json is not None:
         content = {**_header(), "metrics": [asdict(metric) for metric in metrics]}
-        with atomic_write(json_path, "w") as stream:
+        with atomic_write(arguments.json, "w") as stream:
             json.dump(content, stream, indent=2)
             stream.write("\n")
+    if arguments.gate is None:
+        return 0
+    baseline = {metric["name"]: metric for metric in json.loads(arguments.gate.read_text())["metrics"]}
+    worse = regressions(metrics, baseline)
+    for line in worse:
+        print(line, file=sys.stderr)
+    return 1 if worse else 0
+
+
+def regressions(metrics: Sequence[Metric], baseline: dict[str, dict[str, Any]]) -> list[str]:
+    """What got worse, a line each.
+
+    Only ratios are compared: a time or a rate belongs to the machine that it was measured on.
+    """
+    compared = [metric for metric in metrics if metric.unit in RATIO_UNITS and metric.name in baseline]
+    if not compared:
+        return ["no ratio of this run is in the baseline; expected one measured by the same script and arguments"]
+    lines = []
+    for metric in compared:
+        before = baseline[metric.name]["value"]
+        margin = metric.tolerance * abs(before)
+        # Not "worse than": a figure that is no number fails.
+        good = metric.value >= before - margin if metric.better == "higher" else metric.value <= before + margin
+        if not good:
+            lines.append(f"{metric.name}: {metric.value:.4g}, was {before:.4g}, tolerance {metric.tolerance:.0%}")
+    return lines
 
 
 def _header() -> dict[str, Any]:

@@ -17,7 +17,7 @@ import numpy as np
 import warp as wp
 from filter_case import FilterCase, make_case
 from interleaved import interleaved, median_ratio
-from metrics import Metric, add_json_argument, report
+from metrics import Metric, add_report_arguments, report
 from peer_numpy import NumpyPlanesFilter
 from peer_opencv import OpencvFilter
 from peer_paper_pipeline import STAGES as PAPER_STAGES
@@ -53,7 +53,7 @@ def main(arguments: list[str] | None = None) -> int:
         "--calls", type=int, default=5, help="calls of each in a row; 1 times every call on emptied caches (default: 5)"
     )
     parser.add_argument("--seed", type=int, default=0)
-    add_json_argument(parser)
+    add_report_arguments(parser)
     options = parser.parse_args(arguments)
     wp.config.log_level = wp.LOG_ERROR
     width, height = image_size(options.size)
@@ -66,7 +66,7 @@ def main(arguments: list[str] | None = None) -> int:
     metrics = predict_update(case, options.rounds, options.calls)
     frames = options.rounds + WARMUP + 1
     metrics += whole_frame(record("arm", height, width, frames=frames, seed=options.seed), options.rounds)
-    report(metrics, options.json)
+    return report(metrics, options)
     return 0
 
 

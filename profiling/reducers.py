@@ -11,7 +11,7 @@ import argparse
 import cv2
 import numpy as np
 from interleaved import interleaved, median_ratio
-from metrics import Metric, add_json_argument, report
+from metrics import Metric, add_report_arguments, report
 
 from dense_vs.device import resolve_threads
 from dense_vs.kernels.mask_overlap import OverlapReducer
@@ -21,12 +21,12 @@ HEIGHT, WIDTH = 480, 640
 CANDIDATES = 36
 
 
-def main() -> None:
+def main() -> int:
     """Run the comparison."""
     parser = argparse.ArgumentParser(description=__doc__.split("\n", maxsplit=1)[0])
     parser.add_argument("--rounds", type=int, default=100)
     parser.add_argument("--threads", type=int)
-    add_json_argument(parser)
+    add_report_arguments(parser)
     arguments = parser.parse_args()
     threads = resolve_threads(arguments.threads)
     metrics = []
@@ -67,7 +67,7 @@ def main() -> None:
         calls=3,
     )
     metrics += compared(f"overlap with {CANDIDATES} candidates", seconds)
-    report(metrics, arguments.json)
+    return report(metrics, arguments)
 
 
 def masks() -> dict[str, np.ndarray]:
@@ -113,4 +113,4 @@ def compared(name: str, seconds: dict[str, np.ndarray]) -> list[Metric]:
 
 
 if __name__ == "__main__":
-    main()
+    raise SystemExit(main())

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 import warp as wp
 from filter_case import make_case
-from metrics import Metric, add_json_argument, report
+from metrics import Metric, add_report_arguments, report
 
 from dense_vs.device import resolve_device
 from dense_vs.jacobian import DenseJacobian
@@ -57,14 +57,14 @@ def one_pass_bytes(estimator: DenseJacobian) -> int:
     return FLOAT * floats * options.worlds * options.height * options.width
 
 
-def main() -> None:
+def main() -> int:
     """Run the command."""
     parser = argparse.ArgumentParser(description="Predict and update against the device's copy rate.")
     parser.add_argument("--device", default="auto", help="auto, cpu or cuda:N (default: auto)")
     parser.add_argument("--worlds", default="1", help="numbers of worlds, by comma (default: 1)")
     parser.add_argument("--size", default="320x240", help="image size (default: 320x240)")
     parser.add_argument("--joints", type=int, default=4, help="number of joints (default: 4)")
-    add_json_argument(parser)
+    add_report_arguments(parser)
     arguments = parser.parse_args()
     wp.config.log_level = wp.LOG_ERROR
     width, height = (int(side) for side in arguments.size.split("x"))
@@ -97,8 +97,8 @@ def main() -> None:
                 Metric(f"share_of_copy_rate, {label}", moved / seconds / rate, "1", "higher", 0.2),
                 Metric(f"copy_rate, {label}", rate / 1e9, "GB/s", "higher", 0.2),
             ]
-    report(metrics, arguments.json)
+    return report(metrics, arguments)
 
 
 if __name__ == "__main__":
-    main()
+    raise SystemExit(main())
