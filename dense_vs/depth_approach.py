@@ -80,7 +80,7 @@ class DepthApproach:
         joint: str,
         method: str = "robust",
         near: float = 0.2,
-        steps: tuple[float, float] = (0.008, 0.04),
+        steps: tuple[float, float] = (0.01, 0.05),
         views: int = 40,
         on_view: Any = None,
     ):
@@ -135,7 +135,7 @@ class DepthApproach:
         left = positions[-1] - estimate.z_object - self.near
         if left < 0.3 * least:
             return None
-        return float(np.clip(left / 5.0, least, most))
+        return float(np.clip(left / 4.0, least, most))
 
     def _advance(self, step: float) -> bool:
         """Step towards the object; False where the joint does not follow, at its limit or against something."""
@@ -171,7 +171,10 @@ class DepthApproach:
                 order = used[np.argsort(camera_z[used])]
                 back = camera_z[order] - camera_z[nearest]
                 fit = depth_from_masks(np.stack([masks[k] for k in order]), back, method=self.method)
-                z_object, std = camera_z[nearest] - fit.distance, fit.distance_std
+                if not fit.observable:
+                    why = f"the distance is uncertain by {100 * fit.log_std:.0f} %"
+                    return Approach(end, None, None, np.inf, camera_z, areas, whole, nearest, why)
+                z_object, std = camera_z[nearest] - fit.distance, fit.distance * fit.log_std
         except DepthUnobservableError as error:
             return Approach(end, None, None, np.inf, camera_z, areas, whole, nearest, str(error))
         distance = float(camera_z[nearest] - z_object)

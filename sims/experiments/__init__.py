@@ -15,6 +15,8 @@ EXPERIMENTS: dict[str, dict[str, str]] = {
     },
     "generative": {},
     "vosvs": {
+        "learn": "dense_vs.sims.experiments.vosvs.learn",
+        "trial": "dense_vs.sims.experiments.vosvs.trial",
         "depth-log": "dense_vs.sims.experiments.vosvs.depth_log",
     },
 }

@@ -4,12 +4,12 @@ from them.
 The simulator's ids stand in for the annotators here; what is learnt from the images sees nothing but images afterwards.
 """
 
-from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
 
 from dense_vs.segmentation import FewShotSegmenter
+from dense_vs.sims.mobile_manipulator.objects import household_objects
 from dense_vs.sims.mobile_manipulator.postures import above
 from dense_vs.sims.mobile_manipulator.world import MobileWorld
 
@@ -50,13 +50,10 @@ def annotate(world: MobileWorld, name: str, rng: np.random.Generator, count: int
     return AnnotatedImages(images, masks)
 
 
-def learn_segmenters(world: MobileWorld, names: Iterable[str], seed: int) -> dict[str, FewShotSegmenter]:
-    """A segmenter for each object, from its ten annotated images."""
-    segmenters = {}
-    for name in names:
-        seen = annotate(world, name, np.random.default_rng([seed, 40, list(world.objects).index(name)]))
-        segmenters[name] = FewShotSegmenter(seed=seed).fit(seen.images, seen.masks)
-    return segmenters
+def learn_segmenter(world: MobileWorld, name: str, seed: int) -> FewShotSegmenter:
+    """A segmenter for an object, from its ten annotated images."""
+    seen = annotate(world, name, np.random.default_rng([seed, 40, list(household_objects()).index(name)]))
+    return FewShotSegmenter(seed=seed).fit(seen.images, seen.masks)
 
 
 def _nearest(world: MobileWorld, name: str) -> float:

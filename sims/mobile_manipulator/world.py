@@ -51,7 +51,7 @@ class MobileWorld:
         seed: int = 0,
         device: Any = "cpu",
         threads: int | None = None,
-        shadows: bool = True,
+        shadows: bool = False,
         noise: float = 2.0,
         slip: float = 0.02,
     ):

@@ -99,6 +99,7 @@ def _draw(areas: np.ndarray, camera_z: np.ndarray, estimates: list[DepthEstimate
     line = np.array([0.0, inverse.max()])
     right.plot(line, final.z_object + final.c_object * line, label="z object + c object / sqrt(area)")
     right.set(xlabel="1 / sqrt(mask area) [1/px]", ylabel="z camera [m]", title="Linear relation (18)")
+    right.locator_params(axis="x", nbins=5)
     right.legend()
     figure.savefig(path, dpi=110)
     plt.close(figure)

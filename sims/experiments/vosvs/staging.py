@@ -1,14 +1,10 @@
-"""Where objects stand before the robot at the start of a servo run, and the segmenters that find them."""
-
-from collections.abc import Iterable
+"""Where objects stand before the robot at the start of a servo run."""
 
 import numpy as np
 
 from dense_vs.errors import DenseVSError
-from dense_vs.segmentation import Segmenter
 from dense_vs.sims.experiments.vosvs.configurations import Configuration
 from dense_vs.sims.experiments.vosvs.true_jacobian import true_centroid
-from dense_vs.sims.mobile_manipulator.annotations import learn_segmenters
 from dense_vs.sims.mobile_manipulator.postures import posture
 from dense_vs.sims.mobile_manipulator.world import HEIGHT, WIDTH, MobileWorld
 
@@ -72,8 +68,3 @@ def floor_point(world: MobileWorld, camera: str, pixel: np.ndarray, height: floa
     if ray[2] > -1e-3:
         return None
     return pose[:3, 3] + ray * (height - pose[2, 3]) / ray[2]
-
-
-def learnt_segmenters(world: MobileWorld, names: Iterable[str], seed: int) -> dict[str, Segmenter]:
-    """Segmenters of objects, each learnt from ten annotated images of the grasp camera."""
-    return dict(learn_segmenters(world, names, seed))

@@ -1,0 +1,120 @@
+"""VOS-VS Table 1, Figs. 8, 9, 18: learn J+ of seven configurations from 0.001 H by (11), beside Broyden's update.
+
+Masks come from few-shot segmenters that learnt from ten images each, annotated by the simulator's ids.
+"""
+
+import argparse
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    import numpy as np
+
+    from dense_vs.sims.experiments.rows import Row
+    from dense_vs.sims.experiments.vosvs.configurations import Configuration
+    from dense_vs.sims.experiments.vosvs.learning import Learning
+
+HELP = "Table 1, Figs. 8, 9, 18: seven configurations learnt from 0.001 H, with Broyden's original update beside"
+OBJECTS = {"base": "Plastic Chain", "base grasp": "Tuna"}
+OTHER = "Mug"
+LABELS = {"hadamard": "(11)", "featurewise": "(11) a feature at a time", "original": "original Broyden"}
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the experiment's own arguments."""
+    parser.add_argument("--responses", type=int, default=3, help="step responses that each learns from (default: 3)")
+    parser.add_argument("--looks", type=int, default=120, help="images a configuration may take (default: 120)")
+
+
+@dataclass
+class Learnt:
+    """All updates' outcomes for one configuration and seed, beside the truth of J+ at the end."""
+
+    one: "Configuration"
+    seed: int
+    outcomes: "dict[str, Learning]"
+    true: "np.ndarray"
+
+
+def run(arguments: argparse.Namespace) -> "list[Row]":
+    """Run the experiment."""
+    from dense_vs.cli.output import progress
+    from dense_vs.sims.experiments.vosvs.configurations import CONFIGURATIONS
+    from dense_vs.sims.experiments.vosvs.learn_figure import draw_learning
+    from dense_vs.sims.experiments.vosvs.learning import UPDATES
+
+    learnt: list[Learnt] = []
+    with progress("learn", len(arguments.seeds) * len(CONFIGURATIONS) * len(UPDATES), "run") as bar:
+        for seed in arguments.seeds:
+            learnt += learn_all(seed, arguments.responses, arguments.looks, arguments.threads, bar)
+    draw_learning([one for one in learnt if one.seed == arguments.seeds[0]], arguments.out)
+    return table_rows(learnt, tuple(arguments.seeds))
+
+
+def learn_all(seed: int, responses: int, looks: int, threads: int | None, bar) -> list[Learnt]:
+    """The seven configurations with all three updates."""
+    import numpy as np
+
+    from dense_vs.sims.experiments.vosvs.configurations import CONFIGURATIONS
+    from dense_vs.sims.experiments.vosvs.learning import UPDATES, learn
+    from dense_vs.sims.experiments.vosvs.true_jacobian import true_pinv
+    from dense_vs.sims.mobile_manipulator.annotations import learn_segmenter
+    from dense_vs.sims.mobile_manipulator.world import MobileWorld
+
+    names = [*dict.fromkeys([*OBJECTS.values(), OTHER])]
+    world = MobileWorld(names, seed=seed, threads=threads)
+    segmenters = {name: learn_segmenter(world, name, seed) for name in names}
+    learnt = []
+    for number, one in enumerate(CONFIGURATIONS):
+        name = OBJECTS.get(one.name, OTHER)
+        outcomes = {}
+        for update in UPDATES:
+            bar.set_description(f"seed {seed}, {one.name}, {update}")
+            world.store()
+            outcomes[update] = learn(
+                world,
+                one,
+                name,
+                segmenters[name],
+                np.random.default_rng([seed, 50, number]),
+                update=update,
+                responses=1 if update == "original" else responses,
+                looks=looks // 2 if update == "original" else looks,
+                keep_images=one.name == "base" and update == "hadamard",
+            )
+            if update == "hadamard":
+                true = true_pinv(world, one, name)
+            bar.update()
+        learnt.append(Learnt(one, seed, outcomes, true))
+    return learnt
+
+
+def table_rows(learnt: list[Learnt], seeds: tuple[int, ...]) -> "list[Row]":
+    """Table 1: every learnt element beside the paper's and the truth; how many of the seven converged."""
+    import numpy as np
+
+    from dense_vs.sims.experiments.rows import Row
+
+    rows = []
+    for seed in seeds:
+        mine = [one for one in learnt if one.seed == seed]
+        for update, label in LABELS.items():
+            count = sum(one.outcomes[update].converged for one in mine)
+            rows.append(Row(f"converged of 7, {label}", 7 if update == "hadamard" else None, count, "", (seed,)))
+        for update, label in LABELS.items():
+            lost = sum(one.outcomes[update].restarts for one in mine)
+            rows.append(Row(f"times put back, {label}", None, lost, "", (seed,)))
+    for one in learnt[:7]:
+        same = [other for other in learnt if other.one.name == one.one.name]
+        updates = [other.outcomes["hadamard"].updates for other in same]
+        paper = 14 if one.one.name == "base" else None
+        known = [value for value in updates if value is not None]
+        rows.append(Row(f"{one.one.name}: updates until s*", paper, np.median(known) if known else np.nan, "", seeds))
+        for row, joint in enumerate(one.one.joints):
+            feature = int(np.argmax(one.one.coupling[row]))
+            value = np.median([other.outcomes["hadamard"].pinv[row, feature] for other in same])
+            true = np.median([other.true[row, feature] for other in same])
+            unit = "m/px" if joint in ("arm_lift", "base_forward", "base_lateral") else "rad/px"
+            rows.append(Row(f"{one.one.name}: d{joint}/ds_{'xy'[feature]}", one.one.learnt[row], value, unit, seeds))
+            rows.append(Row("  the same, by the simulator, of the joint alone", None, true, unit, seeds))
+    return rows

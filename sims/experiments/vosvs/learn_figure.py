@@ -1,0 +1,79 @@
+"""Pictures of learning J+: Fig. 8 (ways in the image), Fig. 9 (elements over updates), Fig. 18 (the robot's view)."""
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from dense_vs.files import atomic_write
+from dense_vs.sims.experiments.vosvs.pictures import outlined, write_tiles
+
+if TYPE_CHECKING:
+    from dense_vs.sims.experiments.vosvs.learn import Learnt
+
+COLOURS = {"hadamard": "tab:blue", "featurewise": "tab:green", "original": "tab:red"}
+
+
+def draw_learning(learnt: "list[Learnt]", out: Path) -> None:
+    """Write ``learn.png`` and ``learn_view.png``."""
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
+    from dense_vs.sims.experiments.vosvs.learn import LABELS
+
+    figure = Figure(figsize=(2.6 * len(learnt), 8.4), layout="constrained")
+    FigureCanvasAgg(figure)
+    axes = figure.subplots(3, len(learnt), squeeze=False)
+    for column, one in enumerate(learnt):
+        image, elements, others = axes[:, column]
+        for update, outcome in one.outcomes.items():
+            state = "" if outcome.converged else ", not converged"
+            put_back = f", put back {outcome.restarts}x" if outcome.restarts else ""
+            for number, episode in enumerate(until_converged(outcome.episodes)):
+                label = f"{LABELS[update]}{state}{put_back}" if number == 0 else None
+                image.plot(*episode.centroids.T, ".-", ms=3, lw=1, color=COLOURS[update], label=label, alpha=0.8)
+        image.plot(*one.one.target, "k+", ms=12)
+        image.set(xlim=(0, 640), ylim=(480, 0), title=f"H {one.one.name}", aspect="equal")
+        image.legend(fontsize=5.5, loc="lower left")
+        for panel, update in ((elements, "hadamard"), (others, "original")):
+            history = one.outcomes[update].history
+            for row, joint in enumerate(one.one.joints):
+                for feature in range(2):
+                    coupled = one.one.coupling[row, feature] > 0
+                    style = {"lw": 1.6 if coupled else 0.8, "ls": "-" if coupled else ":"}
+                    line = panel.plot(history[:, row, feature], color=f"C{row}", **style)[0]
+                    if coupled:
+                        line.set_label(f"{joint} / s_{'xy'[feature]}")
+                        panel.axhline(one.true[row, feature], color=f"C{row}", lw=0.8, ls="--")
+            reach = 2.5 * np.nanmax(np.abs(one.true))
+            panel.set_ylim(-reach, reach)
+            panel.axhline(0.0, color="grey", lw=0.5)
+        elements.legend(fontsize=6)
+        elements.set_title("J+ by (11); truth dashed", fontsize=8)
+        others.set_title("J+ by original Broyden; unrelated pairs dotted", fontsize=8)
+        others.set_xlabel("updates")
+    with atomic_write(out / "learn.png") as stream:
+        figure.savefig(stream, format="png", dpi=100)
+    base = next((one for one in learnt if one.one.name == "base"), None)
+    if base is not None:
+        _draw_view(base, out / "learn_view.png")
+
+
+def until_converged(episodes: list) -> list:
+    """The episodes up to the first that ended at the target."""
+    from dense_vs.mask_servo import ServoEnd
+
+    for number, episode in enumerate(episodes):
+        if episode.end is ServoEnd.CONVERGED:
+            return episodes[: number + 1]
+    return episodes
+
+
+def _draw_view(base: "Learnt", path: Path) -> None:
+    """Fig. 18: what the camera saw while H_base was learnt, masks outlined, the target marked."""
+    frames = []
+    for episode in until_converged(base.outcomes["hadamard"].episodes):
+        frames += list(zip(episode.images, episode.masks, strict=True))
+    chosen = np.unique(np.linspace(0, max(len(frames) - 1, 0), 8).astype(int)) if frames else []
+    tiles = [(f"look {number}", outlined(*frames[number], base.one.target)) for number in chosen]
+    write_tiles(tiles, path)

@@ -1,0 +1,63 @@
+"""What an experiment with learnt parameters begins with: a world, segmenters, and J+ learnt by servoing, then kept."""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from dense_vs.errors import DenseVSError
+from dense_vs.segmentation import Segmenter
+from dense_vs.sims.experiments.vosvs.configurations import configuration
+from dense_vs.sims.experiments.vosvs.learning import Learning, learn
+from dense_vs.sims.mobile_manipulator.annotations import learn_segmenter
+from dense_vs.sims.mobile_manipulator.world import MobileWorld
+
+TEACHERS = {"base": "Plastic Chain", "base grasp": "Tuna"}  # the object that a configuration learns with
+TEACHER = "Mug"
+
+
+class Preparation:
+    """A world of one seed; segmenters and J+ are learnt when first asked for, and J+ is then kept (alpha = 0).
+
+    Args:
+        objects: that the experiment needs; all 24 when None.
+        seed: of everything.
+        threads: of the renderer.
+    """
+
+    def __init__(self, objects: Sequence[str] | None, seed: int, threads: int | None = None):
+        self.seed = seed
+        self.world = MobileWorld(objects, seed=seed, threads=threads)
+        self._segmenters: dict[str, Segmenter] = {}
+        self._learnt: dict[str, Learning] = {}
+
+    def segmenter(self, name: str) -> Segmenter:
+        """Of an object, from ten annotated images; the robot's posture and the other objects are not kept."""
+        if name not in self._segmenters:
+            self._segmenters[name] = learn_segmenter(self.world, name, self.seed)
+        return self._segmenters[name]
+
+    def learning(self, config: str) -> Learning:
+        """How J+ of a configuration was learnt.
+
+        Raises:
+            DenseVSError: it did not converge.
+        """
+        if config not in self._learnt:
+            name = TEACHERS.get(config, TEACHER)
+            segmenter = self.segmenter(name)
+            self.world.store()
+            rng = np.random.default_rng([self.seed, 51])
+            learning = learn(
+                self.world, configuration(config), name, segmenter, rng, update="featurewise", responses=3, looks=150
+            )
+            self.world.store()
+            if not learning.converged:
+                raise DenseVSError(
+                    f"J+ of {config!r} was not learnt in 150 looks; expected a step response to converge"
+                )
+            self._learnt[config] = learning
+        return self._learnt[config]
+
+    def pinv(self, config: str) -> np.ndarray:
+        """J+ ``(n, 2)`` of a configuration, learnt."""
+        return self.learning(config).pinv
