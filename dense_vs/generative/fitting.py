@@ -49,7 +49,7 @@ def fit_joint_model(obs: Observations, seed: int, options: FitOptions) -> Fit:
     """The model of an arm whose joints, noisy joints or joint actions are known."""
     started = time.perf_counter()
     rng = np.random.default_rng(seed)
-    joints = _first_joints(obs, options.state)
+    joints = first_joints(obs, options.state)
     count = joints.shape[1]
     links = np.full(obs.pixels.shape[2], count) if obs.feature_link is None else obs.feature_link
     _check_sufficient(obs, links, count)
@@ -105,7 +105,7 @@ def _in_coordinates(problem: PixelProblem, options: FitOptions) -> PixelProblem 
     return DHProblem(problem) if options.kinematics == "dh" else problem
 
 
-def _first_joints(obs: Observations, state: str) -> np.ndarray:
+def first_joints(obs: Observations, state: str) -> np.ndarray:
     """Joints as read, or the actions added up from zero."""
     if state == "actions":
         if obs.actions is None or obs.actions.ndim != 2:

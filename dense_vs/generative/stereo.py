@@ -14,6 +14,7 @@ from dense_vs.errors import DenseVSError
 from dense_vs.generative.triangulation import rays, rigid_motion, triangulate
 
 PAIR_MATCHES = 12  # below, no essential matrix is trusted
+SOUND_ALIGNMENT = 0.1  # median error as a share of the structure's size that needs no other seed
 PNP_POINTS = 6  # of one camera in one sample
 
 
@@ -186,6 +187,8 @@ def align_samples(
         score = (int(posed.sum()), float(np.median(error[np.isfinite(error)])))
         if score[0] > 1.1 * best_score[0] or (score[0] > 0.9 * best_score[0] and score[1] < best_score[1]):
             best, best_score = (rotation, translation, structure, posed), score
+        if best_score[0] >= 0.95 * samples and best_score[1] < SOUND_ALIGNMENT * np.sqrt(np.nanvar(structure, 0).sum()):
+            break
     assert best is not None
     return best
 
