@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 import warp as wp
 
-from dense_vs.device import resolve_device, resolve_threads
+from dense_vs.device import resolve_device, resolve_threads, room_for
 from dense_vs.errors import DenseVSError
 from dense_vs.kernels.farneback import SMALLEST_IMAGE, Farneback, FarnebackOptions
 from dense_vs.kernels.gray_image import gray_image_kernel
@@ -19,6 +19,8 @@ BATCH_METHODS = {
         winsize=17, levels=2, iterations=1, poly_sigma=1.5, gaussian_window=True
     ),
 }
+
+BYTES_PER_PIXEL = 64  # about: two expansions of five numbers with their pyramid, the flow, the image
 
 
 class BatchFlow:
@@ -42,7 +44,7 @@ class BatchFlow:
         threads: on a CPU; see :func:`dense_vs.device.resolve_threads`.
 
     Raises:
-        DenseVSError: unknown method or device, or a size below 16.
+        DenseVSError: unknown method or device, a size below 16, or a GPU whose memory does not suffice.
     """
 
     def __init__(
@@ -67,7 +69,8 @@ class BatchFlow:
                 raise DenseVSError(f"{name} is {value!r}; expected a whole number of at least {least}")
         self.device: Any = resolve_device(device)
         self._threads = resolve_threads(threads)
-        self._method = Farneback(worlds, height, width, options, device=self.device, threads=self._threads)
+        with room_for("batch flow", worlds, BYTES_PER_PIXEL * height * width, self.device):
+            self._method = Farneback(worlds, height, width, options, device=self.device, threads=self._threads)
         self.gray, self.flow, self.restarted = self._method.image, self._method.flow, self._method.restarted
         self.restarted.fill_(1)
 

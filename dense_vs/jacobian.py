@@ -16,10 +16,10 @@ import numpy as np
 import warp as wp
 
 from dense_vs.arrays import points_array, real_vector, vec2_image
-from dense_vs.device import resolve_device, resolve_threads
+from dense_vs.device import resolve_device, resolve_threads, room_for
 from dense_vs.errors import DenseVSError
 from dense_vs.files import atomic_write, read_arrays
-from dense_vs.jacobian_filter import JacobianFilter
+from dense_vs.jacobian_filter import JacobianFilter, filter_bytes
 from dense_vs.jacobian_options import JacobianOptions
 
 FORMAT = "dense-vs dense image Jacobian"
@@ -35,7 +35,7 @@ class DenseJacobian:
         options: the fields of :class:`JacobianOptions`; ``height``, ``width`` and ``joints`` are required.
 
     Raises:
-        DenseVSError: an option that is unknown or out of range.
+        DenseVSError: an option that is unknown or out of range, or a GPU whose memory does not suffice.
 
     The variance stays in place while J moves, as in the paper; shared by all pixels it would not change if it moved.
 
@@ -54,7 +54,8 @@ class DenseJacobian:
         self.options = JacobianOptions(**options)
         self.device = resolve_device(device)
         self.threads = resolve_threads(threads)
-        self.filter = JacobianFilter(self.options, self.device, self.threads)
+        with room_for("a dense image Jacobian", self.options.worlds, filter_bytes(self.options), self.device):
+            self.filter = JacobianFilter(self.options, self.device, self.threads)
         self.updates = 0
 
     @property

@@ -12,7 +12,13 @@ import numpy as np
 import warp as wp
 
 from dense_vs.jacobian_options import JacobianOptions
-from dense_vs.kernels.covariance import fixed_gain, forget_covariance, regressors, update_shared_covariance
+from dense_vs.kernels.covariance import (
+    fixed_gain,
+    forget_covariance,
+    regressors,
+    state_columns,
+    update_shared_covariance,
+)
 from dense_vs.kernels.flow_field import count_bad_flow
 from dense_vs.kernels.image_jacobian import forget_state, jacobian_kernels
 from dense_vs.kernels.launch import PixelLaunch, launch_pixels
@@ -269,6 +275,14 @@ class JacobianFilter:
         dim = self.options.worlds if per_world is None else (self.options.worlds, per_world)
         command: Any = wp.launch(kernel, dim=dim, inputs=arguments, device=self.device, record_cmd=True)
         return command.launch
+
+
+def filter_bytes(options: JacobianOptions) -> int:
+    """What a filter takes on a device a world, about [bytes]."""
+    columns = state_columns(options.joints, options.order or 1)
+    own = {"diagonal": options.joints, "full": options.joints**2}.get(options.covariance, 0)
+    # Both halves of state and covariance, flow and model flow; a float32 each.
+    return 4 * options.height * options.width * (4 * columns + 2 * own + 4)
 
 
 def _nothing() -> None:

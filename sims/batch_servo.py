@@ -18,11 +18,11 @@ import numpy as np
 import warp as wp
 
 from dense_vs.babbling import BabblingOptions
-from dense_vs.batch_flow import BatchFlow
+from dense_vs.batch_flow import BYTES_PER_PIXEL, BatchFlow
 from dense_vs.device import room_for
 from dense_vs.errors import DenseVSError
 from dense_vs.evaluation import JacobianError, jacobian_error
-from dense_vs.jacobian_filter import JacobianFilter
+from dense_vs.jacobian_filter import JacobianFilter, filter_bytes
 from dense_vs.jacobian_options import JacobianOptions
 from dense_vs.kernels.babbling import BabblingState, babbling_steps, restart_babbling, watch_flow
 from dense_vs.kernels.point_tracking import PointTracks, begin_tracks, carry_tracks, locate_tracks
@@ -428,8 +428,5 @@ class BatchServo:
 
 
 def _bytes_per_world(options: JacobianOptions) -> int:
-    """What a world takes on a device, about: the two states, and 70 bytes a pixel for images, flow and pyramid."""
-    columns = options.joints
-    if options.order == 2:
-        columns += options.joints * (options.joints + 1) // 2
-    return options.height * options.width * (16 * columns + 70)
+    """What a world takes on a device beside the simulation, about: filter, flow, and 10 bytes a pixel of images."""
+    return filter_bytes(options) + options.height * options.width * (BYTES_PER_PIXEL + 10)

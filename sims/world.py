@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 import warp as wp
 
-from dense_vs.device import resolve_device, resolve_threads
+from dense_vs.device import resolve_device, resolve_threads, room_for
 from dense_vs.errors import DenseVSError
 from dense_vs.sims import surface_points
 from dense_vs.sims.compliance import Compliance, resolve_compliance
@@ -25,6 +25,9 @@ from dense_vs.sims.renderer import Renderer, camera_intrinsics
 from dense_vs.sims.scene import FRAME_SECONDS, Scene, load_scene
 from dense_vs.sims.surface_points import SurfacePoint
 from dense_vs.sims.truth import GroundTruth
+
+BYTES_PER_PIXEL = 24  # about: colour, packed and not, depth, and ids with and without their types
+BYTES_OF_PHYSICS = 50_000  # of a world, about
 
 
 @dataclass(frozen=True)
@@ -320,10 +323,11 @@ class SimWorld:
         scene = load_scene(**self._choice, seed=seed)
         rngs = [_world_rng(seed, world, 2) for world in range(worlds)]
         models = WorldModels(scene.model, scene.camera, rngs, self._randomization)
-        physics = make_physics(scene, worlds, self._device, models, self._physics_on_device)
-        renderer = Renderer(
-            scene.model, physics.model, physics.data, scene.camera, self._shape, self._device, self._threads
-        )
+        with room_for("a simulation", worlds, BYTES_PER_PIXEL * height * width + BYTES_OF_PHYSICS, self._device):
+            physics = make_physics(scene, worlds, self._device, models, self._physics_on_device)
+            renderer = Renderer(
+                scene.model, physics.model, physics.data, scene.camera, self._shape, self._device, self._threads
+            )
         self._intrinsics = camera_intrinsics(scene.model, scene.camera, height, width)
         self._truth = GroundTruth(scene, physics.data, renderer, self._intrinsics, self._device, self._threads)
         self._scene, self._physics, self._renderer, self._seed = scene, physics, renderer, seed

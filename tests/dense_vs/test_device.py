@@ -1,0 +1,47 @@
+"""Which device, how many threads, and what is said where a GPU is missing or full."""
+
+import pytest
+import warp as wp
+
+from dense_vs import BatchFlow, DenseJacobian, DenseVSError
+from dense_vs.device import resolve_device, room_for
+
+
+@pytest.mark.parametrize("device", ["cuda:17", "gpu", "", "cpu:0"])
+def test_a_device_that_is_not_there_is_answered_with_those_that_are(device):
+    with pytest.raises(DenseVSError, match=r"is not present; expected 'auto' or one of .*cpu"):
+        resolve_device(device)
+
+
+def test_a_driver_that_is_too_old_is_named(monkeypatch):
+    runtime = wp._src.context.runtime
+    monkeypatch.setattr(runtime, "driver_version", (11, 0))
+    monkeypatch.setattr(runtime, "min_driver_version", (12, 0))
+    with pytest.raises(DenseVSError, match=r"driver is for CUDA 11\.0, Warp needs at least 12\.0"):
+        resolve_device("cuda:17")
+
+
+class FullDevice:
+    alias, is_cuda, free_memory = "cuda:0", True, 3 * 2**30
+
+
+def test_a_full_gpu_says_how_many_worlds_fit():
+    message = r"batch flow of 64 worlds needs about 8\.0 GiB; cuda:0 had 3\.0 GiB free, in which 24 worlds fit"
+    with pytest.raises(DenseVSError, match=message), room_for("batch flow", 64, 2**27, FullDevice()):
+        raise RuntimeError("Failed to allocate 123 bytes on device 'cuda:0'")
+
+
+def test_other_failures_are_passed_on():
+    with pytest.raises(RuntimeError, match="launch failed"), room_for("batch flow", 64, 2**27, FullDevice()):
+        raise RuntimeError("launch failed")
+
+
+@pytest.mark.gpu
+@pytest.mark.skipif(not wp.is_cuda_available(), reason="no CUDA device")
+def test_a_real_gpu_that_is_full_says_so_and_goes_on():
+    worlds = 60_000
+    with pytest.raises(DenseVSError, match="worlds fit"):
+        DenseJacobian(height=480, width=640, joints=4, worlds=worlds, order=1, device="cuda:0")
+    with pytest.raises(DenseVSError, match="worlds fit"):
+        BatchFlow(worlds, 480, 640, device="cuda:0")
+    assert DenseJacobian(height=48, width=64, joints=2, device="cuda:0").to_numpy().shape == (48, 64, 2, 2)
