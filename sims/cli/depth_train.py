@@ -14,7 +14,8 @@ from dense_vs.cli.output import progress, table
 from dense_vs.errors import DenseVSError
 
 HELP = "train the learned depth from masks on simulated sequences"
-CHUNK = 50
+CHUNK = 50  # sequences that a process simulates at a time
+MEMBERS = 6
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -62,15 +63,15 @@ def train(features: np.ndarray, log_ratio: np.ndarray, seed: int) -> tuple[Any, 
     # A hopeless sequence should not bend the rest.
     target = np.clip(log_ratio, -1.0, 1.0)
     members = []
-    with progress("train", 4, unit="network") as bar:
-        for member in range(4):
+    with progress("train", MEMBERS, unit="network") as bar:
+        for member in range(MEMBERS):
             options: dict[str, Any] = {"batch_size": 256}  # its annotation knows only "auto"
             network = MLPRegressor(
-                hidden_layer_sizes=(64, 32),
-                alpha=1e-3,
+                hidden_layer_sizes=(32,),
+                alpha=1.0,
                 **options,
                 early_stopping=True,
-                max_iter=120,
+                max_iter=150,
                 random_state=seed + member,
             )
             network.fit(x[kept:], target[kept:])
