@@ -2,7 +2,7 @@
 
 import os
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from typing import Any
 
 import warp as wp
@@ -50,11 +50,19 @@ def room_for(what: str, worlds: int, bytes_per_world: int, device: wp.Device) ->
     except RuntimeError as error:
         if not device.is_cuda or "allocate" not in str(error):
             raise
+        _forget_failure(device)
         gibibyte = 2**30
         raise DenseVSError(
             f"{what} of {worlds} worlds needs about {worlds * bytes_per_world / gibibyte:.1f} GiB; {device.alias} had "
             f"{free / gibibyte:.1f} GiB free, in which {free // bytes_per_world} worlds fit"
         ) from error
+
+
+def _forget_failure(device: wp.Device) -> None:
+    """Let the driver's note of a failed allocation go; else the next copy of rows reports it as its own."""
+    rows: Any = wp.zeros((2, 2), dtype=wp.float32, device=device)
+    with suppress(RuntimeError):
+        wp.copy(wp.zeros((2, 1), dtype=wp.float32, device=device), rows[:, :1])
 
 
 def _driver_remark(name: str) -> str:

@@ -10,7 +10,8 @@ as it follows from the block's number: addresses of a world are computed once fo
         if x >= width or y >= height:
             return
 
-On a CPU it runs too, on one core; :class:`dense_vs.kernels.launch.PixelLaunch` is the way there.
+Warp spreads more than 65,535 blocks over three axes of the grid. On a CPU such a kernel runs too, on one core;
+:class:`dense_vs.kernels.launch.PixelLaunch` is the way there.
 """
 
 from collections.abc import Callable, Sequence
@@ -22,7 +23,7 @@ BLOCK = 256  # threads, 32 x 8
 
 _TILE_PIXEL = """
 #if defined(__CUDA_ARCH__)
-    const unsigned tile = blockIdx.x, pixel = threadIdx.x;
+    const unsigned tile = blockIdx.x + gridDim.x * (blockIdx.y + gridDim.y * blockIdx.z), pixel = threadIdx.x;
 #else
     const unsigned tile = (unsigned)(thread >> 8), pixel = (unsigned)(thread & 255);
 #endif

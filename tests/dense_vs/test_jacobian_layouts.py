@@ -99,3 +99,25 @@ def test_a_filter_reads_the_flow_where_someone_else_wrote_it():
         one.advance(dq)
     np.testing.assert_array_equal(bound.stored()["state"], own.stored()["state"])
     assert np.abs(bound.stored()["state"]).max() > 1
+
+
+@pytest.mark.gpu
+@pytest.mark.skipif(not wp.is_cuda_available(), reason="no CUDA device")
+@pytest.mark.parametrize("order", [1, 2])
+def test_the_last_of_very_many_worlds_is_as_good_as_the_first(order):
+    """More blocks than one axis of a grid holds, and an image that tiles do not divide."""
+    height, width, worlds = 243, 325, 260
+    rng = np.random.default_rng(0)
+    options = {"height": height, "width": width, "joints": 4, "order": order, "on_bad_flow": "skip"}
+    many = JacobianFilter(JacobianOptions(worlds=worlds, **options), wp.get_device("cuda:0"), 1)
+    one = JacobianFilter(JacobianOptions(**options), wp.get_device("cpu"), 2)
+    for _ in range(3):
+        flow = rng.normal(0, 1, (1, height, width, 2)).astype(np.float32)
+        dq = rng.normal(0, 0.03, (1, 4)).astype(np.float32)
+        one.stage(wp.array(flow, dtype=wp.vec2, device="cpu"))
+        one.advance(dq)
+        many.stage(wp.array(np.repeat(flow, worlds, axis=0), dtype=wp.vec2, device="cuda:0"))
+        many.advance(np.repeat(dq, worlds, axis=0))
+    expected, found = one.present().numpy()[0], many.present().numpy()
+    for world in (0, 100, 201, 217, worlds - 1):
+        np.testing.assert_allclose(found[world], expected, atol=TOLERANCE * np.abs(expected).max(), rtol=0)
