@@ -12,7 +12,8 @@ from typing import Any
 
 import numpy as np
 
-from dense_vs.depth import DepthUnobservableError, depth_from_areas
+from dense_vs.depth import DepthUnobservableError, depth_from_areas, depth_from_masks
+from dense_vs.depth.mask_fit import Method
 from dense_vs.errors import DenseVSError
 from dense_vs.robot import Camera, Robot
 from dense_vs.segmentation import MaskQuality, MaskVerdict, Segmenter, assess_mask
@@ -78,7 +79,7 @@ class DepthApproach:
         segmenter: Segmenter,
         *,
         joint: str,
-        method: str = "robust",
+        method: Method = "robust",
         near: float = 0.2,
         steps: tuple[float, float] = (0.01, 0.05),
         views: int = 40,
@@ -101,6 +102,7 @@ class DepthApproach:
         end = ApproachEnd.EXHAUSTED
         while len(masks) < self.views:
             image, _ = self.camera.read()
+            getattr(self.segmenter, "reset", lambda: None)()  # views are far apart
             masks.append(self.segmenter.segment(image))
             qualities.append(assess_mask(masks[-1]))
             positions.append(float(np.asarray(self.robot.joints()[0])[self.column]))
@@ -166,8 +168,6 @@ class DepthApproach:
                 fit = depth_from_areas(areas[used], camera_z[used])
                 z_object, std = fit.z_object, fit.distance_std
             else:
-                from dense_vs.depth import depth_from_masks
-
                 order = used[np.argsort(camera_z[used])]
                 back = camera_z[order] - camera_z[nearest]
                 fit = depth_from_masks(np.stack([masks[k] for k in order]), back, method=self.method)

@@ -22,19 +22,24 @@ class FeaturewiseBroyden:
         alpha: update speed.
         min_motion: motions of a feature's joints with a smaller sum of \\|dq\\| [rad, m] add up until they are learnt
             from; smaller than for (11), as each sum has fewer terms.
+        min_change: so do motions that changed the feature by less than this [px]: divided by noise, a motion says
+            nothing.
 
     Raises:
         DenseVSError: as :class:`HadamardBroyden`, or a joint coupled to no feature or to several.
     """
 
-    def __init__(self, pinv0: Any, coupling: Any, alpha: float = 0.1, *, min_motion: float = 0.004):
+    def __init__(
+        self, pinv0: Any, coupling: Any, alpha: float = 0.1, *, min_motion: float = 0.004, min_change: float = 4.0
+    ):
         pinv0, coupling = np.asarray(pinv0, dtype=np.float64), np.asarray(coupling, dtype=np.float64)
         if coupling.ndim != 2 or not np.array_equal(coupling.sum(axis=1), np.ones(len(coupling))):
             raise DenseVSError(f"coupling is {coupling.tolist()}; expected one 1 in each row, a feature for each joint")
         self._joints = [np.flatnonzero(column) for column in coupling.T]
         self._shape = coupling.shape
         self.coupling = coupling
-        self.min_motion = min_motion
+        self.min_motion, self._min_change = min_motion, float(min_change)
+        self._seen: list[float | None] = [None] * self._shape[1]  # of each feature when last learnt from
         self._learners = [
             HadamardBroyden(pinv0[joints, k : k + 1], np.ones((len(joints), 1)), alpha, min_motion=min_motion)
             if joints.size
@@ -62,9 +67,13 @@ class FeaturewiseBroyden:
             raise DenseVSError(f"q and e have lengths {len(q)} and {len(e)}; expected {self._shape}")
         learnt = False
         for k, (joints, learner) in enumerate(zip(self._joints, self._learners, strict=True)):
-            if learner is not None:
-                step = learner.observe(q[joints], e[k : k + 1])
-                learnt |= step is not None and step.changed
+            seen = self._seen[k]
+            if learner is None or (seen is not None and abs(e[k] - seen) < self._min_change):
+                continue
+            step = learner.observe(q[joints], e[k : k + 1])
+            if step is None or step.outcome != "too little motion":
+                self._seen[k] = float(e[k])
+            learnt |= step is not None and step.changed
         return learnt
 
     def forget_observation(self) -> None:
@@ -72,3 +81,4 @@ class FeaturewiseBroyden:
         for learner in self._learners:
             if learner is not None:
                 learner.forget_observation()
+        self._seen = [None] * self._shape[1]

@@ -28,6 +28,7 @@ class ServoEnd(Enum):
 
     CONVERGED = "converged"  # the feature error is within the tolerance
     LOST = "lost"  # the object was not seen for as many looks as patience allows
+    LEAVING = "leaving"  # while learning: the object reaches over the image border, and a wrong J+ drives it out
     AT_LIMIT = "at limit"  # joint limits hold the robot and the error no longer falls
     EXHAUSTED = "exhausted"  # the allowed number of looks was not enough
 
@@ -136,6 +137,7 @@ class MaskServo:
         )
         self.stalled = stalled
         self._max_step, self._max_image_step = float(max_step), float(max_image_step)
+        self._step = self._max_step  # the present largest step; changes while learning
         self._on_look = on_look
 
     @property
@@ -147,12 +149,14 @@ class MaskServo:
         """Servo until the object is at the target, is lost, joint limits hold, or the looks are used up."""
         self.servo.reset()
         if self.learner is not None:
-            self.servo.max_step = np.asarray(min(self._max_step, _FIRST_STEP))
+            self._bound_steps(min(self._max_step, _FIRST_STEP))
         looks: list[ServoLook] = []
         mask = None
         held, least = 0, np.inf
         for _ in range(max_looks):
             image, _ = self.camera.read()
+            # The robot moved since the last image: where the object was says little about where it is.
+            getattr(self.segmenter, "reset", lambda: None)()
             mask = self.segmenter.segment(image)
             quality = assess_mask(mask)
             positions = np.asarray(self.robot.joints()[0], dtype=np.float64)[self.columns]
@@ -166,6 +170,8 @@ class MaskServo:
                 return ServoRun(ServoEnd.CONVERGED, looks, mask)
             if command.state == "lost":
                 return ServoRun(ServoEnd.LOST, looks, mask)
+            if self.learner is not None and quality.verdict is MaskVerdict.CUT:
+                return ServoRun(ServoEnd.LEAVING, looks, mask)
             if command.state == "servoing":
                 error = float(np.linalg.norm(command.error))
                 held = held + 1 if command.at_limit.any() and error > 0.98 * least else 0
@@ -186,10 +192,14 @@ class MaskServo:
         if before is not None and before.quality.verdict is MaskVerdict.GOOD:
             moved = float(np.hypot(*(np.array(quality.centroid) - before.centroid)))
             change = np.clip(self._max_image_step / max(moved, 1e-6), 0.5, 1.5)
-            self.servo.max_step = np.asarray(np.clip(float(self.servo.max_step) * change, 0.005, self._max_step))
+            self._bound_steps(float(np.clip(self._step * change, 0.005, self._max_step)))
+
+    def _bound_steps(self, step: float) -> None:
+        self._step = step
+        self.servo.max_step = np.asarray(step)
 
     def _enough(self, command: FeatureCommand) -> np.ndarray:
-        """The step, or a larger one of one feature's joints alone where their J+ is too small to learn anything from it.
+        """The step, or a larger one of one feature's joints alone where their J+ is too small to learn from.
 
         Alone, as in (11) an element near zero is learnt from in proportion to its share of the denominator.
         """

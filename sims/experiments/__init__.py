@@ -9,6 +9,8 @@ beside the paper's and writes them as JSON.
 # Imported when named on the command line.
 EXPERIMENTS: dict[str, dict[str, str]] = {
     "dije": {
+        "labels": "dense_vs.sims.experiments.dije.labels",
+        "leak": "dense_vs.sims.experiments.dije.leak",
         "rake": "dense_vs.sims.experiments.dije.rake",
         "reach": "dense_vs.sims.experiments.dije.reach",
         "vacuum": "dense_vs.sims.experiments.dije.vacuum",
@@ -16,6 +18,9 @@ EXPERIMENTS: dict[str, dict[str, str]] = {
     "generative": {},
     "vosvs": {
         "learn": "dense_vs.sims.experiments.vosvs.learn",
+        "pick-place": "dense_vs.sims.experiments.vosvs.pick_place",
+        "step-response": "dense_vs.sims.experiments.vosvs.step_response",
+        "track": "dense_vs.sims.experiments.vosvs.track",
         "trial": "dense_vs.sims.experiments.vosvs.trial",
         "depth-log": "dense_vs.sims.experiments.vosvs.depth_log",
     },

@@ -4,7 +4,7 @@ Motions are commanded as in VOS-VS section 4.2: a change of joint positions, car
 base's odometry drifts, images carry sensor noise. Ids of the renderer are for annotations, tests and scores only.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import mujoco
@@ -13,7 +13,6 @@ import numpy as np
 from dense_vs.device import resolve_device, resolve_threads
 from dense_vs.errors import DenseVSError
 from dense_vs.sims.mobile_manipulator.model import JOINTS, compile_model
-from dense_vs.sims.mobile_manipulator.objects import HouseholdObject
 from dense_vs.sims.physics import HostPhysics
 from dense_vs.sims.renderer import Renderer, camera_intrinsics
 from dense_vs.sims.scene import FRAME_SECONDS, resolve_scene
@@ -36,7 +35,7 @@ class MobileWorld:
         seed: of textures, sensor noise and odometry.
         device: Warp device of the renderer; the CPU here, whose physics is MuJoCo's own.
         threads: CPU threads of the renderer.
-        shadows: whether the ceiling lamp casts shadows.
+        shadows: whether the ceiling lamp casts shadows; half as long again to render.
         noise: standard deviation of the images' noise, of 255.
         slip: standard deviation of the base's odometry error, as a share of each motion.
 
@@ -82,6 +81,7 @@ class MobileWorld:
         self._columns = model.jnt_qposadr[self.scene.joints]
         self._odometry_error = np.zeros(3)
         self.frames = 0
+        self.before_frame: Callable[[], None] | None = None  # moves what moves on its own
         self.physics.reset(self._stored()[None])
         self._settled()
 
@@ -144,14 +144,14 @@ class MobileWorld:
         self._odometry_error += slip
         frames = max(1, int(np.ceil(np.max(np.abs(delta) / SPEEDS) / FRAME_SECONDS)))
         for _ in range(frames):
-            self.physics.advance(delta[None] / frames)
+            self._advance(delta / frames)
         self.wait(settle_frames)
         self.frames += frames
 
     def wait(self, frames: int) -> None:
         """Let frames pass with all targets held."""
         for _ in range(frames):
-            self.physics.advance(np.zeros((1, len(JOINTS))))
+            self._advance(np.zeros(len(JOINTS)))
         self.frames += frames
         self._settled()
 
@@ -229,6 +229,22 @@ class MobileWorld:
         bodies = [thing.body, *[f"{thing.body}_{link}" for link in range(1, thing.links)]]
         return np.mean([self.state.body(body).xpos for body in bodies], axis=0)
 
+    def push(self, name: str, velocity: Any) -> None:
+        """Give an object, a chain's first link, a horizontal velocity (2,) [m/s] at once, as a kick or a pull does."""
+        dof = self.model.joint(self.objects[name].body).dofadr[0]
+        self.state.qvel[dof : dof + 2] = velocity
+
+    def highest_point(self, name: str) -> float:
+        """Height of the highest of an object's bodies [m]; of a chain, of its highest link."""
+        thing = self.objects[name]
+        bodies = [thing.body, *[f"{thing.body}_{link}" for link in range(1, thing.links)]]
+        return max(float(self.state.body(body).xpos[2]) for body in bodies)
+
+    def _advance(self, step: np.ndarray) -> None:
+        if self.before_frame is not None:
+            self.before_frame()
+        self.physics.advance(step[None])
+
     def _place(self, name: str, position: Any, yaw: float) -> None:
         joint = self.model.joint(self.objects[name].body)
         column, dof = joint.qposadr[0], joint.dofadr[0]
@@ -261,14 +277,3 @@ class MobileWorld:
             renderer.render()
             self._rendered[camera] = True
         return renderer
-
-
-def object_of(world: MobileWorld, name: str) -> HouseholdObject:
-    """An object of a world by name.
-
-    Raises:
-        DenseVSError: not among them.
-    """
-    if name not in world.objects:
-        raise DenseVSError(f"object {name!r} is not in this world; expected one of {', '.join(world.objects)}")
-    return world.objects[name]

@@ -1,20 +1,17 @@
 """Pictures of learning J+: Fig. 8 (ways in the image), Fig. 9 (elements over updates), Fig. 18 (the robot's view)."""
 
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import Any
 
 import numpy as np
 
 from dense_vs.files import atomic_write
 from dense_vs.sims.experiments.vosvs.pictures import outlined, write_tiles
 
-if TYPE_CHECKING:
-    from dense_vs.sims.experiments.vosvs.learn import Learnt
-
 COLOURS = {"hadamard": "tab:blue", "featurewise": "tab:green", "original": "tab:red"}
 
 
-def draw_learning(learnt: "list[Learnt]", out: Path) -> None:
+def draw_learning(learnt: list[Any], out: Path) -> None:
     """Write ``learn.png`` and ``learn_view.png``."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
@@ -69,11 +66,11 @@ def until_converged(episodes: list) -> list:
     return episodes
 
 
-def _draw_view(base: "Learnt", path: Path) -> None:
+def _draw_view(base: Any, path: Path) -> None:
     """Fig. 18: what the camera saw while H_base was learnt, masks outlined, the target marked."""
     frames = []
     for episode in until_converged(base.outcomes["hadamard"].episodes):
         frames += list(zip(episode.images, episode.masks, strict=True))
     chosen = np.unique(np.linspace(0, max(len(frames) - 1, 0), 8).astype(int)) if frames else []
-    tiles = [(f"look {number}", outlined(*frames[number], base.one.target)) for number in chosen]
+    tiles = [(f"look {number}", outlined(frames[number][0], frames[number][1], base.one.target)) for number in chosen]
     write_tiles(tiles, path)

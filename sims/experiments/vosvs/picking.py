@@ -4,6 +4,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from dense_vs.depth.mask_fit import Method
 from dense_vs.grasp import GripperModel
 from dense_vs.grasp_loop import GraspAttempt, GraspLoop, GraspRun, HandGeometry
 from dense_vs.segmentation import Segmenter
@@ -13,8 +14,8 @@ from dense_vs.sims.mobile_manipulator.adapters import ManipulatorCamera, Manipul
 from dense_vs.sims.mobile_manipulator.postures import GRIPPER_BEHIND, Z_GRIPPER, above
 from dense_vs.sims.mobile_manipulator.world import OPENING, MobileWorld
 
-BIN = (1.0, -1.35)  # m, middle of the bin on the floor
-BIN_HALF = (0.186, 0.25)
+BIN = (1.0, -1.4)  # m, middle of the bin on the floor
+BIN_HALF = (0.246, 0.306)
 FITS = 0.125  # m, widest grip that leaves the fingers room
 CARRY = 0.72  # m, of the lift while carrying
 
@@ -54,7 +55,7 @@ def pick_and_place(
     pinv_high: np.ndarray,
     pinv_low: np.ndarray,
     *,
-    method: str = "robust",
+    method: Method = "robust",
 ) -> Pick:
     """Everything from the present place, above the object about, to the bin."""
     robot, camera, gripper = ManipulatorRobot(world), ManipulatorCamera(world, "grasp"), ManipulatorGripper(world)
@@ -63,10 +64,10 @@ def pick_and_place(
     if pick.trial.approach is None or pick.trial.approach.z_object is None:
         pick.cause = pick.trial.cause
         return pick
-    before = world.object_position(name)[2]
+    before = world.highest_point(name)
 
     def judge(_: GraspAttempt) -> None:
-        pick.truly_held.append(bool(world.object_position(name)[2] - before > 0.05))
+        pick.truly_held.append(bool(world.highest_point(name) - before > 0.05))
 
     loop = GraspLoop(
         camera,
@@ -90,7 +91,7 @@ def pick_and_place(
         )
         return pick
     carry_to_bin(world, robot)
-    held = world.object_position(name)[2] > 0.3
+    held = world.highest_point(name) > 0.3
     gripper.open()
     world.wait(20)
     x, y, z = world.object_position(name)

@@ -22,8 +22,8 @@ def put_in_view(
     name: str,
     rng: np.random.Generator,
     *,
-    least: float = 80.0,
-    border: float = 60.0,
+    least: float = 70.0,
+    border: float = 90.0,
     tries: int = 200,
 ) -> np.ndarray:
     """Put an object on the floor where the configuration's start shows it whole and off its target.

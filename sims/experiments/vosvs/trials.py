@@ -9,6 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from dense_vs.depth.mask_fit import Method
 from dense_vs.depth_approach import Approach, ApproachEnd, DepthApproach
 from dense_vs.grasp import grasp_camera_position
 from dense_vs.mask_servo import MaskServo, ServoEnd
@@ -91,7 +92,7 @@ def locate(
     segmenter: Segmenter,
     pinv: np.ndarray,
     *,
-    method: str = "robust",
+    method: Method = "robust",
     on_look: Callable | None = None,
     on_view: Callable | None = None,
 ) -> ObjectTrial:
