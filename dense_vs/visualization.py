@@ -4,7 +4,11 @@ from collections.abc import Sequence
 
 import cv2
 import numpy as np
+import warp as wp
 
+from dense_vs.device import resolve_threads
+from dense_vs.kernels.launch import launch_pixels
+from dense_vs.kernels.vector_colours import vector_colours_kernel
 from dense_vs.servo_loop import ServoLoop
 
 RED, GREEN, WHITE = (255, 60, 60), (60, 255, 60), (255, 255, 255)
@@ -17,13 +21,12 @@ def vectors_to_rgb(vectors: np.ndarray, full_scale: float) -> np.ndarray:
         vectors: flow [px] or a column of J [px/rad]; what is not finite is drawn black.
         full_scale: length of full brightness, in their unit.
     """
-    x, y = (np.ascontiguousarray(vectors[..., i], dtype=np.float32) for i in range(2))
-    length, angle = cv2.cartToPolar(x, y, angleInDegrees=True)
-    hsv = np.full((*vectors.shape[:2], 3), 255, dtype=np.uint8)
-    bright = np.clip(np.nan_to_num(length, posinf=0.0) * (255 / max(full_scale, 1e-9)), 0, 255)
-    hsv[..., 0] = np.nan_to_num(angle / 2)
-    hsv[..., 2] = bright
-    return cv2.cvtColor(hsv, cv2.COLOR_HSV2RGB)
+    height, width = vectors.shape[:2]
+    content = np.ascontiguousarray(vectors, dtype=np.float32).reshape(1, height, width, 2)
+    out = wp.zeros((1, height, width), dtype=wp.vec3ub, device="cpu")
+    arguments = [wp.array(content, dtype=wp.vec2, device="cpu", copy=False), max(float(full_scale), 1e-9), out]
+    launch_pixels(vector_colours_kernel, out.shape, arguments, "cpu", resolve_threads())
+    return out.numpy()[0]
 
 
 def draw_point(image: np.ndarray, point: Sequence[float] | np.ndarray, kind: str) -> None:

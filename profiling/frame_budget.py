@@ -19,6 +19,7 @@ from stage_clock import StageClock
 import dense_vs.pipeline
 from dense_vs import DenseJacobian, FlowEstimator, ServoLoop
 from dense_vs.cli.output import table
+from dense_vs.device import resolve_device
 from dense_vs.flow import METHODS
 
 STAGES = ("grey", "flow", "joint step", "update", "at and tracking", "servo")
@@ -35,21 +36,25 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument("--frames", type=int, default=60, help="frames that are timed, per seed")
     parser.add_argument("--seeds", default="0", help="by comma")
     parser.add_argument("--flow", choices=METHODS, default="dis")
+    parser.add_argument("--device", default="cpu", help="of the estimator and of Warp's flow methods (default: cpu)")
     parser.add_argument("--threads", type=int)
     parser.add_argument("--budget", type=float, metavar="FPS", help="frames a second that are needed")
     add_report_arguments(parser)
     options = parser.parse_args(arguments)
     metrics, over = [], []
     wp.config.log_level = wp.LOG_ERROR
+    device = resolve_device(options.device)
     for size in options.sizes.split(","):
         width, height = image_size(size)
         runs = []
         for seed in map(int, options.seeds.split(",")):
             frames = LEARNING + WARMUP + options.frames + 1
             recording = record(options.robot, height, width, frames=frames, seed=seed)
-            runs.append(stage_times(recording, options.flow, options.threads, options.frames))
+            runs.append(stage_times(recording, options.flow, device, options.threads, options.frames))
         seconds = {stage: np.concatenate([run[stage] for run in runs]) for stage in runs[0]}
-        print(f"\n{options.robot}, {size}, flow {options.flow}, medians of {len(seconds['total'])} frames")
+        print(
+            f"\n{options.robot}, {size}, {device.alias}, flow {options.flow}, medians of {len(seconds['total'])} frames"
+        )
         print_budget(seconds)
         metrics += metrics_of(size, seconds)
         fps = 1 / np.median(seconds["total"])
@@ -63,18 +68,24 @@ def main(arguments: list[str] | None = None) -> int:
     return 1 if over or failed else 0
 
 
-def stage_times(recording: Recording, method: str, threads: int | None, frames: int) -> dict[str, np.ndarray]:
+def stage_times(
+    recording: Recording, method: str, device: wp.Device, threads: int | None, frames: int
+) -> dict[str, np.ndarray]:
     """Seconds per frame, ``(frames,)``, of every stage, its parts, and in total."""
     height, width = recording.rgb.shape[1:3]
     joints = recording.positions.shape[1]
-    estimator = DenseJacobian(height=height, width=width, joints=joints, threads=threads, on_bad_flow="skip")
+    estimator = DenseJacobian(
+        height=height, width=width, joints=joints, device=device.alias, threads=threads, on_bad_flow="skip"
+    )
     replay = Replay(recording)
-    loop = ServoLoop(replay, replay, estimator=estimator, flow=FlowEstimator(method, height, width))
+    loop = ServoLoop(
+        replay, replay, estimator=estimator, flow=FlowEstimator(method, height, width, device=device.alias)
+    )
     for _ in range(LEARNING):
         loop.step(np.zeros(joints))
     tip = recording.tip[LEARNING]
     loop.define_point(tip)
-    clock = StageClock()
+    clock = StageClock(lambda: wp.synchronize_device(device))
     with clock.installed():
         clock.wrap(dense_vs.pipeline, "to_gray", "grey")
         clock.wrap(loop.pipeline, "flow", "flow")

@@ -3,14 +3,15 @@
     python profiling/peers.py [--size 320x240] [--joints 4] [--rounds 50] [--json FILE]
 
 Predict and update is (14) once and (9) to (11) with a variance per pixel and joint, as published. Every peer has the
-same float32 input and arrays allocated beforehand, in the layout that suits it best, and is checked against the others
-before anything is timed. Ours is the whole of ``DenseJacobian.update``, with its checks of the input and the copy
-of the flow; Taichi is timed from data in its own arrays, kernel and synchronisation alone.
+same float32 input and, but for PyTorch, arrays allocated beforehand, in the layout that suits it best, and is checked
+against the others before anything is timed. Ours is the whole of ``DenseJacobian.update``, with its checks of the input
+and the copy of the flow; Taichi is timed from data in its own arrays, kernel and synchronisation alone.
 """
 
 import argparse
 import sys
 from collections.abc import Callable
+from importlib.util import find_spec
 from typing import Any
 
 import numpy as np
@@ -41,6 +42,10 @@ PEERS = {
     "scipy_planes": ScipyPlanesFilter,
     "numpy_planes": NumpyPlanesFilter,
 }
+if find_spec("torch"):
+    from peer_torch import TorchFilter
+
+    PEERS["torch"] = TorchFilter
 
 
 def main(arguments: list[str] | None = None) -> int:
@@ -67,7 +72,6 @@ def main(arguments: list[str] | None = None) -> int:
     frames = options.rounds + WARMUP + 1
     metrics += whole_frame(record("arm", height, width, frames=frames, seed=options.seed), options.rounds)
     return report(metrics, options)
-    return 0
 
 
 def our_filter(case: FilterCase) -> DenseJacobian:

@@ -10,9 +10,14 @@ import numpy as np
 
 
 class StageClock:
-    """Adds up seconds per stage and frame."""
+    """Adds up seconds per stage and frame.
 
-    def __init__(self):
+    Args:
+        finish: waits for what a stage has begun, on a device that goes on by itself.
+    """
+
+    def __init__(self, finish: Callable[[], None] = lambda: None):
+        self._finish = finish
         self._now: dict[str, float] = defaultdict(float)
         self._frames: list[dict[str, float]] = []
         self._restore: list[Callable[[], None]] = []
@@ -47,6 +52,7 @@ class StageClock:
         try:
             yield
         finally:
+            self._finish()
             self._now[name] += time.perf_counter() - start
 
     def end_frame(self) -> None:
