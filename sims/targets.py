@@ -26,7 +26,7 @@ def reachable_targets(
     the one before.
 
     A posture is drawn from the middle ``share_of_range`` of the joint ranges (from 0.5 rad about the present one
-    where a joint has no limits), or from ``reach`` rad about the present posture where that is given; passive joints
+    where a joint has no limits), or from ``reach`` rad about the home posture where that is given; passive joints
     follow. It counts where the point is then seen, at least ``border`` px inside the image.
 
     Raises:
@@ -71,7 +71,8 @@ def _targets_of_world(
         middle, half = (low + high) / 2, (high - low) / 2 * share_of_range
         low, high = middle - half, middle + half
     else:
-        low, high = np.maximum(low, q - reach), np.minimum(high, q + reach)
+        home = scene.home_qpos[columns]
+        low, high = np.maximum(low, home - reach), np.minimum(high, home + reach)
     targets = []
     for _ in range(ATTEMPTS):
         if len(targets) == count:

@@ -44,12 +44,17 @@ class TaskReach:
 
 @dataclass
 class TaskRun:
-    """What a seed brought; ``trace`` as :class:`dense_vs.sims.reaching.Trace`."""
+    """What a seed brought; ``trace`` as :class:`dense_vs.sims.reaching.Trace`.
+
+    ``moved_into_view`` counts the points that were so near the image's border when they were defined that a place
+    farther inside was taken.
+    """
 
     seed: int
     learnt: JacobianError
     trace: Any
     reaches: list[TaskReach] = field(default_factory=list)
+    moved_into_view: int = 0
     estimated: np.ndarray | None = None  # (H, W, 2, N) at the end
     true: np.ndarray | None = None
     mask: np.ndarray | None = None  # (H, W), the robot

@@ -16,6 +16,7 @@ from dense_vs.sims.experiments.dije.servo_run import ServoTask, TaskReach, TaskR
 from dense_vs.sims.experiments.rows import Row
 
 PAPER_GAIN, PAPER_PERIOD = 0.034, 0.7
+EDGE = 16.0  # px; half the tracker's window and a little
 
 
 def add_task_arguments(parser: argparse.ArgumentParser, task: ServoTask) -> None:
@@ -110,7 +111,10 @@ def run_seed(
     )
     run = TaskRun(seed, experiment.learn(), experiment.trace)
     for point in task.points:
-        experiment.choose(point)
+        place = experiment.world.project(point)
+        seen = well_inside(place, world.project(task.points[0]), world.shape[1:])
+        run.moved_into_view += int(np.any(seen != place))
+        experiment.choose(seen)
         if isinstance(targets, int):
             places = experiment.targets(targets, reach=0.35, least_distance=task.least_distance, border=25.0)
         else:
@@ -134,6 +138,19 @@ def run_seed(
     return run
 
 
+def well_inside(place: np.ndarray, other: np.ndarray, shape: tuple[int, int]) -> np.ndarray:
+    """A point [px], or where it is too near the border to be followed, the nearest place on the way to another point.
+
+    That is what an experimenter would click on. The point itself where the other one is no help.
+    """
+    low, high = np.full(2, EDGE), np.array(shape[::-1]) - 1 - EDGE
+    for share in np.linspace(0.0, 0.6, 31):
+        seen = place + share * (other - place)
+        if np.all(seen >= low) and np.all(seen <= high):
+            return seen
+    return place
+
+
 def task_rows(task: ServoTask, runs: list[TaskRun], arguments: argparse.Namespace) -> list[Row]:
     """The figures of all seeds."""
     seeds = tuple(run.seed for run in runs)
@@ -143,6 +160,9 @@ def task_rows(task: ServoTask, runs: list[TaskRun], arguments: argparse.Namespac
         Row("gain of a command", PAPER_GAIN, arguments.gain, "", seeds),
         Row("J error after learning, median", None, float(np.median([run.learnt.median for run in runs])), "", seeds),
     ]
+    if len(task.points) > 1:
+        moved = float(sum(run.moved_into_view for run in runs))
+        rows.append(Row("points near the border, taken farther inside", None, moved, f"of {len(runs)}", seeds))
     for point in task.points:
         reaches = [reach for run in runs for reach in run.reaches if reach.point == point]
         errors = np.array([reach.true_error_px for reach in reaches])
