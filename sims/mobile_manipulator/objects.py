@@ -278,7 +278,7 @@ def _kitchen() -> list[HouseholdObject]:
     ]
     plate = [cylinder(0.16, 0.006), *_dish_rim(), cylinder(0.15, 0.0065, paint="inside")]
     spatula = [
-        rod((-0.16, 0.0, 0.022), (0.08, 0.0, 0.012), 0.016, paint="handle"),
+        rod((-0.165, 0.0, 0.027), (0.08, 0.0, 0.012), 0.016, paint="handle"),
         box(0.1, 0.083, 0.004, at=(0.125, 0.0, 0.003)),
         box(0.006, 0.083, 0.012, at=(0.172, 0.0, 0.003)),
     ]
