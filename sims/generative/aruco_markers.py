@@ -15,6 +15,8 @@ PREFIX = "marker_"
 _CELLS = 6  # a marker of 4 x 4 bits with its black border
 _REACH = 2.0  # px to either side of an edge that is searched
 _REFINEMENTS = 2
+_STRAIGHT = 0.25  # px, root mean square of an edge about its line: more is no marker's edge
+_ENLARGED = 2  # finds markers seen at a slant, whose bits are 2 px wide
 _TEXELS = 32  # a cell; the renderer blends neighbouring texels, which blurs an edge by less than a hundredth of a cell
 
 
@@ -44,11 +46,12 @@ def find_corners(image: np.ndarray, markers: Sequence[int]) -> np.ndarray:
     own refinements are off by 0.3 to 1 px at markers of 20 px, in directions that change with the view.
     """
     gray = cv2.cvtColor(image, cv2.COLOR_RGB2GRAY)
-    corners, ids, _ = _detector().detectMarkers(gray)
+    enlarged = cv2.resize(gray, None, fx=_ENLARGED, fy=_ENLARGED, interpolation=cv2.INTER_CUBIC)
+    corners, ids, _ = _detector().detectMarkers(enlarged)
     found = np.full((len(markers), 4, 2), np.nan)
     for quad, marker in zip(corners, [] if ids is None else np.ravel(ids), strict=True):
         if int(marker) in markers:
-            found[list(markers).index(int(marker))] = _refined(gray, quad[0].astype(np.float64))
+            found[list(markers).index(int(marker))] = _refined(gray, (quad[0] + 0.5) / _ENLARGED - 0.5)
     return found.reshape(-1, 2)
 
 
@@ -81,7 +84,8 @@ def _edge_line(gray: np.ndarray, first: np.ndarray, second: np.ndarray) -> np.nd
     share = np.linspace(0.12, 0.88, max(8, round(1.5 * length)))
     offsets = np.arange(-_REACH, _REACH + 1e-9, 0.25)
     places = (first + share[:, None] * along)[:, None] + offsets[:, None] * normal
-    profile = cv2.remap(gray, places.astype(np.float32), None, cv2.INTER_LINEAR).astype(np.float64)
+    across_x, across_y = np.moveaxis(places.astype(np.float32), 2, 0)
+    profile = cv2.remap(gray, across_x, across_y, cv2.INTER_LINEAR).astype(np.float64)
     slope = np.clip(np.diff(profile, axis=1), 0.0, None)  # brighter outwards is the edge; anything else is not
     slope[slope < 0.06 * slope.max(axis=1, keepdims=True)] = 0.0
     weight = slope.sum(axis=1)
@@ -91,13 +95,17 @@ def _edge_line(gray: np.ndarray, first: np.ndarray, second: np.ndarray) -> np.nd
     middle = 0.5 * (offsets[1:] + offsets[:-1])
     shift = (slope[good] @ middle) / weight[good]
     points = (first + share[good, None] * along) + shift[:, None] * normal
-    for _ in range(2):
-        centre = points.mean(axis=0)
-        direction = np.linalg.svd(points - centre)[2][0]
-        across = np.array([direction[1], -direction[0]])
-        distance = np.abs((points - centre) @ across)
-        points = points[distance <= max(2.5 * np.median(distance), 0.02)]
-    return np.append(across, -across @ centre)
+    line, off = _line_through(points)
+    line, off = _line_through(points[off <= max(2.5 * np.median(off), 0.02)])
+    return line if np.sqrt(np.mean(off**2)) <= _STRAIGHT else np.full(3, np.nan)
+
+
+def _line_through(points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Homogeneous line (3,) of least squares through points (k, 2), and their distances from it."""
+    centre = points.mean(axis=0)
+    direction = np.linalg.svd(points - centre)[2][0]
+    normal = np.array([direction[1], -direction[0]])
+    return np.append(normal, -normal @ centre), np.abs((points - centre) @ normal)
 
 
 @cache
@@ -110,4 +118,6 @@ def _detector() -> cv2.aruco.ArucoDetector:
     parameters = cv2.aruco.DetectorParameters()
     parameters.cornerRefinementMethod = cv2.aruco.CORNER_REFINE_CONTOUR
     parameters.minMarkerPerimeterRate = 0.02
+    parameters.perspectiveRemovePixelPerCell = 8
+    parameters.perspectiveRemoveIgnoredMarginPerCell = 0.3
     return cv2.aruco.ArucoDetector(_dictionary(), parameters)

@@ -13,7 +13,7 @@ PEG = (0.012, 0.012, 0.02)  # half sizes [m] of block.xml's peg
 HOLE = 0.025  # m, width of fixture.xml's hole
 PART_TO_SEAT = 0.076  # m from the handle's middle to the fixture's upper edge when the peg is home
 
-_TIMESTEP = 0.002
+_TIMESTEP = 0.001
 _WORKPLACE = np.array([0.5, 0.03, 0.21])  # m, before the arm
 _WRIST_JOINTS = 3
 _DAMPING_RATIO = 0.7
@@ -113,9 +113,9 @@ def _add_surroundings(spec: mujoco.MjSpec) -> None:
 def _camera_poses(count: int, rng: np.random.Generator) -> list[tuple[np.ndarray, np.ndarray]]:
     """Places and axes of cameras before the arm, each set up by hand: nothing is exact."""
     poses = []
-    azimuths = np.linspace(-0.6, 0.6, count) if count > 1 else np.array([0.3])
+    azimuths = np.linspace(-0.78, 0.78, count) if count > 1 else np.array([0.3])
     for azimuth in azimuths + rng.uniform(-0.1, 0.1, count):
-        elevation = rng.uniform(0.42, 0.56)
+        elevation = rng.uniform(0.32, 0.46)
         ray = np.array([np.cos(azimuth) * np.cos(elevation), np.sin(azimuth) * np.cos(elevation), np.sin(elevation)])
         right = np.cross([0.0, 0.0, 1.0], ray)
         right /= np.linalg.norm(right)

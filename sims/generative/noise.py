@@ -44,7 +44,7 @@ class NoisyController:
         done[:3, :3] = Rotation.from_euler("xyz", angles + noise).as_matrix()
         return done
 
-    def _scale(self, length: float) -> float:
+    def _scale(self, length: float | np.floating) -> float:
         return self.sigma if self.law == "independent" else self.sigma * float(length) / REFERENCE_MOVE
 
 

@@ -67,8 +67,13 @@ class ObservedArm:
         """Exact pixels (T, c, m, 2) for joints (T, n) [rad], NaN where a feature is hidden."""
         return self.pixels_of_poses(self.chain.flange_pose(joints))
 
+    def projections(self, poses: np.ndarray) -> np.ndarray:
+        """Where features are or would be, (T, c, m, 2) [px], for poses (T, 4, 4); NaN only behind a camera."""
+        points = (poses[:, None, :3, :3] @ self.features[..., None])[..., 0] + poses[:, None, :3, 3]
+        return np.stack([camera.project(points) for camera in self.cameras], axis=1)
+
     def pixels_of_poses(self, poses: np.ndarray) -> np.ndarray:
-        """The same for poses (T, 4, 4) of the flange."""
+        """Exact pixels (T, c, m, 2) for poses (T, 4, 4) of the flange, NaN where a feature is hidden."""
         rotation, place = poses[:, None, :3, :3], poses[:, None, :3, 3]
         points = (rotation @ self.features[..., None])[..., 0] + place
         normals = (rotation @ self.normals[..., None])[..., 0]

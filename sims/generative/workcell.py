@@ -24,6 +24,7 @@ OPEN = 0.028  # m that each finger is from the middle
 
 _SIZE = (480, 640)
 _SAMPLES = 2  # rays a pixel along each axis, averaged as a sensor's pixel does
+_SPEED = 0.25  # rad/s, on average over a motion
 _SENSOR_NOISE = 2.0  # grey levels
 
 
@@ -83,13 +84,12 @@ class Workcell:
         return [_SIZE] * len(self._renderers)
 
     def intrinsics_guess(self) -> np.ndarray:
-        """(C, 3, 3) what the cameras' maker says: focal lengths up to 1 %, principal points up to 8 px off."""
+        """(C, 4) fx, fy, cx, cy [px] as their maker says: focal lengths up to 1 %, principal points up to 8 px off."""
         guesses = []
         for camera in range(len(self._renderers)):
             matrix = camera_intrinsics(self.model, camera, *_SIZE)
-            matrix[[0, 1], [0, 1]] *= 1 + self._rng.uniform(-0.01, 0.01, 2)
-            matrix[:2, 2] += self._rng.uniform(-8, 8, 2)
-            guesses.append(matrix)
+            focal = matrix[[0, 1], [0, 1]] * (1 + self._rng.uniform(-0.01, 0.01, 2))
+            guesses.append(np.concatenate([focal, matrix[:2, 2] + self._rng.uniform(-8, 8, 2)]))
         return np.array(guesses)
 
     def reset(self) -> None:
@@ -108,17 +108,18 @@ class Workcell:
         """Joint positions (n,) [rad] that the encoders at the motors read."""
         return self._motor + self._rng.normal(0.0, self._inaccuracy.encoder, self.joints)
 
-    def command(self, step: np.ndarray, speed: float = 0.6) -> None:
-        """Ask the joint controller for a step (n,) [rad] at ``speed`` rad/s, and wait until the arm rests."""
+    def command(self, step: np.ndarray) -> None:
+        """Ask the joint controller for a step (n,) [rad], a second long at least, and wait until the arm rests."""
         step = np.asarray(step, dtype=np.float64)
         if step.shape != (self.joints,) or not np.all(np.isfinite(step)):
             raise DenseVSError(f"step is {step.tolist()}; expected {self.joints} finite numbers")
         error = self._rng.normal(0.0, 1.0, (2, self.joints))
         done = step * (1.0 + self._inaccuracy.proportional * error[0]) + self._inaccuracy.independent * error[1]
-        start, ticks = self._motor.copy(), max(1, round(np.abs(done).max() / speed / self.model.opt.timestep))
+        seconds = max(1.0, float(np.abs(done).max()) / _SPEED)
+        start, ticks = self._motor.copy(), round(seconds / self.model.opt.timestep)
         for tick in range(ticks):
             share = (tick + 1) / ticks
-            self._data.ctrl[: self.joints] = start + done * share * share * (3 - 2 * share)
+            self._data.ctrl[: self.joints] = start + done * share**3 * (10 - 15 * share + 6 * share**2)
             mujoco.mj_step(self.model, self._data)
         self._motor = start + done
         self._settle(0.8)

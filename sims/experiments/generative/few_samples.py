@@ -1,0 +1,78 @@
+"""Table 5 and Fig. 3: error on 100 held-out samples of models learnt from few samples.
+
+The smaller sets are beginnings of the larger ones. The postures, noise and first guesses are in --help.
+"""
+
+import argparse
+
+import numpy as np
+
+from dense_vs.cli.output import progress
+from dense_vs.sims.experiments.generative.chart import draw_lines
+from dense_vs.sims.experiments.generative.protocol import (
+    TEST_SAMPLES,
+    add_protocol_arguments,
+    held_out_error,
+    spread_rows,
+    trials,
+)
+from dense_vs.sims.experiments.rows import Row
+
+HELP = "Table 5, Fig. 3: error against the number of training samples"
+PAPER = {30: (49.3582, 43.5229), 40: (3.2066, 2.3041), 50: (0.6235, 0.0143), 60: (0.6168, 0.0082), 70: (0.5991, 0.0082)}
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the experiment's arguments."""
+    parser.add_argument(
+        "--samples",
+        type=int,
+        nargs="+",
+        default=[10, 15, 20, 30, 40, 50, 60, 70],
+        metavar="T",
+        help="training samples (default: 10 15 20 30 40 50 60 70)",
+    )
+    parser.add_argument("--kinematics", default="poe", choices=("poe", "dh"), help="form of the chain (default: poe)")
+    add_protocol_arguments(parser)
+
+
+def run(arguments: argparse.Namespace) -> list[Row]:
+    """Run the experiment."""
+    from dense_vs.generative import GenerativeModel
+
+    runs = trials(arguments)
+    train, test = np.zeros((2, len(runs), len(arguments.samples)))
+    with progress("fits", train.size, "fit") as bar:
+        for r, trial in enumerate(runs):
+            held_out = trial.evidence(TEST_SAMPLES, 1).observations
+            seen = trial.evidence(max(arguments.samples), 0).observations
+            for s, samples in enumerate(arguments.samples):
+                part = seen[:samples]
+                model = GenerativeModel.fit(part, kinematics=arguments.kinematics, seed=trial.seed)
+                train[r, s], test[r, s] = held_out_error(model, part), held_out_error(model, held_out)
+                bar.update()
+    rows = []
+    for s, samples in enumerate(arguments.samples):
+        rows += spread_rows(
+            f"validation error, {samples} samples", PAPER.get(samples, (None, None)), test[:, s], "px", arguments.seeds
+        )
+    draw_lines(
+        arguments.out / "few_samples.png",
+        {"validation": (arguments.samples, test), "training": (arguments.samples, train)},
+        title=f"Median and range over {len(runs)} models ({', '.join(arguments.arm)})",
+        x_label="training samples",
+        y_label="mean pixel error [px]",
+        paper={"paper (Table 5, simulation)": (list(PAPER), [value[0] for value in PAPER.values()])},
+        levels={"noise of the pixels": 0.627},
+    )
+    draw_lines(
+        arguments.out / "train_test.png",
+        {
+            f"{samples} samples": (np.sort(train[:, s]), test[np.argsort(train[:, s]), s][None])
+            for s, samples in enumerate(arguments.samples)
+        },
+        title="Training error tells the test error (Fig. 3)",
+        x_label="training error [px]",
+        y_label="validation error [px]",
+    )
+    return rows

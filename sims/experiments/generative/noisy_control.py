@@ -1,0 +1,127 @@
+"""Fig. 10 and 11: learning from the actions sent to a noisy controller and images alone, then servoing with it.
+
+The state is never read, neither for learning (50 samples) nor for servoing. Fig. 10: a Cartesian controller, noise in m
+and rad. Fig. 11: a joint controller, noise in rad. Both laws of sims/generative/noise.py: with independent noise on
+every move, the paper's, no servo can end below what one move's noise makes, and that floor is given beside.
+"""
+
+import argparse
+from typing import Any
+
+import numpy as np
+
+from dense_vs.cli.output import progress
+from dense_vs.sims.experiments.generative.chart import draw_lines
+from dense_vs.sims.experiments.generative.protocol import Trial, add_protocol_arguments, pixel_error, trials
+from dense_vs.sims.experiments.rows import Row
+
+HELP = "Fig. 10, 11: learn from actions of a noisy controller, joint or Cartesian, and servo with it"
+CONTROLLERS = {"cartesian": "Fig. 10", "joint": "Fig. 11"}
+# Fig. 10 in words: "pixel accuracy" at 0.01, "approximately 5 pixel accuracy" at 0.02.
+PAPER_FINAL_PX = {("cartesian", 0.02): 5.0}
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the experiment's arguments."""
+    parser.add_argument("--samples", type=int, default=50, help="training samples (default: 50)")
+    parser.add_argument("--targets", type=int, default=50, help="targets a seed and arm (default: 50)")
+    parser.add_argument("--moves", type=int, default=10, help="servo moves (default: 10)")
+    parser.add_argument(
+        "--sigma", type=float, nargs="+", default=[0.0, 0.01, 0.02], metavar="S", help="default: 0 0.01 0.02"
+    )
+    parser.add_argument(
+        "--controller", nargs="+", default=list(CONTROLLERS), choices=list(CONTROLLERS), help="default: both"
+    )
+    add_protocol_arguments(parser)
+
+
+def run(arguments: argparse.Namespace) -> list[Row]:
+    """Run the experiment."""
+    from dense_vs.sims.generative.noise import LAWS
+
+    runs = trials(arguments)
+    total = len(runs) * len(arguments.controller) * len(LAWS) * len(arguments.sigma)
+    rows: list[Row] = []
+    with progress("models", total, "model") as bar:
+        for controller in arguments.controller:
+            for law in LAWS:
+                curves = {}
+                for sigma in arguments.sigma:
+                    done = []
+                    for trial in runs:
+                        done.append(_servo(trial, controller, law, sigma, arguments))
+                        bar.update()
+                    curves[f"{sigma:g}"] = np.concatenate([errors for errors, _, _ in done])
+                    rows += _rows(controller, law, sigma, done, tuple(arguments.seeds))
+                moves = range(arguments.moves + 1)
+                draw_lines(
+                    arguments.out / f"{controller}_{law}.png",
+                    {f"noise {name}": (moves, np.median(table, axis=0)[None]) for name, table in curves.items()},
+                    title=f"{controller} controller, noise {law}, learnt from actions ({CONTROLLERS[controller]})",
+                    x_label="servo moves",
+                    y_label="true pixel error, median [px]",
+                )
+    return rows
+
+
+def _servo(
+    trial: Trial, controller: str, law: str, sigma: float, arguments: argparse.Namespace
+) -> tuple[np.ndarray, float, float]:
+    """Errors (targets, moves + 1), the model's own error, and the floor that one perfect move would leave, all px."""
+    from dense_vs.generative import GenerativeModel
+    from dense_vs.sims.experiments.generative.servoing import (
+        cartesian_tasks,
+        joint_tasks,
+        servo_model,
+        servo_model_cartesian,
+    )
+    from dense_vs.sims.generative.evidence import act, act_cartesian
+    from dense_vs.sims.generative.noise import NoisyController
+
+    arm, rng = trial.observed_arm(), trial.rng(60)
+    noisy = NoisyController(sigma, law, rng)
+    make = act if controller == "joint" else act_cartesian
+    learnt_from = make(arm, arguments.samples, noisy, rng)
+    model = GenerativeModel.fit(learnt_from.observations, state="actions", controller=controller, seed=trial.seed)
+    own = model.report.mean_error_px
+    if controller == "joint":
+        tasks = joint_tasks(arm, arguments.targets, rng, trial.postures)
+        errors = servo_model(model, arm, tasks, arguments.moves, rng, noisy, None)
+    else:
+        tasks = cartesian_tasks(arm, arguments.targets, rng)
+        errors = servo_model_cartesian(model, arm, tasks, arguments.moves, rng, noisy)
+    return errors, own, _floor(arm, noisy, controller, rng) if law == "independent" else 0.0
+
+
+def _floor(arm: Any, noisy: Any, controller: str, rng: np.random.Generator) -> float:
+    """Median error [px] of perfect commands of no motion: what independent noise leaves."""
+    from dense_vs.sims.generative.evidence import draw_joints, executed
+
+    joints = draw_joints(arm, 100, rng)
+    poses = arm.chain.flange_pose(joints)
+    if controller == "joint":
+        moved = arm.chain.flange_pose(np.stack([q + noisy.joint_step(np.zeros_like(q)) for q in joints]))
+    else:
+        moved = np.stack([executed(noisy, np.eye(4), pose) for pose in poses])
+    exact = arm.pixels_of_poses(poses)
+    after = arm.projections(moved)
+    return float(np.median([pixel_error(a, e) for a, e in zip(after, exact, strict=True)]))
+
+
+def _rows(controller: str, law: str, sigma: float, done: list, seeds: tuple[int, ...]) -> list[Row]:
+    from dense_vs.sims.experiments.generative.servoing import moves_needed
+
+    errors = np.concatenate([table for table, _, _ in done])
+    needed = moves_needed(errors)
+    paper = PAPER_FINAL_PX.get((controller, sigma)) if law == "independent" else None
+    start = f"{controller}, {law} noise {sigma:g}:"
+    rows = [
+        Row(f"{start} error of the model, mean", None, float(np.mean([own for _, own, _ in done])), "px", seeds),
+        Row(f"{start} error after the last move, median", paper, float(np.median(errors[:, -1])), "px", seeds),
+        Row(f"{start} share ever below 1 px", None, float(np.mean(np.isfinite(needed))), "", seeds),
+        Row(f"{start} moves to below 1 px, median", None, float(np.median(needed)), "", seeds),
+    ]
+    if law == "independent":
+        floor = float(np.mean([least for _, _, least in done]))
+        rows.append(Row(f"{start} what one move's noise leaves, median", None, floor, "px", seeds))
+    return rows

@@ -1,0 +1,110 @@
+"""Table 6, and learning from one camera: joints and reprojection from both images or one, models of one camera.
+
+Table 6: a model of two cameras infers joints from the images of both or of one; the reprojection error is that of the
+model's pixels at the inferred joints in both cameras, also in the one that was not used. Joints are inferred without
+any reading, as in the paper; seven joints are not unique, so there only the reprojection can be right. Learning:
+models of the first camera alone.
+"""
+
+import argparse
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from dense_vs.cli.output import progress
+from dense_vs.sims.experiments.generative.chart import draw_bars
+from dense_vs.sims.experiments.generative.protocol import (
+    TEST_SAMPLES,
+    add_protocol_arguments,
+    pixel_error,
+    spread_rows,
+    trials,
+)
+from dense_vs.sims.experiments.rows import Row
+
+if TYPE_CHECKING:
+    from dense_vs.generative import GenerativeModel
+    from dense_vs.sims.generative.evidence import Evidence
+
+HELP = "Table 6: inference from both images or one; learning from one camera"
+PAPER = {
+    "both cameras: joints": (0.0536, 0.0134),
+    "one camera: joints": (0.0519, 0.0095),
+    "both cameras: reprojection": (1.1441, 0.1450),
+    "one camera: reprojection": (1.6608, 0.2262),
+}
+PAPER_LEARNT = (1.231, 0.705)  # real robot, initialised by structure from motion
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the experiment's arguments."""
+    parser.add_argument("--samples", type=int, default=50, help="training samples (default: 50)")
+    parser.add_argument(
+        "--learn-from",
+        type=int,
+        nargs="+",
+        default=[20, 30, 50],
+        metavar="T",
+        help="samples of one camera (default: 20 30 50)",
+    )
+    add_protocol_arguments(parser)
+
+
+def run(arguments: argparse.Namespace) -> list[Row]:
+    """Run the experiment."""
+    from dense_vs.generative import GenerativeModel, Observations
+
+    runs = trials(arguments)
+    found: dict[str, dict[str, list[np.ndarray]]] = {arm: {name: [] for name in PAPER} for arm in arguments.arm}
+    learnt: dict[int, list[float]] = {samples: [] for samples in arguments.learn_from}
+    with progress("models", len(runs) * (1 + len(learnt)), "model") as bar:
+        for trial in runs:
+            seen = trial.evidence(max([arguments.samples, *learnt])).observations
+            model = GenerativeModel.fit(seen[: arguments.samples], seed=trial.seed)
+            held_out = trial.evidence(TEST_SAMPLES, 1)
+            for name, values in _inferred(model, held_out).items():
+                found[trial.arm][name].append(values)
+            bar.update()
+            for samples, errors in learnt.items():
+                one = Observations(
+                    joints=seen.joints[:samples],
+                    pixels=seen.pixels[:samples, :1],
+                    image_sizes=seen.image_sizes[:1],
+                    intrinsics=seen.intrinsics[:1],
+                )
+                alone = GenerativeModel.fit(one, seed=trial.seed)
+                test = held_out.observations
+                errors.append(pixel_error(alone.pixels(test.joints), test.pixels[:, :1]))
+                bar.update()
+    rows: list[Row] = []
+    bars: dict[str, list[float]] = {"paper": [value[0] for value in PAPER.values()]}
+    for arm, figures in found.items():
+        for name, values in figures.items():
+            pooled, unit = np.concatenate(values), "rad" if "joints" in name else "px"
+            seeds = tuple(arguments.seeds)
+            rows.append(Row(f"{arm}: {name}: mean", PAPER[name][0], float(np.mean(pooled)), unit, seeds))
+            rows.append(Row(f"{arm}: {name}: median", None, float(np.median(pooled)), unit, seeds))
+            bars.setdefault(f"{arm}, mean", []).append(float(np.mean(pooled)))
+            bars.setdefault(f"{arm}, median", []).append(float(np.median(pooled)))
+    for samples, errors in learnt.items():
+        paper = PAPER_LEARNT if samples == 50 else (None, None)
+        rows += spread_rows(f"learnt from one camera, {samples} samples", paper, errors, "px", arguments.seeds)
+    title = f"Inference from both images or one (Table 6), {TEST_SAMPLES} images a model"
+    draw_bars(arguments.out / "single_camera.png", list(PAPER), bars, title=title, y_label="rad or px")
+    return rows
+
+
+def _inferred(model: "GenerativeModel", held_out: "Evidence") -> dict[str, np.ndarray]:
+    """Errors (images,) of the joints inferred from both images and from the first alone, by the names of ``PAPER``."""
+    observations, exact = held_out.observations, np.asarray(held_out.truth.joints)
+    one = observations.pixels.copy()
+    one[:, 1:] = np.nan
+    enough = np.isfinite(one[..., 0]).sum(axis=(1, 2)) >= 4  # the same images for both
+    errors = {}
+    for name, pixels in (("both cameras", observations.pixels), ("one camera", one)):
+        joints = model.infer_joints(pixels[enough])
+        off = np.angle(np.exp(1j * (joints - exact[enough])))
+        errors[f"{name}: joints"] = np.linalg.norm(off, axis=1)
+        pairs = zip(model.pixels(joints), observations.pixels[enough], strict=True)
+        errors[f"{name}: reprojection"] = np.array([pixel_error(a, b) for a, b in pairs])
+    return errors

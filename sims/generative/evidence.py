@@ -1,0 +1,177 @@
+"""Observations to learn from, with the truth kept apart for scoring: random postures of an observed arm.
+
+The law of the postures is ``"normal"`` (N(0, 0.3 rad) about home) or ``"uniform"`` (within 1 rad of home), a draw a
+joint. Postures in which the cameras together see fewer than 6 features are drawn again: nobody would keep them.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from dense_vs.errors import DenseVSError
+from dense_vs.generative import Observations
+from dense_vs.sims.generative.noise import NoisyController, noisy_pose
+from dense_vs.sims.generative.observed_arm import ObservedArm
+
+POSTURES = ("normal", "uniform")
+PIXEL_NOISE = 0.5  # px, standard deviation in x and in y
+
+_LEAST_SEEN = 6
+_DRAWS = 2000
+_NORMAL_RAD = 0.3
+_UNIFORM_RAD = 1.0
+_ACTION_RAD = 0.25  # standard deviation of a random joint step
+_ACTION_M = 0.06  # of a random Cartesian step; its rotation has the joint step's
+
+
+@dataclass(frozen=True)
+class Truth:
+    """What the observations were made from; for scoring only."""
+
+    arm: ObservedArm
+    joints: np.ndarray | None  # (T, n) [rad]; None where a Cartesian controller moved the hand
+    poses: np.ndarray  # (T, 4, 4) of the flange
+    pixels: np.ndarray  # (T, c, m, 2) without noise
+
+
+@dataclass(frozen=True)
+class Evidence:
+    """Observations and their truth."""
+
+    observations: Observations
+    truth: Truth
+
+
+def draw_joints(arm: ObservedArm, samples: int, rng: np.random.Generator, law: str = "normal") -> np.ndarray:
+    """Joints (T, n) [rad] of random postures.
+
+    Raises:
+        DenseVSError: unknown law, or the cameras see too few features in nearly every posture.
+    """
+    if law not in POSTURES:
+        raise DenseVSError(f"postures are {law!r}; expected one of {', '.join(repr(name) for name in POSTURES)}")
+    home, kept = arm.chain.home, []
+    for _ in range(_DRAWS):
+        if len(kept) == samples:
+            return np.array(kept)
+        size = arm.chain.joints
+        draw = rng.normal(0, _NORMAL_RAD, size) if law == "normal" else rng.uniform(-_UNIFORM_RAD, _UNIFORM_RAD, size)
+        if _enough_seen(arm.pixels((home + draw)[None])):
+            kept.append(home + draw)
+    raise DenseVSError(f"only {len(kept)} of {samples} postures show {_LEAST_SEEN} features; move the cameras")
+
+
+def observe(
+    arm: ObservedArm,
+    joints: np.ndarray,
+    rng: np.random.Generator,
+    *,
+    joint_noise: float = 0.0,
+    pose_noise: float | None = None,
+    pixel_noise: float = PIXEL_NOISE,
+    intrinsics: np.ndarray | None = None,
+) -> Evidence:
+    """What is read and seen at true joints (T, n) [rad].
+
+    Args:
+        joint_noise: standard deviation of the joint readings [rad].
+        pose_noise: of readings of the flange's pose [m, rad]; they take the place of joint readings. None for joints.
+        intrinsics: guesses (c, 4) of fx, fy, cx, cy [px]; drawn when None, see :func:`guessed_intrinsics`.
+    """
+    poses = arm.chain.flange_pose(joints)
+    read = joints + rng.normal(0.0, joint_noise, joints.shape) if joint_noise else joints.copy()
+    exact = arm.pixels_of_poses(poses)
+    observations = Observations(
+        joints=read if pose_noise is None else None,
+        poses=None if pose_noise is None else np.stack([noisy_pose(pose, pose_noise, rng) for pose in poses]),
+        pixels=exact + rng.normal(0.0, pixel_noise, exact.shape),
+        image_sizes=arm.image_sizes,
+        intrinsics=guessed_intrinsics(arm, rng) if intrinsics is None else intrinsics,
+    )
+    return Evidence(observations, Truth(arm, joints, poses, exact))
+
+
+def act(arm: ObservedArm, samples: int, controller: NoisyController, rng: np.random.Generator) -> Evidence:
+    """Random joint steps through a noisy controller; only the commanded steps and the pixels are observed.
+
+    Steps lead from one random posture to the next, as far as the controller knows, so that the arm stays before the
+    cameras. Where they see too little it moves on, and the observed action is the sum of the commanded ones.
+    """
+    home = arm.chain.home
+    joints, actions = [home], []
+    believed, present, since = home, home, np.zeros(len(home))
+    for _ in range(_DRAWS):
+        if len(joints) == samples:
+            break
+        action = home + rng.normal(0.0, _ACTION_RAD, len(home)) - believed
+        believed, since, present = believed + action, since + action, present + controller.joint_step(action)
+        if _enough_seen(arm.pixels(present[None])):
+            joints.append(present)
+            actions.append(since)
+            since = np.zeros(len(home))
+    seen = observe(arm, np.array(joints), rng).observations
+    observations = Observations(
+        actions=np.array(actions), pixels=seen.pixels, image_sizes=seen.image_sizes, intrinsics=seen.intrinsics
+    )
+    poses = arm.chain.flange_pose(np.array(joints))
+    return Evidence(observations, Truth(arm, np.array(joints), poses, arm.pixels_of_poses(poses)))
+
+
+def act_cartesian(arm: ObservedArm, samples: int, controller: NoisyController, rng: np.random.Generator) -> Evidence:
+    """Random moves of the hand through a noisy Cartesian controller: ``P_{t+1} = A_t P_t`` in the robot's frame.
+
+    As the paper, it takes the hand to be where the controller has put it; no arm stands behind it.
+    """
+    start = arm.chain.flange_pose(arm.chain.home)
+    poses, actions = [start], []
+    believed, present, since = start, start, np.eye(4)
+    for _ in range(_DRAWS):
+        if len(poses) == samples:
+            break
+        action = random_pose_near(start, rng) @ np.linalg.inv(believed)
+        believed, since, present = action @ believed, action @ since, executed(controller, action, present)
+        if _enough_seen(arm.pixels_of_poses(present[None])):
+            poses.append(present)
+            actions.append(since)
+            since = np.eye(4)
+    poses = np.array(poses)
+    exact = arm.pixels_of_poses(poses)
+    observations = Observations(
+        actions=np.array(actions),
+        pixels=exact + rng.normal(0.0, PIXEL_NOISE, exact.shape),
+        image_sizes=arm.image_sizes,
+        intrinsics=guessed_intrinsics(arm, rng),
+    )
+    return Evidence(observations, Truth(arm, None, poses, exact))
+
+
+def executed(controller: NoisyController, action: np.ndarray, pose: np.ndarray) -> np.ndarray:
+    """Pose (4, 4) after a noisy Cartesian action on a pose; the noise acts at the hand, not at the robot's base.
+
+    ``A P`` moves the hand's origin by ``A``'s lever about the base, so noise on the angles of A itself would grow with
+    the distance from the base: the step is taken as a shift of the hand and a turn about it.
+    """
+    about = np.eye(4)
+    about[:3, 3] = pose[:3, 3]
+    local = np.linalg.inv(about) @ action @ about
+    return about @ controller.transform(local) @ np.linalg.inv(about) @ pose
+
+
+def random_pose_near(pose: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+    """A pose (4, 4) some centimetres and a fraction of a radian away."""
+    moved = pose.copy()
+    moved[:3, 3] += _ACTION_M * rng.normal(size=3)
+    moved[:3, :3] = Rotation.from_rotvec(_ACTION_RAD * rng.normal(size=3)).as_matrix() @ pose[:3, :3]
+    return moved
+
+
+def guessed_intrinsics(arm: ObservedArm, rng: np.random.Generator) -> np.ndarray:
+    """(c, 4) as the cameras' maker gives them: focal lengths up to 1 %, principal points up to 8 px off."""
+    true = np.array([camera.intrinsics for camera in arm.cameras])
+    off = np.hstack([true[:, :2] * rng.uniform(-0.01, 0.01, (len(true), 2)), rng.uniform(-8, 8, (len(true), 2))])
+    return true + off
+
+
+def _enough_seen(pixels: np.ndarray) -> bool:
+    return int(np.isfinite(pixels[..., 0]).sum()) >= _LEAST_SEEN
