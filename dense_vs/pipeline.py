@@ -10,6 +10,7 @@ from dense_vs.arrays import real_vector
 from dense_vs.errors import DenseVSError
 from dense_vs.flow import FlowEstimator, to_gray
 from dense_vs.jacobian import DenseJacobian
+from dense_vs.self_body import SelfBody
 
 
 @dataclass(frozen=True)
@@ -40,12 +41,20 @@ class FramePipeline:
         estimator: for one world; its size is the size of the images once scaled.
         flow: of the same size; the default method unless given.
         scale: factor on the image size, 0.5 in the paper.
+        body: is fed with every frame's motion and J, where one is given; see :meth:`labels`.
 
     Raises:
         DenseVSError: sizes that differ, several worlds, a scale out of (0, 1].
     """
 
-    def __init__(self, estimator: DenseJacobian, flow: FlowEstimator | None = None, *, scale: float = 1.0):
+    def __init__(
+        self,
+        estimator: DenseJacobian,
+        flow: FlowEstimator | None = None,
+        *,
+        scale: float = 1.0,
+        body: SelfBody | None = None,
+    ):
         size = estimator.options.height, estimator.options.width
         if estimator.options.worlds != 1:
             raise DenseVSError(f"estimator has {estimator.options.worlds} worlds; a pipeline takes one")
@@ -55,7 +64,10 @@ class FramePipeline:
         self.flow = flow or FlowEstimator(height=size[0], width=size[1])
         if (self.flow.height, self.flow.width) != size:
             raise DenseVSError(f"flow is for images of {self.flow.height, self.flow.width}; the estimator has {size}")
+        if body is not None:
+            body.fix_size(*size, estimator.options.joints)
         self.scale = scale
+        self.body = body
         self.frame: Frame | None = None
 
     def process(self, image: Any, time: float, positions: Any) -> Frame:
@@ -89,8 +101,21 @@ class FramePipeline:
             flow = self.flow(last.gray, gray)
             dq = q - last.positions
             self.estimator.update(flow, dq)
+            if self.body is not None:
+                self.body.observe(flow, dq)
+                self.body.submit(self.estimator.jacobian)
             self.frame = Frame(time, scaled, gray, q, flow, dq)
         return self.frame
+
+    def labels(self) -> np.ndarray:
+        """Whether each pixel of the last frame is the robot's own body, bool ``(H, W)``.
+
+        Raises:
+            DenseVSError: the pipeline has no ``body``.
+        """
+        if self.body is None:
+            raise DenseVSError("the pipeline has no body to label; expected FramePipeline(..., body=SelfBody())")
+        return self.body.labels(self.estimator.jacobian)
 
     def _scaled(self, image: np.ndarray) -> np.ndarray:
         """The image at the estimator's scale, never the camera's own buffer, which may hold the next frame soon."""

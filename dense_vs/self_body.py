@@ -103,10 +103,24 @@ class SelfBody:
         self._shape: tuple[int, int, int] | None = None
         self._joints = 0
         if height is not None and width is not None and joints is not None:
-            self._prepare(_whole("height", height, 2, 16384), _whole("width", width, 2, 16384), joints)
+            self.fix_size(height, width, joints)
         elif (height, width, joints) != (None, None, None):
             raise DenseVSError(
                 f"height, width and joints are {height!r}, {width!r}, {joints!r}; expected all three or none"
+            )
+
+    def fix_size(self, height: int, width: int, joints: int) -> None:
+        """Allocate for a size now, before the first array.
+
+        Raises:
+            DenseVSError: it has another one already.
+        """
+        if self._shape is None:
+            self._prepare(_whole("height", height, 2, 16384), _whole("width", width, 2, 16384), joints)
+        elif (*self._shape[1:], self._joints) != (height, width, joints):
+            raise DenseVSError(
+                f"body is for {self._shape[1:]} pixels and {self._joints} joints; "
+                f"expected {(height, width)} and {joints}"
             )
 
     def observe(self, flow: Any, dq: Any) -> None:
@@ -166,6 +180,23 @@ class SelfBody:
             DenseVSError: shape or dtype.
         """
         return self._unbatch(self._label(self._image(jacobian)).numpy().copy())
+
+    def unexplained(self) -> np.ndarray:
+        """Share of the motion's energy that the joints leave unexplained, float32 ``(H, W)``, own pixels' near 0.
+
+        May exceed 1; NaN where nothing is known.
+
+        Raises:
+            DenseVSError: nothing has been observed.
+        """
+        if not self._by_motion:
+            raise DenseVSError("nothing has been observed; expected observe() first, in method 'motion'")
+        assert self._motion is not None
+        error, motion = np.moveaxis(self._motion.energies.numpy(), -1, 0)
+        known = np.maximum(error, motion) > self._motion.options.least_energy
+        share = np.full(error.shape, np.nan, np.float32)
+        np.divide(error, np.maximum(motion, np.finfo(np.float32).tiny), out=share, where=known)
+        return self._unbatch(share)
 
     def clusters(self, jacobian: Any) -> np.ndarray:
         """Index of the nearest cluster, int8 ``(H, W)``, the lowest on ties.

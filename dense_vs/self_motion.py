@@ -31,7 +31,7 @@ class SelfMotionOptions:
         process_noise, measurement_noise, initial_variance: as in :class:`dense_vs.jacobian_options.JacobianOptions`.
     """
 
-    decay: float = 0.95
+    decay: float = 0.93
     rest: float = 0.1
     still: float = 0.2
     due: float = 0.5

@@ -14,9 +14,11 @@ from dense_vs.jacobian import DenseJacobian
 from dense_vs.joint_log import JointBuffer
 from dense_vs.pipeline import Frame, FramePipeline
 from dense_vs.robot import Camera, Robot
+from dense_vs.self_body import SelfBody
 from dense_vs.servo import VisualServo
 from dense_vs.tracker import PointTracker
 
+LEAST_BODY = 0.01  # share of the image that makes the robot's own pixels count as known
 SAME_SURFACE = 0.5  # relative difference in J below which two pixels count as one surface
 
 
@@ -54,6 +56,8 @@ class ServoLoop:
         seed: of babbling and dither made here.
         command_period: time between commands [s], for a robot that takes a new one only so often; in the frames between
             them J is learnt and the commanded step is zero. A command every frame unless given.
+        body: labels the robot's own pixels, see :meth:`FramePipeline.labels`; once it knows some, what else moves no
+            longer slows the babbling down.
         on_frame: called with the loop after every frame; a viewer, a recorder, an evaluation.
 
     Raises:
@@ -74,6 +78,7 @@ class ServoLoop:
         threads: int | None = None,
         seed: int = 0,
         command_period: float | None = None,
+        body: SelfBody | None = None,
         on_frame: Callable[["ServoLoop"], None] | None = None,
     ):
         self.camera, self.robot = camera, robot
@@ -98,7 +103,7 @@ class ServoLoop:
         pace = {} if command_period is None else {"frame_time": command_period}
         self.babbling = babbling or Babbling(joints, seed=seed, **pace)
         self._next_command = time
-        self.pipeline = FramePipeline(estimator, flow, scale=scale)
+        self.pipeline = FramePipeline(estimator, flow, scale=scale, body=body)
         self.tracker: PointTracker | None = None
         self.target: np.ndarray | None = None
         self.on_frame = on_frame
@@ -138,7 +143,7 @@ class ServoLoop:
             raise DenseVSError(f"babbling of {seconds!r} s; expected a finite number above 0")
         end = self.frame.time + seconds
         while self.frame.time < end:
-            self.step(self._when_due(lambda: self._limited(self.babbling.step(self.frame.flow))))
+            self.step(self._when_due(lambda: self._limited(self.babbling.step(self._pacing_flow()))))
 
     def define_point(self, point: Any, **options: Any) -> None:
         """Choose the point of the body to control, at its place in the last image [px].
@@ -178,6 +183,16 @@ class ServoLoop:
             settled = settled + 1 if distance <= tolerance else 0
         goal = float(self.target[0]), float(self.target[1])
         return Reach(goal, frames, distance, settled >= settle_frames and not self._lost, self._lost)
+
+    def _pacing_flow(self) -> np.ndarray | None:
+        """The last flow, without what is known not to be the robot once the robot itself is known."""
+        flow, body = self.frame.flow, self.pipeline.body
+        if flow is None or body is None:
+            return flow
+        found = body.recognition(self.estimator.jacobian)
+        if np.mean(found == 1) < LEAST_BODY:
+            return flow
+        return np.where((found == 0)[..., None], np.float32(np.nan), flow)
 
     def _servo_step(self) -> np.ndarray:
         J = self.estimator.at(self.point)[0]

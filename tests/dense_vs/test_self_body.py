@@ -8,7 +8,7 @@ import pytest
 import warp as wp
 from reference_self_body import evaluation, lloyd, nearest
 
-from dense_vs import DenseJacobian, DenseVSError, SelfBody, cluster_worker
+from dense_vs import DenseJacobian, DenseVSError, FramePipeline, SelfBody, cluster_worker
 from dense_vs.cluster_evaluation import evaluate_clusters
 from dense_vs.cluster_worker import SelfBodyStatus
 from dense_vs.self_motion import SelfMotionOptions
@@ -207,7 +207,7 @@ def test_pixels_whose_jacobian_is_no_number_are_unknown(method):
     assert body.labels(J).any()
 
 
-def scene(frames, seed=0):
+def passer_by(frames, seed=0):
     """A body in the middle columns that moves by J dq, a passer-by in the left ones, the rest still: flow and dq."""
     rng = np.random.default_rng(seed)
     J = np.array([[80.0, -30, 10], [5, 60, -90]])
@@ -222,7 +222,7 @@ def scene(frames, seed=0):
 def observed(frames, **options):
     body = make(method="motion", **options)
     estimator = DenseJacobian(height=HEIGHT, width=WIDTH, joints=JOINTS, device="cpu")
-    for flow, dq in scene(frames):
+    for flow, dq in passer_by(frames):
         body.observe(flow, dq)
         estimator.update(flow, dq)
     return body, estimator.jacobian
@@ -253,6 +253,25 @@ def test_without_observations_the_default_labels_as_the_paper():
         body.observe(np.ones((HEIGHT, WIDTH, 2), np.float32), np.full(JOINTS, 0.01))
     np.testing.assert_array_equal(bodies[1].recognition(J) == 1, bodies[1].labels(J))
     assert not bodies[0].labels(J).any()
+
+
+def test_a_pipeline_feeds_the_body(scene, postures):
+    size = {"height": scene.height, "width": scene.width, "joints": 4}
+    estimator = DenseJacobian(**size, device="cpu")
+    pipeline = FramePipeline(estimator, body=make(method="motion"))
+    by_hand = make(method="motion", **size)
+    for k in range(30):
+        frame = pipeline.process(scene.image(postures[k]), k / 30, postures[k])
+        if k:
+            by_hand.observe(frame.flow, frame.dq)
+            by_hand.submit(estimator.jacobian)
+            np.testing.assert_array_equal(pipeline.labels(), by_hand.labels(estimator.jacobian))
+    assert pipeline.labels().mean() > 0.8  # the whole plane moves with the joints
+    np.testing.assert_array_equal(pipeline.body.centres, by_hand.centres)
+    with pytest.raises(DenseVSError, match=r"body is for \(96, 128\) pixels and 4 joints; expected \(48, 64\) and 3"):
+        FramePipeline(DenseJacobian(height=48, width=64, joints=3, device="cpu"), body=by_hand)
+    with pytest.raises(DenseVSError, match="the pipeline has no body to label"):
+        FramePipeline(estimator).labels()
 
 
 @pytest.mark.parametrize(
@@ -292,7 +311,7 @@ def test_refuses_constants_of_the_energies(option):
 def test_refuses_arrays_and_stays_as_it_was():
     body, J = observed(20)
     before = body.recognition(J)
-    flow, dq = next(scene(1))
+    flow, dq = next(passer_by(1))
     for bad in (J[:-1], J[..., :2], J.astype(float), J[..., 0], None, "J", 1.0, J[None, None]):
         for call in (body.submit, body.labels, body.clusters, body.recognition):
             with pytest.raises(DenseVSError, match=r"jacobian .*expected a float32 array of shape \(24, 40, 2, 3\)"):
@@ -320,7 +339,7 @@ def test_labels_on_cpu_and_gpu_agree(synchronous):
         for device in ("cpu", "cuda:0"):
             with make(method=method, device=device, synchronous=synchronous) as body:
                 estimator = DenseJacobian(height=HEIGHT, width=WIDTH, joints=JOINTS, device=device)
-                for flow, dq in scene(60):
+                for flow, dq in passer_by(60):
                     estimator.update(flow, dq)
                     body.observe(flow, dq)
                     body.submit(estimator.jacobian)
