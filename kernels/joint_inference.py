@@ -298,22 +298,22 @@ def joint_inference_kernel(
                 value = normal[image, start, i, k]
                 if i == k:
                     value += damping * value + floor * trace + wp.float64(1.0e-300)
-                for l in range(k):
-                    value -= factor[image, start, i, l] * factor[image, start, k, l]
+                for j in range(k):
+                    value -= factor[image, start, i, j] * factor[image, start, k, j]
                 if i == k:
                     factor[image, start, i, i] = wp.sqrt(wp.max(value, wp.float64(1.0e-300)))
                 else:
                     factor[image, start, i, k] = value / factor[image, start, k, k]
         for i in range(n):
             value = -gradient[image, start, i]
-            for l in range(i):
-                value -= factor[image, start, i, l] * trial[image, start, l]
+            for j in range(i):
+                value -= factor[image, start, i, j] * trial[image, start, j]
             trial[image, start, i] = value / factor[image, start, i, i]
         for back in range(n):
             i = n - 1 - back
             value = trial[image, start, i]
-            for l in range(i + 1, n):
-                value -= factor[image, start, l, i] * trial[image, start, l]
+            for j in range(i + 1, n):
+                value -= factor[image, start, j, i] * trial[image, start, j]
             trial[image, start, i] = value / factor[image, start, i, i]
         predicted = wp.float64(0.0)
         for i in range(n):

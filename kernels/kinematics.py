@@ -38,8 +38,8 @@ class FeatureProjection:
         device: Warp device.
 
     ``residuals`` is ``(runs, T, c, m, 2)`` [px], model minus measured, times the root of the weight, NaN for a feature
-    with a weight that is not in front of its camera. A row of ``jacobian`` ``(runs, c, m, T, 2, w)`` holds only what its
-    feature and its camera depend on: turns of the n axes about their two tangents, shifts of the n points along the
+    with a weight that is not in front of its camera. A row of ``jacobian`` ``(runs, c, m, T, 2, w)`` holds only what
+    its feature and its camera depend on: turns of the n axes about their two tangents, shifts of the n points along the
     same, the feature (3), the camera's turn and shift (6) and its intrinsics, w = 4 n + 9 + ``intrinsics``.
     ``local_jacobian`` is ``(runs, c, m, T, 2, n or 6)``. On a CPU they are views that the next :meth:`evaluate`
     overwrites.

@@ -1,8 +1,8 @@
 """Stage 2, second half: where the axes stand, by linear least squares once their directions are known.
 
-Beyond the paper: with the rotations A_i of the links fixed, the hand's place is linear in the points p_i and in its home
-place f, x = sum_i (A_{i-1} - A_i) p_i + A_n f. Along its own axis a point has no influence and across it may have little:
-singular values are cut off, which leaves such points near the origin, and the origin is put among the features.
+Beyond the paper: with the rotations A_i of the links fixed, the hand's place is linear in the points p_i and in its
+home place f, x = sum_i (A_{i-1} - A_i) p_i + A_n f. Along its own axis a point has no influence and across it may have
+little: singular values are cut off, which leaves such points near the origin, and the origin is put among the features.
 """
 
 import numpy as np

@@ -3,7 +3,7 @@
 import numpy as np
 
 from dense_vs.generative.levenberg_marquardt import Solution, minimize
-from dense_vs.generative.parameters import ModelParameters
+from dense_vs.generative.parameters import ModelParameters, finite_rows
 from dense_vs.generative.pixel_problem import Free, PixelProblem, State
 from dense_vs.generative.stereo import Reconstruction
 
@@ -28,7 +28,7 @@ def adjust_bundle(
         The adjusted reconstruction, the intrinsics, the solver's result and the weights ``(T, c, m)`` of the last
         round, which fall where an error is several times the usual one.
     """
-    features = np.isfinite(found.structure).all(axis=1)
+    features = finite_rows(found.structure)
     part = np.where((found.posed[:, None, None] & found.placed_cameras[:, None] & features)[..., None], pixels, np.nan)
     cameras = found.placed_cameras.copy()
     cameras[int(np.argmax(cameras))] = False  # the first one is the world

@@ -16,7 +16,7 @@ from dense_vs.generative.initialization import Candidate, candidates, guessed_in
 from dense_vs.generative.levenberg_marquardt import Solution, minimize
 from dense_vs.generative.observations import Observations
 from dense_vs.generative.outliers import list_outliers, mistaken, robust_sigma
-from dense_vs.generative.parameters import ModelParameters, rotation_vector
+from dense_vs.generative.parameters import ModelParameters, finite_rows, rotation_vector
 from dense_vs.generative.pixel_problem import Free, PixelProblem, State
 from dense_vs.generative.pose_priors import PoseActions, PoseReadings
 from dense_vs.generative.report import FitReport, Stage
@@ -76,7 +76,7 @@ def fit_cartesian(
         )
     )
     report.stages.append(Stage("alignment", float("nan"), error, error, 0, True, time.perf_counter() - clock))
-    placed = np.isfinite(features).all(axis=1)
+    placed = finite_rows(features)
     parameters = ModelParameters(
         np.zeros((0, 3)),
         np.zeros((0, 3)),
@@ -127,7 +127,7 @@ def fit_cartesian(
     )
     poses = np.tile(np.eye(4), (len(obs), 1, 1))
     poses[:, :3, :3], poses[:, :3, 3] = final.rotation, final.translation
-    problem.kernel.set(weights=1.0)
+    problem.reweight(np.ones(used.shape))
     modelled = obs.pixels + np.where(problem.seen[..., None], problem.residuals(final), np.nan)
     report.outliers, report.swapped = list_outliers(obs.pixels, modelled, problem.seen & ~used, report.pixel_sigma)
     counts = used.sum(axis=(0, 1))
@@ -177,7 +177,9 @@ def align_frames(
     right_side = motions[:, :3, 3]
     for _ in range(5):
         root = np.sqrt(weights)[:, None]
-        solution = np.linalg.lstsq((design * root[..., None]).reshape(-1, 4), (right_side * root).ravel(), rcond=None)[0]
+        solution = np.linalg.lstsq((design * root[..., None]).reshape(-1, 4), (right_side * root).ravel(), rcond=None)[
+            0
+        ]
         errors = np.linalg.norm(design @ solution - right_side, axis=1)
         weights = 1 / (1 + (errors / (2 * np.median(errors) + 1e-9)) ** 2)
     return turn, float(solution[0]), solution[1:]
@@ -267,12 +269,13 @@ def _with_noise(
         chained = np.zeros((len(obs) - 1, 6, 6)) if equations.chained is None else equations.chained
         own, across = neighbour_covariance(equations.local, chained)
         mean_square = prior.deviations(state) ** 2 + pixel_sigma**2 * prior.spread(state, own, across)
-        fresh = (max(float(np.sqrt(mean_square[:, :3].mean())), 1e-6), max(float(np.sqrt(mean_square[:, 3:].mean())), 1e-6))
+        fresh = (
+            max(float(np.sqrt(mean_square[:, :3].mean())), 1e-6),
+            max(float(np.sqrt(mean_square[:, 3:].mean())), 1e-6),
+        )
         settled = all(abs(new - old) < 0.02 * old for new, old in zip(fresh, sigmas, strict=True))
         sigmas = fresh
         if settled:
             break
     assert solution is not None
     return replace(solution, iterations=iterations, seconds=seconds), sigmas
-
-

@@ -64,7 +64,9 @@ def from_lines(axes: np.ndarray, points: np.ndarray, centre: np.ndarray) -> Dena
         if np.linalg.norm(normal) > PARALLEL:
             normal /= np.linalg.norm(normal)
             # Feet of the common normal: origin + d z and points[i + 1] + e following.
-            d, _ = np.linalg.lstsq(np.stack([z, -following], axis=1), between - normal * (normal @ between), rcond=None)[0]
+            d, _ = np.linalg.lstsq(
+                np.stack([z, -following], axis=1), between - normal * (normal @ between), rcond=None
+            )[0]
         else:
             d = 0.0
             across = between - z * (z @ between)
@@ -120,7 +122,9 @@ class DHProblem:
         rest = self.lines
         shared = equations.shared
         across = chain.T @ shared[:rest, rest:]
-        equations.shared = np.block([[chain.T @ shared[:rest, :rest] @ chain, across], [across.T, shared[rest:, rest:]]])
+        equations.shared = np.block(
+            [[chain.T @ shared[:rest, :rest] @ chain, across], [across.T, shared[rest:, rest:]]]
+        )
         gradient = equations.shared_gradient
         equations.shared_gradient = np.concatenate([chain.T @ gradient[:rest], gradient[rest:]])
         if equations.coupling is not None:

@@ -2,8 +2,8 @@
 
 Beyond the paper, which starts from two chosen views (incremental structure from motion) and needs many restarts: all
 frames take part at once. Features x_tk = A_t F_k + b_t are fitted with rank three though many were not seen (damped
-Gauss-Newton, the frames eliminated), the affine frame is made metric by a_x Q a_x = a_y Q a_y, a_x Q a_y = 0 (Tomasi and
-Kanade 1992), and depth reversal, which parallel projection can't tell, is left to the caller as two solutions.
+Gauss-Newton, the frames eliminated), the affine frame is made metric by a_x Q a_x = a_y Q a_y, a_x Q a_y = 0 (Tomasi
+and Kanade 1992), and depth reversal, which parallel projection can't tell, is left to the caller as two solutions.
 """
 
 from dataclasses import dataclass
@@ -40,8 +40,8 @@ def factorize(
     features = (seen & frames[:, None]).sum(axis=0) >= 3
     if frames.sum() < 3 or features.sum() < FRAME_FEATURES:
         raise DenseVSError(
-            f"camera {camera} saw {FRAME_FEATURES} or more features of the hand in {int(frames.sum())} samples; expected "
-            "at least 3 such samples to find structure and motion from one camera"
+            f"camera {camera} saw {FRAME_FEATURES} or more features of the hand in {int(frames.sum())} samples; "
+            "expected at least 3 such samples to find structure and motion from one camera"
         )
     part = flat[frames][:, features]
     frame_axes, shifts, structure = _affine(part, rng)
@@ -54,7 +54,9 @@ def factorize(
             f"the features that camera {camera} saw lie in a plane or line (spread {np.round(spread / spread[0], 4)}); "
             "expected features in three dimensions"
         )
-    return [_assemble(axes, shifts, structure, mirror, frames, features, pixels.shape, camera) for mirror in (1.0, -1.0)]
+    return [
+        _assemble(axes, shifts, structure, mirror, frames, features, pixels.shape, camera) for mirror in (1.0, -1.0)
+    ]
 
 
 @dataclass

@@ -13,7 +13,7 @@ from dense_vs.generative.levenberg_marquardt import Solution, minimize
 from dense_vs.generative.observability import describe_unobservable
 from dense_vs.generative.observations import Observations
 from dense_vs.generative.outliers import list_outliers, mistaken, robust_sigma
-from dense_vs.generative.parameters import ModelParameters
+from dense_vs.generative.parameters import ModelParameters, finite_rows
 from dense_vs.generative.pixel_problem import Free, PixelProblem, State
 from dense_vs.generative.placement import place_cameras, place_features
 from dense_vs.generative.report import FitReport, Stage
@@ -74,7 +74,15 @@ def fit_joint_model(obs: Observations, seed: int, options: FitOptions) -> Fit:
     centre = joints.mean(axis=0)
     starts, kinematic_rms = _assemble(found, joints, centre, rng)
     report.stages.append(
-        Stage("kinematics", float("nan"), kinematic_rms**2 * len(joints), kinematic_rms, 0, True, time.perf_counter() - clock)
+        Stage(
+            "kinematics",
+            float("nan"),
+            kinematic_rms**2 * len(joints),
+            kinematic_rms,
+            0,
+            True,
+            time.perf_counter() - clock,
+        )
     )
     clock = time.perf_counter()
     guess = guessed_intrinsics(obs)
@@ -90,9 +98,7 @@ def fit_joint_model(obs: Observations, seed: int, options: FitOptions) -> Fit:
     report.stages.append(_stage("end to end", best, problem, clock, solution))
     if options.state != "observed":
         clock = time.perf_counter()
-        best, report.joint_sigma, problem = _with_noise(
-            obs, links, best, options, guess, pixel_sigma, problem.weights
-        )
+        best, report.joint_sigma, problem = _with_noise(obs, links, best, options, guess, pixel_sigma, problem.weights)
         report.stages.append(_stage("noise of the state", best, problem, clock))
     _finish(report, obs, problem, best, options)
     report.seconds = time.perf_counter() - started
@@ -127,7 +133,7 @@ def _check_sufficient(obs: Observations, links: np.ndarray, joints: int) -> None
     shown = int((seen.any(axis=(0, 1)) & hand).sum())
     if shown < 4:
         raise DenseVSError(
-            f"{shown} features of the last link (feature_link = {joints}) were seen; expected at least 4 to find its poses"
+            f"{shown} features of the last link (feature_link = {joints}) were seen; expected at least 4 for its poses"
         )
     useful = int((seen[:, :, hand].sum(axis=2).max(axis=1) >= 3).sum())
     needed = -(-(4 * joints + 6) // 6)
@@ -170,7 +176,7 @@ def _assemble(
             starts.append((chain.rms, start, candidate.weights, placed, np.isfinite(candidate.found.structure[:, 0])))
     if not starts:
         raise DenseVSError(
-            "the hand's pose is known in fewer than 3 samples; record features that stay visible together while the arm moves"
+            "the hand's pose is known in fewer than 3 samples; record features that stay visible as the arm moves"
         )
     starts.sort(key=lambda start: (-start[3].sum(), start[0]))
     return [start[1:] for start in starts], float(starts[0][0])
@@ -222,9 +228,9 @@ def _add_rest(
         parameters = place_features(parameters, obs.pixels, joints)
         parameters = place_cameras(parameters, obs.pixels, joints, guess)
     if not np.isfinite(parameters.camera_translation).all():
-        lost = np.flatnonzero(~np.isfinite(parameters.camera_translation).all(axis=1))
+        lost = np.flatnonzero(~finite_rows(parameters.camera_translation))
         raise DenseVSError(
-            f"camera {lost[0]} saw too few features that other cameras saw too; expected at least 6 detections of them"
+            f"camera {lost[0]} saw too few features that other cameras saw too; expected at least 4 detections of them"
         )
     return parameters
 
@@ -241,7 +247,7 @@ def _problem(
 ) -> PixelProblem:
     """Everything free, with weights that tolerate mistakes at first."""
     cameras = np.ones(obs.pixels.shape[1], dtype=bool)
-    features = np.isfinite(parameters.features).all(axis=1)
+    features = finite_rows(parameters.features)
     free: Free = replace(all_shared(cameras, options.distortion), features=features)
     prior = intrinsics_prior(obs, guess, pixel_sigma)
     problem = PixelProblem(
@@ -256,7 +262,7 @@ def _problem(
 
 
 def _reject(problem: PixelProblem, solution: Solution, options: FitOptions) -> Solution:
-    """Least squares of the sound detections: those the model makes mistakes of lose all weight, the others get it back."""
+    """Least squares of the sound detections: mistaken ones lose all weight, the others get theirs back."""
     before = None
     for _ in range(REJECTION_ROUNDS):
         errors = problem.pixel_errors(solution.state)
@@ -323,9 +329,7 @@ def _without_unseen(parameters: ModelParameters, problem: PixelProblem) -> Model
     return parameters
 
 
-def _stage(
-    name: str, solution: Solution, problem: PixelProblem, clock: float, before: Solution | None = None
-) -> Stage:
+def _stage(name: str, solution: Solution, problem: PixelProblem, clock: float, before: Solution | None = None) -> Stage:
     errors = problem.pixel_errors(solution.state)[problem.weights > 0]
     return Stage(
         name,

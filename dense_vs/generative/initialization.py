@@ -84,7 +84,8 @@ def candidates(obs: Observations, hand: np.ndarray, rng: np.random.Generator) ->
     if not found:
         raise refusal or DenseVSError("the pixels hold too few features to find structure and motion")
     posed = np.array([c.found.posed.sum() + len(obs) * c.found.placed_cameras.sum() for c in found], dtype=float)
-    order = np.lexsort(([c.rms for c in found], np.array([c.rms for c in found]) > GOOD_BUNDLE, -(posed // 5)))
+    rms = np.array([c.rms for c in found])
+    order = np.lexsort((rms, rms > GOOD_BUNDLE, -(posed // 5)))
     return [found[k] for k in order]
 
 

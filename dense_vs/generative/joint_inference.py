@@ -6,13 +6,18 @@ explains the image is a candidate; the nearest to a given posture is taken, or o
 whose steps come nearest to the actions.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from dense_vs.generative.parameters import ModelParameters, link_poses
+from dense_vs.generative.joint_priors import JointActions
+from dense_vs.generative.levenberg_marquardt import minimize
+from dense_vs.generative.parameters import ModelParameters, finite_rows, link_poses
+from dense_vs.generative.pixel_problem import Free, PixelProblem, State
 from dense_vs.kernels.joint_inference import JointSolver
 
+STEP_TOLERANCE = 0.1  # rad by which single images mistake a step, most where the arm is redundant
+SMOOTHED_PATHS = 4
 SAME_JOINTS = 0.05  # rad, between candidates that count as one
 EXPLAINED = 4.0  # a candidate explains an image if its cost is below this times the best one's plus the noise
 
@@ -45,6 +50,9 @@ class JointInference:
     def __init__(self, parameters: ModelParameters, memory: np.ndarray, pixel_sigma: float = 0.5, starts: int = 8):
         self.parameters, self.pixel_sigma = parameters, max(pixel_sigma, 0.1)
         self.memory = np.concatenate([parameters.centre[None], memory])
+        spread = np.atleast_2d(np.cov(memory.T)) if len(memory) > 1 else np.zeros((parameters.joint_count,) * 2)
+        # Wider than what was seen: postures outside may occur, mirrored branches of the inverse lie far beyond.
+        self.precision = np.linalg.inv(4 * spread + 1e-2 * np.eye(parameters.joint_count))
         self.starts = min(starts, len(self.memory))
         self.images = predict(parameters, self.memory)
         self._solvers: dict[tuple[int, int], JointSolver] = {}
@@ -66,6 +74,27 @@ class JointInference:
                 result.candidates[place] = candidates
         assert len(result.joints) == count
         return result
+
+    def sequence(self, pixels: np.ndarray, actions: np.ndarray, information: float, robust: bool = False) -> np.ndarray:
+        """Joints ``(B, n)`` of images ``(B, c, m, 2)`` with ``actions`` ``(B - 1, n)`` between them.
+
+        ``information`` is the pixel variance over that of a step [px^2/rad^2].
+        """
+        robust_scale = 4 * self.pixel_sigma if robust else 0.0
+        candidates: list[np.ndarray] = []
+        penalties: list[np.ndarray] = []
+        for number, image in enumerate(pixels[:, None]):
+            starts = self._nearest(image)
+            if number > 0:
+                starts = np.concatenate([starts, (candidates[-1] + actions[number - 1])[None]], axis=1)
+            joints, costs = self._solve(image, starts, robust_scale)
+            found = self._choose(joints, costs, image, None)
+            candidates.append(found.candidates[0])
+            _, costs = self._solve(image, found.candidates[0][None], robust_scale)
+            penalties.append(costs[0] / self.pixel_sigma**2)
+        paths = likely_paths(candidates, penalties, actions, STEP_TOLERANCE)
+        smoothed = [smooth(self.parameters, pixels, path, actions, information) for path in paths[:SMOOTHED_PATHS]]
+        return min(smoothed, key=lambda found: found[1])[0]
 
     def _nearest(self, pixels: np.ndarray) -> np.ndarray:
         """Starts ``(B, S, n)``: postures whose images are nearest and which differ from one another."""
@@ -111,12 +140,39 @@ class JointInference:
                 apart = [np.abs(solutions[place] - solutions[other]).max() for other in candidates]
                 if not apart or min(apart) > SAME_JOINTS:
                     candidates.append(int(place))
-            best = candidates[0]
-            if near is not None:
+            if near is None:
+                away = solutions[candidates] - self.parameters.centre
+                unlikely = np.einsum("ki,ij,kj->k", away, self.precision, away)
+                best = candidates[int(np.argmin(cost[candidates] / self.pixel_sigma**2 + unlikely))]
+            else:
                 best = min(candidates, key=lambda place: np.abs(solutions[place] - near[image]).max())
             chosen[image], rms[image] = solutions[best], np.sqrt(cost[best] / coordinates[image])
             all_candidates.append(solutions[candidates])
         return Inference(chosen, rms, all_candidates)
+
+
+def smooth(
+    parameters: ModelParameters, pixels: np.ndarray, joints: np.ndarray, actions: np.ndarray, information: float
+) -> tuple[np.ndarray, float]:
+    """Joints ``(B, n)`` of a sequence by least squares over its images and actions, and the cost [px^2].
+
+    Args:
+        parameters: of the model.
+        pixels: ``(B, c, m, 2)``, NaN where not seen.
+        joints: where to start [rad].
+        actions: ``(B - 1, n)`` [rad].
+        information: pixel variance over the variance of a step [px^2/rad^2].
+    """
+    finite = replace(parameters, features=np.nan_to_num(parameters.features))
+    pixels = np.where(finite_rows(parameters.features)[:, None], pixels, np.nan)
+    problem = PixelProblem(
+        pixels, parameters.links, parameters.joint_count, Free(), "joints", JointActions(actions, information)
+    )
+    state = State(finite, joints)
+    behind = problem.seen & ~np.isfinite(problem.pixel_errors(state))
+    problem.reweight(np.where(behind, 0.0, 1.0))
+    solution = minimize(problem, state, 40)
+    return solution.state.joints, solution.cost
 
 
 def predict(parameters: ModelParameters, joints: np.ndarray) -> np.ndarray:
@@ -139,17 +195,29 @@ def project_points(parameters: ModelParameters, world: np.ndarray) -> np.ndarray
     return ab * k[..., :2] + k[..., 2:4]
 
 
-def likeliest_path(candidates: list[np.ndarray], actions: np.ndarray) -> np.ndarray:
-    """The sequence of candidates ``(B, n)`` whose steps differ least from ``actions`` ``(B - 1, n)`` in squares."""
-    total = np.zeros(len(candidates[0]))
+def likely_paths(
+    candidates: list[np.ndarray], penalties: list[np.ndarray], actions: np.ndarray, tolerance: float
+) -> list[np.ndarray]:
+    """Sequences ``(B, n)`` through the candidates, best first, one for each candidate of the last image.
+
+    Args:
+        candidates: of each image ``(k, n)`` [rad].
+        penalties: of each image ``(k,)``, its cost in units of the noise.
+        actions: ``(B - 1, n)`` [rad].
+        tolerance: [rad] by which a step may differ from its action at a penalty of one.
+    """
+    total = penalties[0].copy()
     back = []
-    for before, after, action in zip(candidates[:-1], candidates[1:], actions, strict=True):
-        steps = ((after[:, None] - before[None] - action) ** 2).sum(axis=2) + total
+    for before, after, penalty, action in zip(candidates[:-1], candidates[1:], penalties[1:], actions, strict=True):
+        steps = ((after[:, None] - before[None] - action) ** 2).sum(axis=2) / tolerance**2 + total
         back.append(steps.argmin(axis=1))
-        total = steps.min(axis=1)
-    place = int(total.argmin())
-    path = [candidates[-1][place]]
-    for number in range(len(back) - 1, -1, -1):
-        place = int(back[number][place])
-        path.append(candidates[number][place])
-    return np.array(path[::-1])
+        total = steps.min(axis=1) + penalty
+    paths = []
+    for last in np.argsort(total, kind="stable"):
+        place = int(last)
+        path = [candidates[-1][place]]
+        for number in range(len(back) - 1, -1, -1):
+            place = int(back[number][place])
+            path.append(candidates[number][place])
+        paths.append(np.array(path[::-1]))
+    return paths

@@ -96,7 +96,7 @@ def _step(equations: NormalEquations, damping: float) -> tuple[np.ndarray, np.nd
             return None
         predicted = shared @ (damping * scale * shared - gradient)
         return shared, None, float(predicted)
-    samples, width = equations.local.shape[:2]
+    width = equations.local.shape[1]
     local_scale = _scale(np.einsum("tii->ti", equations.local))
     blocks = equations.local.copy()
     blocks[:, np.arange(width), np.arange(width)] += damping * local_scale

@@ -12,10 +12,10 @@ from dense_vs.files import atomic_write, read_arrays
 from dense_vs.generative.cartesian import fit_cartesian
 from dense_vs.generative.denavit_hartenberg import DenavitHartenberg, from_lines
 from dense_vs.generative.fitting import FitOptions, fit_joint_model
-from dense_vs.generative.joint_inference import JointInference, likeliest_path, predict, project_points
+from dense_vs.generative.joint_inference import JointInference, predict, project_points
 from dense_vs.generative.observations import Observations
 from dense_vs.generative.online import OnlineLearner
-from dense_vs.generative.parameters import ModelParameters
+from dense_vs.generative.parameters import ModelParameters, finite_rows, link_poses
 from dense_vs.generative.pose_inference import infer_poses
 from dense_vs.generative.relearning import relearn
 from dense_vs.generative.report import FitReport
@@ -25,6 +25,7 @@ STATES = ("observed", "noisy", "actions")
 CONTROLLERS = ("joint", "cartesian")
 METHODS = ("lm", "paper")
 NOISES = ("constant", "proportional")
+EXACT_STEP = 1e-3  # rad by which a controller is trusted where its noise was not estimated
 STILL = 0.02  # rad that a joint which did not move while learning may be away from there
 
 FORMAT = "dense-vs generative model"
@@ -160,7 +161,7 @@ class GenerativeModel:
             pixels: NaN where not seen.
             near: ``(n,)`` or ``(B, n)`` [rad], where the arm should be, as the last estimate plus the commanded step:
                 of several postures that explain an image the nearest is taken.
-            actions: ``(B - 1, n)`` [rad] commanded between the images: the sequence most consistent with them is taken.
+            actions: ``(B - 1, n)`` [rad] commanded between the images: all are weighed together.
             robust: tolerate mistaken labels (Cauchy loss).
 
         Raises:
@@ -169,11 +170,11 @@ class GenerativeModel:
         self._need_joints()
         p = self.parameters
         images, single = self._images(pixels)
-        seen = np.isfinite(images[..., 0]) & np.isfinite(p.features).all(axis=1)
+        seen = np.isfinite(images[..., 0]) & finite_rows(p.features)
         few = np.flatnonzero(seen.sum(axis=(1, 2)) < 3)
         if len(few):
             raise DenseVSError(
-                f"image {few[0]} shows {int(seen[few[0]].sum())} known features; expected at least 3 to infer the joints"
+                f"image {few[0]} shows {int(seen[few[0]].sum())} known features; expected at least 3 to infer joints"
             )
         images = np.where(seen[..., None], images, np.nan)
         if near is not None:
@@ -188,10 +189,12 @@ class GenerativeModel:
                 raise DenseVSError(f"actions have shape {actions.shape}; expected finite {expected}")
         if self._inference is None:
             self._inference = JointInference(p, self.postures, self.report.pixel_sigma or 0.5)
-        found = self._inference(images, near, robust)
-        joints = found.joints
         if actions is not None:
-            joints = likeliest_path(found.candidates, actions)
+            sigma = self.report.joint_sigma or EXACT_STEP
+            information = ((self.report.pixel_sigma or 0.5) / sigma) ** 2
+            joints = self._inference.sequence(images, actions, information, robust)
+        else:
+            joints = self._inference(images, near, robust).joints
         return joints[0] if single else joints
 
     def infer_poses(self, pixels: Any) -> np.ndarray:
@@ -201,7 +204,13 @@ class GenerativeModel:
         fewer than four features of the hand to each camera.
         """
         images, single = self._images(pixels)
-        rotation, translation, _ = infer_poses(self.parameters, images, self._hand())
+        if self.controller == "cartesian":
+            assert self.poses is not None
+            known = self.poses[:, :3, :3], self.poses[:, :3, 3]
+        else:
+            turns, shifts = link_poses(self.parameters, self.postures)
+            known = turns[:, -1], shifts[:, -1]
+        rotation, translation, _ = infer_poses(self.parameters, images, self._hand(), known)
         poses = np.tile(np.eye(4), (len(images), 1, 1))
         poses[:, :3, :3], poses[:, :3, 3] = rotation, translation
         poses[np.isnan(translation[:, 0])] = np.nan
@@ -223,7 +232,9 @@ class GenerativeModel:
             current, target = self.infer_poses(current_pixels), self.infer_poses(target_pixels)
             for pose, name in ((current, "current"), (target, "target")):
                 if np.isnan(pose).any():
-                    raise DenseVSError(f"the {name} image shows fewer than 4 features to each camera; its pose is unknown")
+                    raise DenseVSError(
+                        f"the {name} image shows fewer than 4 features to each camera; its pose is unknown"
+                    )
             return target @ np.linalg.inv(current)
         current = self.infer_joints(current_pixels, near=near)
         return self.infer_joints(target_pixels, near=current) - current
@@ -267,7 +278,9 @@ class GenerativeModel:
         Raises:
             DenseVSError: the file cannot be written.
         """
-        content: dict[str, Any] = {f"parameters_{f.name}": getattr(self.parameters, f.name) for f in fields(ModelParameters)}
+        content: dict[str, Any] = {
+            f"parameters_{f.name}": getattr(self.parameters, f.name) for f in fields(ModelParameters)
+        }
         content |= {"format": FORMAT, "format_version": FORMAT_VERSION, "postures": self.postures}
         content |= {"controller": self.controller, "kinematics": self.kinematics}
         content |= {"image_sizes": np.array(self.image_sizes, dtype=np.int64).reshape(-1, 2)}
@@ -288,7 +301,9 @@ class GenerativeModel:
         """
         content = read_arrays(path, "a saved generative model")
         if str(content.get("format")) != FORMAT:
-            raise DenseVSError(f"{path} is not a saved generative model; expected a file that GenerativeModel.save wrote")
+            raise DenseVSError(
+                f"{path} is not a saved generative model; expected a file that GenerativeModel.save wrote"
+            )
         if str(content.get("format_version")) != str(FORMAT_VERSION):
             raise DenseVSError(f"{path} has format version {content.get('format_version')}; expected {FORMAT_VERSION}")
         try:
@@ -326,7 +341,9 @@ class GenerativeModel:
         except (TypeError, ValueError) as error:
             raise DenseVSError(f"pixels are a {type(pixels).__name__}; expected {expected} numbers an image") from error
         if images.shape[-3:] != expected or images.ndim not in (3, 4) or np.isinf(images).any():
-            raise DenseVSError(f"pixels have shape {images.shape}; expected finite or NaN {expected}, or several of them")
+            raise DenseVSError(
+                f"pixels have shape {images.shape}; expected finite or NaN {expected}, or several of them"
+            )
         return (images[None], True) if images.ndim == 3 else (images, False)
 
 

@@ -1,4 +1,4 @@
-"""What the generative model learns from: feature pixels of one or more cameras, and what is known of the arm's state."""
+"""What the generative model learns from: feature pixels of cameras, and what is known of the arm's state."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -69,7 +69,7 @@ class Observations:
             given = _numbers(self.intrinsics, "intrinsics", (cameras, -1))
             if given.shape[1] not in (4, INTRINSICS) or (given[:, :2] <= 0).any():
                 raise DenseVSError(
-                    f"intrinsics are {given.tolist()}; expected {cameras} rows of fx, fy, cx, cy (and k1, k2), fx, fy > 0"
+                    f"intrinsics are {given.tolist()}; expected {cameras} rows fx, fy, cx, cy (and k1, k2), fx, fy > 0"
                 )
             self.intrinsics = np.hstack([given, np.zeros((cameras, INTRINSICS - given.shape[1]))])
         if self.feature_link is not None:

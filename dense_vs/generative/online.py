@@ -13,6 +13,7 @@ import numpy as np
 
 from dense_vs.errors import DenseVSError
 from dense_vs.generative.observations import Observations
+from dense_vs.generative.parameters import finite_rows
 from dense_vs.generative.pixel_problem import Free, PixelProblem, State
 
 if TYPE_CHECKING:
@@ -29,6 +30,8 @@ class Change:
     Attributes:
         gradient_norm: of the buffer's loss by all parameters, eq. (6).
         camera_gradient_norms: ``(c,)`` the part by each camera's own parameters.
+        camera_gradient_ratios: ``(c,)`` the same over what pixel noise gives: g^T (J^T J)^-1 g per unknown and pixel
+            variance, about 1 in a model that holds.
         camera_errors_px: ``(c,)`` median error of the new sample by camera, NaN where nothing was seen.
         moved_cameras: those that the sample contradicts while others agree with the model.
         everything_moved: all cameras contradict it: the base, the hand's features or the joints changed.
@@ -36,6 +39,7 @@ class Change:
 
     gradient_norm: float
     camera_gradient_norms: np.ndarray
+    camera_gradient_ratios: np.ndarray
     camera_errors_px: np.ndarray
     moved_cameras: tuple[int, ...]
     everything_moved: bool
@@ -71,28 +75,32 @@ class OnlineLearner:
         expected = (len(p.intrinsics), len(p.features), 2)
         if q.shape != (p.joint_count,) or x.shape != expected or not np.isfinite(q).all():
             raise DenseVSError(
-                f"joints and pixels have shapes {q.shape} and {x.shape}; expected finite ({p.joint_count},) and {expected}"
+                f"joints and pixels have shapes {q.shape}, {x.shape}; expected finite ({p.joint_count},) and {expected}"
             )
         self.buffer.append((q, x))
         errors = np.linalg.norm(self.model.pixels(q[None])[0] - x, axis=2)
         medians = np.array([np.median(e[np.isfinite(e)]) if np.isfinite(e).any() else np.nan for e in errors])
-        limit = CHANGED * MEDIAN_OF_NOISE * max(self.model.report.pixel_sigma or 0.5, 0.3)
+        limit = CHANGED * MEDIAN_OF_NOISE * max(self._expected_sigma(), 0.3)
         contradicts = np.nan_to_num(medians) > limit
         agrees = medians <= limit
         everything = bool(contradicts.any() and not agrees.any() and len(medians) > 1)
         moved = () if everything else tuple(int(c) for c in np.flatnonzero(contradicts))
-        for camera in moved:
+        for camera in {*moved, *self.ignored}:
             self.ignored.add(camera)
             self._since[camera] = self._since.get(camera, 0) + 1
+        for camera in sorted(self.ignored):
             if self.relearn_after and self._since[camera] >= self.relearn_after:
                 self.relearn(camera)
-        norms = self.gradient_norms()
-        return Change(float(np.linalg.norm(norms)), norms[: len(medians)], medians, moved, everything)
+        norms, ratios = self.gradient_norms()
+        return Change(float(np.linalg.norm(norms)), norms[: len(medians)], ratios, medians, moved, everything)
 
-    def gradient_norms(self) -> np.ndarray:
-        """Norms of the gradient of the buffer's loss: by each camera's parameters ``(c,)``, then by all others."""
+    def gradient_norms(self) -> tuple[np.ndarray, np.ndarray]:
+        """Norms of the gradient of the buffer's loss: by each camera's parameters, then by all others, ``(c + 1,)``.
+
+        Beside them the cameras' ratios ``(c,)``, as in :class:`Change`.
+        """
         p = self.model.parameters
-        known = np.isfinite(p.features).all(axis=1)
+        known = finite_rows(p.features)
         joints = np.array([q for q, _ in self.buffer])
         pixels = np.where(known[:, None], np.array([x for _, x in self.buffer]), np.nan)
         free = Free(kinematics=True, features=known, cameras=True, intrinsics=True)
@@ -102,13 +110,27 @@ class OnlineLearner:
         state = State(finite, joints)
         behind = problem.seen & ~np.isfinite(problem.pixel_errors(state))
         problem.reweight(np.where(behind, 0.0, 1.0))
-        gradient = 2 * problem.linearize(state).shared_gradient
-        columns, norms, rest = problem.columns, [], np.ones(len(gradient), dtype=bool)
+        equations = problem.linearize(state)
+        gradient, variance = 2 * equations.shared_gradient, self._pixel_sigma() ** 2
+        columns, norms, ratios, rest = problem.columns, [], [], np.ones(len(gradient), dtype=bool)
         for pose, inner in zip(columns.cameras, columns.intrinsics, strict=True):
             own = [*range(pose, pose + 6), *range(inner, inner + columns.intrinsics_count)]
             norms.append(np.linalg.norm(gradient[own]))
+            half = gradient[own] / 2
+            step = np.linalg.lstsq(equations.shared[np.ix_(own, own)], half, rcond=1e-12)[0]
+            ratios.append(half @ step / (variance * len(own)))
             rest[own] = False
-        return np.array([*norms, np.linalg.norm(gradient[rest])])
+        return np.array([*norms, np.linalg.norm(gradient[rest])]), np.array(ratios)
+
+    def _pixel_sigma(self) -> float:
+        return max(self.model.report.pixel_sigma or 0.5, 0.05)
+
+    def _expected_sigma(self) -> float:
+        """Error of a coordinate [px] that readings bring: with noisy joints more than the pixels'."""
+        if self.model.report.joint_sigma is None:
+            return self._pixel_sigma()
+        before = [stage.rms for stage in self.model.report.stages if stage.name == "end to end"]
+        return max(self._pixel_sigma(), *before)
 
     def relearn(self, camera: int) -> None:
         """Learn a moved camera anew from the samples since it moved, and use it again.

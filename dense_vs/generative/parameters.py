@@ -51,6 +51,11 @@ class ModelParameters:
         return replace(self, **{name: np.array(value) for name, value in vars(self).items()})
 
 
+def finite_rows(points: np.ndarray) -> np.ndarray:
+    """Which points ``(..., 3)`` are known, bool ``(...)``: unknown ones are NaN."""
+    return np.asarray(np.isfinite(points).all(axis=-1))
+
+
 def turn(vectors: np.ndarray) -> np.ndarray:
     """Rotation matrices of rotation vectors ``(..., 3)`` [rad]."""
     return Rotation.from_rotvec(np.reshape(vectors, (-1, 3))).as_matrix().reshape(*np.shape(vectors), 3)

@@ -1,8 +1,9 @@
 """Least squares over feature pixels: which unknowns are free, their normal equations, and a step along them.
 
-One problem serves every stage: bundle adjustment (2) has a free pose a sample and no joints, end-to-end learning (6) the
-shared parameters alone, noisy states and actions (8), (10), (12), (14) the sample's joints or pose beside them. Unknowns
-of one sample touch no other one's pixels, so they are eliminated by the Schur complement (``levenberg_marquardt.py``).
+One problem serves every stage: bundle adjustment (2) has a free pose a sample and no joints, end-to-end learning (6)
+the shared parameters alone, noisy states and actions (8), (10), (12), (14) the sample's joints or pose beside them.
+Unknowns of one sample touch no other one's pixels, so the Schur complement eliminates them
+(``levenberg_marquardt.py``).
 """
 
 from dataclasses import dataclass, replace
@@ -30,8 +31,8 @@ class Free:
 class Columns:
     """First column of each shared unknown in the normal equations; -1 for what is known.
 
-    ``axes`` and ``points`` ``(n,)`` take 2 columns each, ``features`` ``(m,)`` 3, ``cameras`` ``(c,)`` 6, ``intrinsics``
-    ``(c,)`` ``intrinsics_count``; ``count`` is all of them.
+    ``axes`` and ``points`` ``(n,)`` take 2 columns each, ``features`` ``(m,)`` 3, ``cameras`` ``(c,)`` 6,
+    ``intrinsics`` ``(c,)`` ``intrinsics_count``; ``count`` is all of them.
     """
 
     axes: np.ndarray
@@ -246,7 +247,6 @@ class PixelProblem:
 
     def _load(self, state: State) -> None:
         p = state.parameters
-        posed = state.rotation is not None
         self.kernel.set(
             joints=state.joints - p.centre,
             axes=p.axes,
@@ -256,8 +256,8 @@ class PixelProblem:
             camera_rotation=p.camera_rotation,
             camera_translation=p.camera_translation,
             intrinsics=p.intrinsics,
-            pose_rotation=state.rotation if posed else p.base_rotation,
-            pose_translation=state.translation if posed else p.base_translation,
+            pose_rotation=p.base_rotation if state.rotation is None else state.rotation,
+            pose_translation=p.base_translation if state.translation is None else state.translation,
         )
 
     def _add_intrinsics_prior(self, state: State, equations: NormalEquations) -> None:

@@ -4,10 +4,11 @@ from dataclasses import replace
 
 import numpy as np
 
-from dense_vs.generative.parameters import ModelParameters, link_poses
-from dense_vs.generative.stereo import PNP_POINTS, resect
+from dense_vs.generative.parameters import ModelParameters, finite_rows, link_poses
+from dense_vs.generative.stereo import resect
 from dense_vs.generative.triangulation import rays, triangulate
 
+CAMERA_POINTS = 4  # fewest detections that place a camera
 PARALLAX = 1e7  # condition of the normal matrix beyond which rays are too nearly one
 
 
@@ -18,11 +19,11 @@ def place_features(
 
     Features that fewer than two rays fix stay NaN.
     """
-    missing = ~np.isfinite(parameters.features).all(axis=1) if which is None else which
+    missing = ~finite_rows(parameters.features) if which is None else which
     if not missing.any():
         return parameters
     rotation, translation = link_poses(parameters, joints)
-    known = np.isfinite(parameters.camera_translation).all(axis=1)
+    known = finite_rows(parameters.camera_translation)
     flat = np.where(known[:, None, None], rays(pixels, parameters.intrinsics), np.nan)
     shifts = np.nan_to_num(parameters.camera_translation)
     features = parameters.features.copy()
@@ -55,9 +56,9 @@ def place_cameras(
 ) -> ModelParameters:
     """Resect the cameras ``which`` ``(c,)``, those that are NaN unless given, from features that are known.
 
-    Cameras that see fewer than ``PNP_POINTS`` of them stay NaN.
+    Cameras that see fewer than ``CAMERA_POINTS`` of them stay NaN.
     """
-    missing = ~np.isfinite(parameters.camera_translation).all(axis=1) if which is None else which
+    missing = ~finite_rows(parameters.camera_translation) if which is None else which
     rotation, translation = link_poses(parameters, joints)
     world = np.einsum("tmij,mj->tmi", rotation[:, parameters.links], parameters.features)
     world = world + translation[:, parameters.links]
@@ -67,7 +68,7 @@ def place_cameras(
     flat = rays(pixels, inner)
     for camera in np.flatnonzero(missing):
         usable = np.isfinite(flat[:, camera, :, 0]) & np.isfinite(world[..., 0])
-        found = resect(world[usable], flat[:, camera][usable]) if usable.sum() >= PNP_POINTS else None
+        found = resect(world[usable], flat[:, camera][usable]) if usable.sum() >= CAMERA_POINTS else None
         shifts[camera] = np.nan
         if found is not None:
             turns[camera], shifts[camera] = found

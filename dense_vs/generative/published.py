@@ -1,10 +1,10 @@
 """Learning as the paper published it: three stages of L-BFGS over DH parameters, for comparison with the default.
 
-Stage 1, eq. (3): poses, structure and cameras from the initialisation by triangulation, 200 iterations. Stage 2, eq. (5):
-DH parameters from a random start to the poses, sum of Frobenius distances, minibatches first, 200 iterations. Stage 3,
-eq. (7): everything from the pixels, minibatches first, 200 iterations. With noisy joints or actions a fourth stage frees
-the joints, eqs. (11), (15). Gradients are analytic where the paper differentiates automatically; the optimiser is SciPy's
-L-BFGS-B. The chain has no tool transform, as printed.
+Stage 1, eq. (3): poses, structure and cameras from the initialisation by triangulation, 200 iterations. Stage 2, eq.
+(5): DH parameters from a random start to the poses, sum of Frobenius distances, minibatches first, 200 iterations.
+Stage 3, eq. (7): everything from the pixels, minibatches first, 200 iterations. With noisy joints or actions a fourth
+stage frees the joints, eqs. (11), (15). Gradients are analytic where the paper differentiates automatically; the
+optimiser is SciPy's L-BFGS-B. The chain has no tool transform, as printed.
 """
 
 import time
@@ -20,7 +20,7 @@ from dense_vs.generative.fitting import Fit, first_joints
 from dense_vs.generative.initialization import guessed_intrinsics
 from dense_vs.generative.observations import Observations
 from dense_vs.generative.outliers import robust_sigma
-from dense_vs.generative.parameters import ModelParameters, turn
+from dense_vs.generative.parameters import ModelParameters, finite_rows, turn
 from dense_vs.generative.report import FitReport, Stage
 from dense_vs.generative.stereo import Reconstruction, reconstruct
 from dense_vs.kernels.kinematics import FeatureProjection
@@ -156,7 +156,9 @@ def _kinematics(joints: np.ndarray, poses: np.ndarray, rng: np.random.Generator)
             difference = frames[:, -1] - poses[batch]
             distance = np.sqrt((difference**2).sum(axis=(1, 2))) + 1e-12
             pull = (difference / distance[:, None, None]) @ frames[:, -1].swapaxes(1, 2)
-            moment = np.stack([pull[:, 2, 1] - pull[:, 1, 2], pull[:, 0, 2] - pull[:, 2, 0], pull[:, 1, 0] - pull[:, 0, 1]], 1)
+            moment = np.stack(
+                [pull[:, 2, 1] - pull[:, 1, 2], pull[:, 0, 2] - pull[:, 2, 0], pull[:, 1, 0] - pull[:, 0, 1]], 1
+            )
             gradient = chain_gradient(frames, moment, pull[:, :3, 3])
             gradient[:3] = left_jacobian(x[None, :3])[0].T @ gradient[:3]
             return float(distance.sum()), gradient
@@ -180,7 +182,7 @@ def _everything(
     samples, cameras, features = obs.pixels.shape[:3]
     count = start.joints.shape[1]
     kernel = FeatureProjection(1, samples, np.zeros(features, int), 0, cameras, 4, "pose")
-    seen = obs.seen & np.isfinite(start.features).all(axis=1)
+    seen = obs.seen & finite_rows(start.features)
     kernel.set(pixels=np.where(seen[..., None], obs.pixels, 0.0))
     free_joints = samples * count if known is not None else 0
     sizes = [6, 4 * count, 3 * features, 6 * cameras, 4 * cameras, free_joints]
@@ -305,9 +307,7 @@ def _minibatches(
     size = max(int(BATCH_SHARE * samples), min(samples, 8))
     for _ in range(BATCHES):
         batch = np.sort(rng.choice(samples, size, replace=False))
-        x = minimize(
-            loss_of(batch), x, jac=True, method="L-BFGS-B", options={"maxiter": ITERATIONS // (2 * BATCHES)}
-        ).x
+        x = minimize(loss_of(batch), x, jac=True, method="L-BFGS-B", options={"maxiter": ITERATIONS // (2 * BATCHES)}).x
     x, stage = _l_bfgs(name, full, x, ITERATIONS // 2, clock, residuals)
     iterations = stage.iterations + ITERATIONS // 2
     return x, Stage(name, initial, stage.loss, stage.rms, iterations, stage.converged, stage.seconds)

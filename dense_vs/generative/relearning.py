@@ -15,17 +15,17 @@ from dense_vs.generative.initialization import guessed_intrinsics, intrinsics_pr
 from dense_vs.generative.levenberg_marquardt import Solution, minimize
 from dense_vs.generative.observations import Observations
 from dense_vs.generative.outliers import mistaken, robust_sigma
-from dense_vs.generative.parameters import ModelParameters
+from dense_vs.generative.parameters import ModelParameters, finite_rows
 from dense_vs.generative.pixel_problem import Free, PixelProblem, State
-from dense_vs.generative.placement import place_cameras, place_features
+from dense_vs.generative.placement import CAMERA_POINTS, place_cameras, place_features
 from dense_vs.generative.pose_inference import infer_poses
 from dense_vs.generative.report import FitReport, Stage
 from dense_vs.generative.stereo import Reconstruction
 from dense_vs.generative.triangulation import rigid_motion
 
 PARTS = "'camera:I', 'structure', 'structure:K,L,...', 'base' or 'kinematics'"
-KEPT_INTRINSICS = 0.02  # share by which a moved camera's focal length is expected to have changed at most
-KEPT_CENTRE = 3.0  # px
+KEPT_INTRINSICS = 0.003  # share of the focal length that a learnt lens may be off by when its camera was moved
+KEPT_CENTRE = 1.0  # px
 
 
 def relearn(
@@ -86,16 +86,22 @@ def _camera(
     parameters = place_cameras(parameters, pixels, obs.joints, guess, which)
     if not np.isfinite(parameters.camera_translation[camera]).all():
         count = int(np.isfinite(pixels[:, camera, :, 0]).sum())
-        raise DenseVSError(f"camera {camera} saw {count} features of the model; expected at least 6 to place it")
+        raise DenseVSError(
+            f"camera {camera} saw {count} features of the model; expected at least {CAMERA_POINTS} to place it"
+        )
     own = np.where(which[:, None, None], pixels, np.nan)
-    own = np.where(np.isfinite(parameters.features).all(axis=1)[:, None], own, np.nan)
+    own = np.where(finite_rows(parameters.features)[:, None], own, np.nan)
     if fresh:
         mean, information = intrinsics_prior(obs, guess[: obs.pixels.shape[1]], pixel_sigma)
         mean, information = mean[: len(which)], information[: len(which)]
     else:
         # The lens is the one that was learnt: a moved camera keeps its intrinsics but for a little.
         sigma = np.hstack(
-            [KEPT_INTRINSICS * parameters.intrinsics[:, :2], np.full((len(which), 2), KEPT_CENTRE), np.ones((len(which), 2))]
+            [
+                KEPT_INTRINSICS * parameters.intrinsics[:, :2],
+                np.full((len(which), 2), KEPT_CENTRE),
+                np.ones((len(which), 2)),
+            ]
         )
         mean, information = parameters.intrinsics.copy(), (pixel_sigma / sigma) ** 2
     free = Free(cameras=which, intrinsics=which)
@@ -118,7 +124,9 @@ def _structure(
             raise DenseVSError(f"what is 'structure:{detail}'; expected whole numbers of features below {features}")
         which = np.isin(np.arange(features), [int(k) for k in chosen])
         if features < len(parameters.features):
-            raise DenseVSError(f"pixels have {features} features; expected at least the model's {len(parameters.features)}")
+            raise DenseVSError(
+                f"pixels have {features} features; expected at least the model's {len(parameters.features)}"
+            )
     else:
         which = np.ones(features, dtype=bool)
     links = np.full(features, parameters.joint_count) if obs.feature_link is None else obs.feature_link.copy()
@@ -128,7 +136,7 @@ def _structure(
         old[:shared], links[:shared] = parameters.features[:shared], parameters.links[:shared]
     parameters = replace(parameters, features=old, links=links)
     parameters = place_features(parameters, obs.pixels, obs.joints, which)
-    placed = np.isfinite(parameters.features).all(axis=1) & which
+    placed = finite_rows(parameters.features) & which
     if not placed.any():
         raise DenseVSError("no feature was seen from two directions; record samples with more motion or more cameras")
     pixels = np.where(placed[:, None], obs.pixels, np.nan)
@@ -145,7 +153,7 @@ def _base(parameters: ModelParameters, obs: Observations) -> tuple[ModelParamete
     if len(posed) == 0:
         raise DenseVSError("no sample shows 4 features of the hand to a camera; expected at least one to find the base")
     unmoved = replace(parameters, base_rotation=np.eye(3), base_translation=np.zeros(3))
-    hand_points = parameters.features[hand & np.isfinite(parameters.features).all(axis=1)]
+    hand_points = parameters.features[hand & finite_rows(parameters.features)]
     source, target = [], []
     for t in posed:
         at_rest = _hand_points(unmoved, obs.joints[t], hand_points)
@@ -153,7 +161,7 @@ def _base(parameters: ModelParameters, obs: Observations) -> tuple[ModelParamete
         target.append(hand_points @ rotation[t].T + translation[t])
     turn, shift = rigid_motion(np.concatenate(source), np.concatenate(target))
     start = replace(parameters, base_rotation=turn, base_translation=shift)
-    pixels = np.where(np.isfinite(parameters.features).all(axis=1)[:, None], obs.pixels, np.nan)
+    pixels = np.where(finite_rows(parameters.features)[:, None], obs.pixels, np.nan)
     problem = PixelProblem(pixels, parameters.links, parameters.joint_count, Free(base=True))
     solution = _robust(problem, State(_finite(start), obs.joints))
     p = solution.state.parameters
@@ -184,7 +192,7 @@ def _kinematics(
     centre = obs.joints.mean(axis=0)
     chains, _ = fit_kinematics(obs.joints - centre, found, np.random.default_rng(seed))
     starts = [initial_parameters(chain, found, centre, parameters.intrinsics) for chain in chains]
-    at_end = hand & np.isfinite(parameters.features).all(axis=1)
+    at_end = hand & finite_rows(parameters.features)
     pixels = np.where(at_end[:, None], obs.pixels, np.nan)
     # The home pose is new, so the features move with it: the cameras alone stay.
     links = np.full(len(hand), parameters.joint_count)

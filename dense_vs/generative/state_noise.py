@@ -7,6 +7,7 @@ solutions, sigma^2 = mean(deviation^2 + posterior variance).
 
 from collections.abc import Callable
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
@@ -87,11 +88,10 @@ def _fit(
     return replace(solution, iterations=iterations, seconds=seconds), sigma
 
 
-def _posterior_variance(problem: PixelProblem | DHProblem, state: State, pixel_sigma: float, chained: bool) -> np.ndarray:
+def _posterior_variance(problem: Any, state: State, pixel_sigma: float, chained: bool) -> np.ndarray:
     """Variance [rad^2] of each deviation given the shared parameters."""
     equations = problem.linearize(state)
     assert equations.local is not None
-    samples, joints = equations.local.shape[:2]
     if not chained:
         inverse = np.linalg.inv(equations.local)
         return pixel_sigma**2 * np.einsum("tii->ti", inverse)

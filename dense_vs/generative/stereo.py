@@ -6,11 +6,13 @@ known rather than pair by pair, and every step tolerates mistaken labels: median
 """
 
 from dataclasses import dataclass
+from typing import Any
 
 import cv2
 import numpy as np
 
 from dense_vs.errors import DenseVSError
+from dense_vs.generative.parameters import finite_rows
 from dense_vs.generative.triangulation import rays, rigid_motion, triangulate
 
 PAIR_MATCHES = 12  # below, no essential matrix is trusted
@@ -45,12 +47,12 @@ def reconstruct(pixels: np.ndarray, intrinsics: np.ndarray) -> Reconstruction:
     Raises:
         DenseVSError: no two cameras share enough features, or they never share three in a sample.
     """
-    samples, cameras, features = pixels.shape[:3]
+    cameras = pixels.shape[1]
     seen = ~np.isnan(pixels[..., 0])
     a, b, matches = best_pair(seen)
     if matches < PAIR_MATCHES:
         raise DenseVSError(
-            f"cameras {a} and {b}, the best pair, saw the same feature of the hand at the same time in {matches} cases; "
+            f"cameras {a} and {b}, the best pair, saw the same feature of the hand together in {matches} cases; "
             f"expected at least {PAIR_MATCHES}: record features that two cameras see together"
         )
     flat = rays(pixels, intrinsics)
@@ -76,7 +78,7 @@ def complete(found: Reconstruction, pixels: np.ndarray, intrinsics: np.ndarray) 
     structure = _grow(views, structure, rotation, translation, posed)
     for _ in range(len(placed)):
         world = np.einsum("tij,mj->tmi", rotation, structure) + translation[:, None]
-        known = posed[:, None] & np.isfinite(structure).all(axis=1)
+        known = posed[:, None] & finite_rows(structure)
         fresh = [c for c in np.flatnonzero(~placed) if (seen[:, c] & known).sum() >= PNP_POINTS]
         if not fresh:
             break
@@ -138,7 +140,8 @@ def resect(points: np.ndarray, normalized: np.ndarray) -> tuple[np.ndarray, np.n
             flags=cv2.SOLVEPNP_SQPNP,
         )
         trials += [drawn[1:3]] if drawn[0] else []
-    for turn, shift in trials:
+    for first_turn, first_shift in trials:
+        turn, shift = first_turn, first_shift
         errors = _pnp_errors(points, normalized, turn, shift)
         sound = errors <= 5 * np.median(errors) + 1e-9
         if sound.sum() >= 4:
@@ -255,7 +258,7 @@ def _grow(
     """Pose sample after sample by the structure known so far, which grows with them; poses are changed in place."""
     size = np.sqrt(np.nanvar(structure, axis=0).sum())
 
-    def pose(t: int, least: int, least_pnp: int) -> bool:
+    def pose(t: Any, least: int, least_pnp: int) -> bool:
         chosen = views.known[t] & np.isfinite(structure[:, 0])
         if chosen.sum() >= least and _spread(structure[chosen]) > 0.1 * size:
             rotation[t], translation[t] = _robust_motion(structure[chosen], views.points[t][chosen])

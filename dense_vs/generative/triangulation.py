@@ -1,4 +1,4 @@
-"""Points from rays of several cameras, and rigid motions between point sets: the paper's initialisation by triangulation."""
+"""Points from rays of several cameras, and rigid motions between point sets, for the paper's initialisation."""
 
 import numpy as np
 
@@ -31,8 +31,8 @@ def triangulate(
         weights: ``(..., v)``.
         max_condition: of the normal matrix; beyond, the rays are too nearly one.
 
-    A point seen in fewer than two views, or of one ray only, is NaN. Two passes: the second divides each equation by the
-    depth that the first one found, so that errors count in the image.
+    A point seen in fewer than two views, or of one ray only, is NaN. Two passes: the second divides each equation by
+    the depth that the first one found, so that errors count in the image.
     """
     known = ~np.isnan(normalized[..., 0])
     weight = known * (1.0 if weights is None else weights)

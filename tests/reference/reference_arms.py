@@ -109,8 +109,8 @@ class Arm:
             )
             self.cameras.append(Camera(rotation, -rotation @ centre, intrinsics, distortion=distortion))
 
-        # On a ball-like body of 5 to 9 cm before the flange, normals outwards; ``facing`` leaves more of them on the side
-        # towards the cameras, 0 spreads them all around.
+        # On a ball-like body of 5 to 9 cm before the flange, normals outwards; ``facing`` leaves more of them on the
+        # side towards the cameras, 0 spreads them all around.
         middle = np.mean([c.centre for c in self.cameras], axis=0) - hand[:3, 3]
         direction = rng.normal(size=(features, 3))
         direction /= np.linalg.norm(direction, axis=1, keepdims=True)
