@@ -16,6 +16,7 @@ from dense_vs.sims.experiments.dije.servo_run import ServoTask, TaskReach, TaskR
 from dense_vs.sims.experiments.rows import Row
 
 PAPER_GAIN, PAPER_PERIOD = 0.034, 0.7
+HEIGHT, WIDTH = 240, 320  # px, of the images that are worked on
 EDGE = 16.0  # px; half the tracker's window and a little
 
 
@@ -38,6 +39,11 @@ def add_task_arguments(parser: argparse.ArgumentParser, task: ServoTask) -> None
     )
     parser.add_argument("--compliance", action="store_true", help="muscle-like joints: soft, late, read with noise")
     parser.add_argument("--distractor", default="none", help="what passes by, as walker-behind (default: none)")
+    parser.add_argument(
+        "--halve",
+        action="store_true",
+        help="render 640 x 480 and halve the images, as the paper; else render 320 x 240, which is faster",
+    )
     parser.set_defaults(task=task)
 
 
@@ -85,6 +91,8 @@ def run_seed(
         distractor=arguments.distractor,
         device=arguments.device,
         threads=arguments.threads,
+        height=HEIGHT * (1 + arguments.halve),
+        width=WIDTH * (1 + arguments.halve),
     )
     joints = len(task.joints)
     frames = round(arguments.period / FRAME_SECONDS)
@@ -95,10 +103,11 @@ def run_seed(
         babble_seconds=arguments.babble,
         command_seconds=arguments.period,
         command_period=arguments.period,
+        scale=0.5 if arguments.halve else 1.0,
         on_frame=lambda _: on_frame(),
         estimator=DenseJacobian(
-            height=240,
-            width=320,
+            height=HEIGHT,
+            width=WIDTH,
             joints=joints,
             device=arguments.device,
             threads=arguments.threads,
@@ -111,8 +120,8 @@ def run_seed(
     )
     run = TaskRun(seed, experiment.learn(), experiment.trace)
     for point in task.points:
-        place = experiment.world.project(point)
-        seen = well_inside(place, world.project(task.points[0]), world.shape[1:])
+        place = experiment.project(point)
+        seen = well_inside(place, experiment.project(task.points[0]), (HEIGHT, WIDTH))
         run.moved_into_view += int(np.any(seen != place))
         experiment.choose(seen)
         if isinstance(targets, int):
@@ -133,8 +142,8 @@ def run_seed(
                     (first, len(run.trace.times) - 1),
                 )
             )
-    run.estimated, run.true = experiment.loop.estimator.to_numpy().copy(), world.true_jacobian()
-    run.mask = world.robot_mask()
+    run.estimated = experiment.loop.estimator.to_numpy().copy()
+    run.true, run.mask = experiment.truth()
     return run
 
 
