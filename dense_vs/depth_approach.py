@@ -92,7 +92,8 @@ class DepthApproach:
             raise DenseVSError(f"near is {near}, steps {steps}, views {views}; expected above 0, in order, at least 2")
         self.camera, self.robot, self.segmenter = camera, robot, segmenter
         self.column = names.index(joint)
-        self.method, self.near, self.steps, self.views, self.on_view = method, near, steps, views, on_view
+        self.method: Method = method
+        self.near, self.steps, self.views, self.on_view = near, steps, views, on_view
 
     def run(self) -> Approach:
         """Approach from the present place, the object centred in the image."""

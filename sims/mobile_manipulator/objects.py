@@ -346,7 +346,7 @@ def _kitchen() -> list[HouseholdObject]:
                 "handle": Paint((0.7, 0.1, 0.12), (0.1, 0.1, 0.1), 0.2, 0.4),
             },
             0.016,
-            0.03,
+            0.035,
         ),
         HouseholdObject(
             "Knife",

@@ -42,7 +42,9 @@ def run(arguments: argparse.Namespace) -> "list[Row]":
     from dense_vs.sims.experiments.vosvs.configurations import CONFIGURATIONS
     from dense_vs.sims.experiments.vosvs.learn_figure import draw_learning
     from dense_vs.sims.experiments.vosvs.learning import UPDATES
+    from dense_vs.sims.experiments.vosvs.preparation import require_cpu
 
+    require_cpu(arguments.device)
     learnt: list[Learnt] = []
     with progress("learn", len(arguments.seeds) * len(CONFIGURATIONS) * len(UPDATES), "run") as bar:
         for seed in arguments.seeds:

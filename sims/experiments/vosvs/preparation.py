@@ -15,6 +15,16 @@ TEACHERS = {"base": "Plastic Chain", "base grasp": "Tuna"}  # the object that a 
 TEACHER = "Mug"
 
 
+def require_cpu(device: str) -> None:
+    """These experiments step one world with MuJoCo's C engine and render it beside, on the CPU.
+
+    Raises:
+        DenseVSError: another device was asked for.
+    """
+    if device not in ("auto", "cpu"):
+        raise DenseVSError(f"device is {device!r}; expected 'cpu' or 'auto': this experiment runs on the CPU")
+
+
 class Preparation:
     """A world of one seed; segmenters and J+ are learnt when first asked for, and J+ is then kept (alpha = 0).
 

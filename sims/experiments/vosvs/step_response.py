@@ -37,7 +37,9 @@ def run(arguments: argparse.Namespace) -> "list[Row]":
     """Run the experiment."""
     from dense_vs.cli.output import progress
     from dense_vs.sims.experiments.vosvs.configurations import CONFIGURATIONS
+    from dense_vs.sims.experiments.vosvs.preparation import require_cpu
 
+    require_cpu(arguments.device)
     responses: list[Response] = []
     with progress("step response", len(arguments.seeds) * len(CONFIGURATIONS) * len(OBJECTS), "run") as bar:
         for seed in arguments.seeds:

@@ -41,8 +41,9 @@ def run(arguments: argparse.Namespace) -> "list[Row]":
     """Run the experiment."""
     from dense_vs.cli.output import progress
     from dense_vs.sims.experiments.vosvs.pictures import write_tiles
-    from dense_vs.sims.experiments.vosvs.preparation import TEACHER, Preparation
+    from dense_vs.sims.experiments.vosvs.preparation import TEACHER, Preparation, require_cpu
 
+    require_cpu(arguments.device)
     tracks: list[Track] = []
     with progress("track", len(arguments.seeds) * len(SPEED) * arguments.looks) as bar:
         for seed in arguments.seeds:

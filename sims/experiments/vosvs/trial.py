@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     import numpy as np
 
+    from dense_vs.depth.mask_fit import Method
     from dense_vs.sims.experiments.rows import Row
     from dense_vs.sims.experiments.vosvs.trials import ObjectTrial
 
@@ -27,7 +28,9 @@ def run(arguments: argparse.Namespace) -> "list[Row]":
     """Run the experiment."""
     from dense_vs.cli.output import progress, table
     from dense_vs.sims.experiments.vosvs.pictures import write_tiles
+    from dense_vs.sims.experiments.vosvs.preparation import require_cpu
 
+    require_cpu(arguments.device)
     results: dict[int, list[ObjectTrial]] = {}
     with progress("trial", 24 * len(arguments.seeds), "object") as bar:
         for seed in arguments.seeds:
@@ -40,7 +43,7 @@ def run(arguments: argparse.Namespace) -> "list[Row]":
 
 
 def run_trials(
-    seed: int, method: str, threads: int | None, bar, tiles: "list[tuple[str, np.ndarray]]"
+    seed: int, method: "Method", threads: int | None, bar, tiles: "list[tuple[str, np.ndarray]]"
 ) -> "list[ObjectTrial]":
     """The eight trials of one seed, in one run."""
     import numpy as np
