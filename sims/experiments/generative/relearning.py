@@ -93,8 +93,7 @@ def _errors(
     model: "GenerativeModel", trial: Trial, intrinsics: np.ndarray, part: str, counts: list[int]
 ) -> list[float]:
     """Error [px] after relearning from each number of samples; infinite where the samples were refused."""
-    import copy
-
+    from dense_vs.generative import GenerativeModel
     from dense_vs.sims.generative.evidence import draw_joints, guessed_intrinsics, observe
 
     rng = trial.rng(20 + list(PARTS).index(part))
@@ -107,7 +106,8 @@ def _errors(
     )
     errors = []
     for samples in counts:
-        again = copy.deepcopy(model)
+        report = replace(model.report)
+        again = GenerativeModel(model.parameters.copy(), model.postures, report, image_sizes=model.image_sizes)
         try:
             again.relearn(seen[:samples], PARTS[part])
         except DenseVSError:
