@@ -15,7 +15,8 @@ def add_world_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--robot",
         default="arm",
-        help="arm (4 joints in 3D), planar (3 joints) or the path of an MJCF file (default: arm)",
+        help="arm (4 joints in 3D), planar (3 joints), upper-body (two arms of 7 joints), upper-body-rake, "
+        "upper-body-vacuum (with a tool), or the path of an MJCF file (default: arm)",
     )
     parser.add_argument("--joints", metavar="A,B,C", help="joints to use (default: all with a position actuator)")
     parser.add_argument("--camera", help="camera of the model (default: its first)")
@@ -24,7 +25,11 @@ def add_world_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--distractor",
         default="none",
-        help="none, behind or front: a textured plate that moves behind or before the arm (default: none)",
+        help="none, behind or front: a textured plate that moves behind or before the arm; for the upper body "
+        "walker or chair -behind, -next or -across, as walker-behind (default: none)",
+    )
+    parser.add_argument(
+        "--compliance", action="store_true", help="joints that are soft, late and read with noise; our robots only"
     )
     parser.add_argument("--seed", type=int, default=0, help="of textures, posture, motion and targets (default: 0)")
     add_device_arguments(parser)
@@ -52,4 +57,5 @@ def make_world(arguments: argparse.Namespace) -> "SimWorld":
         seed=arguments.seed,
         threads=arguments.threads,
         distractor=arguments.distractor,
+        compliance=arguments.compliance,
     )

@@ -26,8 +26,8 @@ def add_task_arguments(parser: argparse.ArgumentParser, task: ServoTask) -> None
         "--targets",
         nargs="+",
         default=["2"],
-        metavar="N",
-        help="random reachable targets a point (default: 2), or the targets themselves as X,Y [px]",
+        metavar="N|X,Y",
+        help="number of random reachable targets for each point (default: 2), or the targets themselves [px]",
     )
     parser.add_argument("--babble", type=float, default=20.0, metavar="S", help="seconds of learning (default: 20)")
     parser.add_argument(
