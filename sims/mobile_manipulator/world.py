@@ -23,6 +23,7 @@ CAMERAS = ("head", "grasp")
 FINGERS = ("left_finger", "right_finger")
 OPENING = 0.135  # m, largest
 BASE = slice(7, 10)
+_BACK_OFF = 0.015  # m or rad, of the base from what it touched
 # Joint speeds [rad/s, m/s]; a motion takes as long as its slowest joint.
 SPEEDS = np.array([1.0, 1.0, 0.25, 0.8, 1.2, 1.2, 1.5, 0.3, 0.3, 0.6])
 
@@ -79,6 +80,8 @@ class MobileWorld:
         self._noise, self._slip = noise, slip
         self._finger_actuators = [model.actuator(name).id for name in FINGERS]
         self._columns = model.jnt_qposadr[self.scene.joints]
+        self._base_geom = model.geom("base").id
+        self._target = self.scene.home_qpos[self._columns].copy()  # where the joints are commanded to be
         self._odometry_error = np.zeros(3)
         self.frames = 0
         self.before_frame: Callable[[], None] | None = None  # moves what moves on its own
@@ -129,12 +132,16 @@ class MobileWorld:
         if forget_odometry:
             self._odometry_error[:] = 0.0
         self.physics.reset(qpos[None])
+        self._target = qpos[self._columns].copy()
         for actuator in self._finger_actuators:
             self.state.ctrl[actuator] = OPENING / 2
         self._settled()
 
     def move(self, delta: Any, *, settle_frames: int = 6) -> None:
-        """Change the joint targets by delta (10,) [rad, m] along a ramp at the joints' speeds, then come to rest."""
+        """Change the joint targets by delta (10,) [rad, m] along a ramp at the joints' speeds, then come to rest.
+
+        The base stops where it touches something, as a robot with a bumper does, and stays there.
+        """
         delta = np.asarray(delta, dtype=float)
         if delta.shape != (len(JOINTS),) or not np.isfinite(delta).all():
             raise DenseVSError(f"delta is {delta.tolist()}; expected {len(JOINTS)} finite numbers")
@@ -145,6 +152,12 @@ class MobileWorld:
         frames = max(1, int(np.ceil(np.max(np.abs(delta) / SPEEDS) / FRAME_SECONDS)))
         for _ in range(frames):
             self._advance(delta / frames)
+            if delta[BASE].any() and self._base_touches():
+                way = delta[BASE] / max(float(np.abs(delta[BASE]).max()), 1e-9)
+                delta[BASE] = 0.0
+                back = np.zeros(len(JOINTS))
+                back[BASE] = self.true_joints()[BASE] - self._target[BASE] - _BACK_OFF * way
+                self._advance(back)
         self.wait(settle_frames)
         self.frames += frames
 
@@ -243,7 +256,11 @@ class MobileWorld:
     def _advance(self, step: np.ndarray) -> None:
         if self.before_frame is not None:
             self.before_frame()
+        self._target = np.clip(self._target + step, *self.scene.joint_limits.T)
         self.physics.advance(step[None])
+
+    def _base_touches(self) -> bool:
+        return bool(np.any(self.state.contact.geom == self._base_geom))
 
     def _place(self, name: str, position: Any, yaw: float) -> None:
         joint = self.model.joint(self.objects[name].body)

@@ -83,6 +83,7 @@ def table_rows(results: "dict[int, list[Pick]]") -> "list[Row]":
     import numpy as np
 
     from dense_vs.sims.experiments.rows import Row
+    from dense_vs.sims.experiments.vosvs.summary import finite_percentile
 
     rows = []
     for seed, picks in results.items():
@@ -93,7 +94,7 @@ def table_rows(results: "dict[int, list[Pick]]") -> "list[Row]":
     rows.append(Row("grasp check right", None, 100 * float(np.mean(right)) if right else np.nan, "%", seeds))
     rows.append(Row("grasp checks", None, len(right), "", seeds))
     errors = [abs(one.trial.depth_error) for picks in results.values() for one in picks]
-    rows.append(Row("depth error, median", None, 100 * np.nanmedian(errors), "%", seeds))
+    rows.append(Row("depth error, median", None, 100 * finite_percentile(errors), "%", seeds))
     return rows
 
 

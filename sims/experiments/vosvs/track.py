@@ -137,6 +137,7 @@ def table_rows(tracks: list[Track], seeds: tuple[int, ...]) -> "list[Row]":
     import numpy as np
 
     from dense_vs.sims.experiments.rows import Row
+    from dense_vs.sims.experiments.vosvs.summary import finite_percentile
 
     rows = []
     for config in SPEED:
@@ -145,8 +146,8 @@ def table_rows(tracks: list[Track], seeds: tuple[int, ...]) -> "list[Row]":
         errors = np.abs(centroids - mine[0].target).max(axis=1)
         seen = 100 * float(np.mean(np.isfinite(errors)))
         rows.append(Row(f"{config}: looks with the object in view", None, seen, "%", seeds))
-        rows.append(Row(f"{config}: true error, median", None, np.nanmedian(errors), "px", seeds))
-        rows.append(Row(f"{config}: true error, 90th percentile", None, np.nanpercentile(errors, 90), "px", seeds))
+        rows.append(Row(f"{config}: true error, median", None, finite_percentile(errors), "px", seeds))
+        rows.append(Row(f"{config}: true error, 90th percentile", None, finite_percentile(errors, 90), "px", seeds))
         rows.append(Row(f"{config}: times lost", None, sum(one.lost for one in mine), "", seeds))
         way = float(np.mean([one.travelled for one in mine]))
         rows.append(Row(f"{config}: the object's way", None, way, "m", seeds))

@@ -86,6 +86,7 @@ def table_rows(results: "dict[int, list[ObjectTrial]]") -> "list[Row]":
     import numpy as np
 
     from dense_vs.sims.experiments.rows import Row
+    from dense_vs.sims.experiments.vosvs.summary import finite_percentile
 
     rows = []
     for seed, ones in results.items():
@@ -94,11 +95,13 @@ def table_rows(results: "dict[int, list[ObjectTrial]]") -> "list[Row]":
     seeds = tuple(results)
     errors = 100 * np.abs([one.depth_error for ones in results.values() for one in ones])
     surface = 100 * np.abs([one.surface_error for ones in results.values() for one in ones])
-    rows.append(Row("depth error, median, against the outline's depth", None, np.nanmedian(errors), "%", seeds))
-    rows.append(Row("depth error, 90th percentile", None, np.nanpercentile(errors, 90), "%", seeds))
-    rows.append(Row("depth error, median, against the mean surface depth", None, np.nanmedian(surface), "%", seeds))
+    rows.append(Row("depth error, median, against the outline's depth", None, finite_percentile(errors), "%", seeds))
+    rows.append(Row("depth error, 90th percentile", None, finite_percentile(errors, 90), "%", seeds))
+    rows.append(
+        Row("the same against the mean surface depth", None, finite_percentile(surface), "%", seeds)
+    )
     iou = [one.iou[1] for ones in results.values() for one in ones]
-    rows.append(Row("mask IoU at the nearest view, median", None, np.nanmedian(iou), "", seeds))
+    rows.append(Row("mask IoU at the nearest view, median", None, finite_percentile(iou), "", seeds))
     return rows
 
 
