@@ -6,9 +6,10 @@ import time
 import numpy as np
 import pytest
 import warp as wp
+from planar_scene import PlanarScene
 from reference_self_body import evaluation, lloyd, nearest
 
-from dense_vs import DenseJacobian, DenseVSError, FramePipeline, SelfBody, cluster_worker
+from dense_vs import DenseJacobian, DenseVSError, FramePipeline, SelfBody, ServoLoop, cluster_worker
 from dense_vs.cluster_evaluation import evaluate_clusters
 from dense_vs.cluster_worker import SelfBodyStatus
 from dense_vs.self_motion import SelfMotionOptions
@@ -272,6 +273,45 @@ def test_a_pipeline_feeds_the_body(scene, postures):
         FramePipeline(DenseJacobian(height=48, width=64, joints=3, device="cpu"), body=by_hand)
     with pytest.raises(DenseVSError, match="the pipeline has no body to label"):
         FramePipeline(estimator).labels()
+
+
+class StreetCamera:
+    """Sees the plane that the robot moves and, from the third second on, somebody run past on the left."""
+
+    def __init__(self, robot, scene):
+        self.robot, self.scene = robot, scene
+
+    def read(self):
+        seen = self.scene.image(self.robot.q)
+        late = self.robot.time - 2.0
+        if late > 0:
+            where = self.scene.pixels[:, :40] - [240 * late, 500]
+            seen[:, :40] = self.scene.texture(where)
+        return seen, self.robot.time
+
+
+class PlaneRobot:
+    joint_names = PlanarScene.joint_names
+
+    def __init__(self):
+        self.q, self.time = np.zeros(4), 0.0
+
+    def joints(self):
+        return self.q.copy(), self.time
+
+    def command(self, delta):
+        self.q, self.time = self.q + delta, self.time + 1 / 30
+
+
+def test_what_is_not_the_robot_does_not_slow_its_babbling(scene):
+    rates = {}
+    for name, body in (("known", make(method="motion")), ("unknown", None)):
+        robot = PlaneRobot()
+        loop = ServoLoop(StreetCamera(robot, scene), robot, device="cpu", seed=2, body=body)
+        loop.babble(3.0)
+        rates[name] = loop.babbling.rate
+    assert rates["unknown"] < 0.1
+    assert rates["known"] > 3 * rates["unknown"]
 
 
 @pytest.mark.parametrize(
