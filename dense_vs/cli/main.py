@@ -15,6 +15,7 @@ COMMANDS = {
     "depth-eval": "dense_vs.cli.depth_eval",
     "depth-train": "dense_vs.sims.cli.depth_train",
     "estimate": "dense_vs.cli.estimate",
+    "learn-model": "dense_vs.cli.learn_model",
     "reach": "dense_vs.sims.cli.reach",
     "record": "dense_vs.sims.cli.record",
     "reproduce": "dense_vs.sims.cli.reproduce",

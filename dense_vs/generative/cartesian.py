@@ -58,9 +58,8 @@ def fit_cartesian(
     hand = np.ones(obs.pixels.shape[2], dtype=bool)
     found = candidates(obs, hand, np.random.default_rng(seed))
     aligned = [_aligned(candidate, obs, state) for candidate in found]
-    candidate, (rotation, translation, features, turns, shifts), error = min(
-        zip(found, [a[0] for a in aligned], [a[1] for a in aligned], strict=True), key=lambda item: item[2]
-    )
+    best = min(range(len(found)), key=lambda k: aligned[k][1])
+    candidate, ((rotation, translation, features, turns, shifts), error, before) = found[best], aligned[best]
     report = FitReport(unused_samples=[int(t) for t in np.flatnonzero(~obs.seen.any(axis=(1, 2)))])
     bundle = candidate.solution
     clock = time.perf_counter()
@@ -75,7 +74,7 @@ def fit_cartesian(
             clock - started,
         )
     )
-    report.stages.append(Stage("alignment", float("nan"), error, error, 0, True, time.perf_counter() - clock))
+    report.stages.append(Stage("alignment", before, error, error, 0, True, time.perf_counter() - clock))
     placed = finite_rows(features)
     parameters = ModelParameters(
         np.zeros((0, 3)),
@@ -185,8 +184,8 @@ def align_frames(
     return turn, float(solution[0]), solution[1:]
 
 
-def _aligned(candidate: Candidate, obs: Observations, state: str) -> tuple[tuple[np.ndarray, ...], float]:
-    """Poses, features and cameras of a candidate in the robot's frame, and how far the rotations are off [rad]."""
+def _aligned(candidate: Candidate, obs: Observations, state: str) -> tuple[tuple[np.ndarray, ...], float, float]:
+    """Poses, features and cameras of a candidate in the robot's frame; how far rotations are off, and were [rad]."""
     found = candidate.found
     samples = len(obs)
     if state == "actions":
@@ -220,7 +219,8 @@ def _aligned(candidate: Candidate, obs: Observations, state: str) -> tuple[tuple
         _carry_on(found.posed, obs.actions, rotation, translation)
     turns = found.camera_rotation @ turn.T
     shifts = scale * found.camera_translation - turns @ shift
-    return (rotation, translation, features, turns, shifts), float(np.median(np.linalg.norm(off, axis=1)))
+    error, before = (np.median(np.linalg.norm(v, axis=1)) for v in (off, rotation_vector(motions[:, :3, :3])))
+    return (rotation, translation, features, turns, shifts), float(error), float(before)
 
 
 def _carry_on(posed: np.ndarray, actions: np.ndarray, rotation: np.ndarray, translation: np.ndarray) -> None:

@@ -52,8 +52,10 @@ def fit_kinematics(
         weights = 1 / (1 + (errors / (2 * minimum.rms + 1e-6)) ** 2) ** 2
         points, place = fit_axis_points(q, minimum.axes, translation, weights)
         fits.append(KinematicFit(minimum.axes, points, minimum.home, place, minimum.rms))
+    mean = fits[0].home_rotation
+    initial = float((rotation_errors(np.zeros_like(q), rotation, fits[0].axes, mean) ** 2).sum())
     loss = float((rotation_errors(q, rotation, fits[0].axes, fits[0].home_rotation) ** 2).sum())
-    stage = Stage("kinematics", float("nan"), loss, fits[0].rms, 0, True, time.perf_counter() - started)
+    stage = Stage("kinematics", initial, loss, fits[0].rms, 0, True, time.perf_counter() - started)
     return fits, stage
 
 

@@ -72,18 +72,8 @@ def fit_joint_model(obs: Observations, seed: int, options: FitOptions) -> Fit:
     )
     clock = time.perf_counter()
     centre = joints.mean(axis=0)
-    starts, kinematic_rms = _assemble(found, joints, centre, rng)
-    report.stages.append(
-        Stage(
-            "kinematics",
-            float("nan"),
-            kinematic_rms**2 * len(joints),
-            kinematic_rms,
-            0,
-            True,
-            time.perf_counter() - clock,
-        )
-    )
+    starts, stage = _assemble(found, joints, centre, rng)
+    report.stages.append(replace(stage, seconds=time.perf_counter() - clock))
     clock = time.perf_counter()
     guess = guessed_intrinsics(obs)
     parameters, solution = _from_hand(obs, links, joints, starts, options, guess, pixel_sigma)
@@ -163,23 +153,24 @@ def _bundle_sigma(candidate: Candidate) -> float:
 
 def _assemble(
     found: list[Candidate], joints: np.ndarray, centre: np.ndarray, rng: np.random.Generator
-) -> tuple[list[tuple[ModelParameters, np.ndarray]], float]:
-    """Starts of the end-to-end stage with the weights of their bundles, best kinematic fit first."""
+) -> tuple[list, Stage]:
+    """Starts of the end-to-end stage, (parameters, weights, cameras, features), best kinematics first; their report."""
     starts = []
     for candidate in found:
         if candidate.found.posed.sum() < 3:
             continue
-        chains, _ = fit_kinematics(joints - centre, candidate.found, rng)
+        chains, stage = fit_kinematics(joints - centre, candidate.found, rng)
         for chain in chains:
             start = initial_parameters(chain, candidate.found, centre, candidate.intrinsics)
             placed = candidate.found.placed_cameras
-            starts.append((chain.rms, start, candidate.weights, placed, np.isfinite(candidate.found.structure[:, 0])))
+            features = np.isfinite(candidate.found.structure[:, 0])
+            starts.append((chain.rms, start, candidate.weights, placed, features, stage))
     if not starts:
         raise DenseVSError(
             "the hand's pose is known in fewer than 3 samples; record features that stay visible as the arm moves"
         )
     starts.sort(key=lambda start: (-start[3].sum(), start[0]))
-    return [start[1:] for start in starts], float(starts[0][0])
+    return [start[1:5] for start in starts], starts[0][5]
 
 
 def _from_hand(

@@ -11,6 +11,7 @@ from dense_vs.generative.levenberg_marquardt import Solution
 from dense_vs.generative.observations import Observations
 from dense_vs.generative.stereo import Reconstruction, complete, reconstruct
 
+LINE = 0.03  # second extent of the structure over its first: below, noise alone makes it
 POSED_SHARE = 0.6  # of the samples: below, a reconstruction gets company from other methods
 GOOD_BUNDLE = 1.5  # px RMS of a coordinate
 FACTORIZATIONS = 4
@@ -66,6 +67,7 @@ def candidates(obs: Observations, hand: np.ndarray, rng: np.random.Generator) ->
             found.append(_adjusted(reconstruct(pixels, guess), pixels, guess))
         except DenseVSError as error:
             refusal = error
+    _refuse_a_line(found)
     sound = [c for c in found if c.found.posed.mean() >= POSED_SHARE and c.found.placed_cameras.all()]
     if sound:
         return sound
@@ -83,10 +85,23 @@ def candidates(obs: Observations, hand: np.ndarray, rng: np.random.Generator) ->
                 break
     if not found:
         raise refusal or DenseVSError("the pixels hold too few features to find structure and motion")
+    _refuse_a_line(found)
     posed = np.array([c.found.posed.sum() + len(obs) * c.found.placed_cameras.sum() for c in found], dtype=float)
     rms = np.array([c.rms for c in found])
     order = np.lexsort((rms, rms > GOOD_BUNDLE, -(posed // 5)))
     return [found[k] for k in order]
+
+
+def _refuse_a_line(found: list[Candidate]) -> None:
+    """Features on a line leave the hand's turn about it open; noise fills that in with something."""
+    for candidate in found:
+        known = candidate.found.structure[np.isfinite(candidate.found.structure[:, 0])]
+        extents = np.linalg.svd(known - known.mean(axis=0), compute_uv=False)
+        if candidate.rms < GOOD_BUNDLE and (len(extents) < 2 or extents[1] < LINE * extents[0]):
+            raise DenseVSError(
+                f"the features of the hand lie on a line (extents {np.round(extents / extents[0], 4).tolist()}); "
+                "expected at least one well off it, or turns about the line are not seen"
+            )
 
 
 def _adjusted(found: Reconstruction, pixels: np.ndarray, guess: np.ndarray) -> Candidate:

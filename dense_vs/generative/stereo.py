@@ -126,7 +126,10 @@ def resect(points: np.ndarray, normalized: np.ndarray) -> tuple[np.ndarray, np.n
     SQPnP, then Levenberg-Marquardt of OpenCV on those that fit.
     """
     best, best_error = None, np.inf
-    found, turn, shift = cv2.solvePnP(points, normalized, np.eye(3), None, flags=cv2.SOLVEPNP_SQPNP)
+    try:
+        found, turn, shift = cv2.solvePnP(points, normalized, np.eye(3), None, flags=cv2.SOLVEPNP_SQPNP)
+    except cv2.error:  # points in one place or on a line
+        return None
     trials = [(turn, shift)] if found else []
     if len(points) >= 8:
         threshold = max(4 * np.median(_pnp_errors(points, normalized, turn, shift)), 2e-3) if found else 0.01
