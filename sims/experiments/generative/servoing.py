@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from dense_vs.generative import GenerativeModel
 
 REACHED_PX = 1.0
+LEAST_SEEN = 3  # features of an image to infer joints from
 
 
 @dataclass(frozen=True)
@@ -63,17 +64,19 @@ def servo_model(
 
     Args:
         read: what the joints' sensors say of true joints (B, n), asked once at the start; None where nothing is read.
-            Afterwards the inference starts from its last estimate and the commanded step.
+            Afterwards the inference starts from its last estimate and the commanded step, and that is all there is
+            to go by while fewer than 3 features are seen.
     """
     joints = tasks.start.copy()
-    near = None if read is None else read(joints)
+    believed = np.full_like(joints, np.nan) if read is None else read(joints)
     errors = [_errors(arm, arm.chain.flange_pose(joints), tasks)]
     for _ in range(moves):
         exact = arm.pixels(joints)
-        present = model.infer_joints(exact + rng.normal(0.0, PIXEL_NOISE, exact.shape), near=near)
-        goal = model.infer_joints(tasks.target_pixels, near=present)
-        joints = joints + np.stack([controller.joint_step(step) for step in goal - present])
-        near = goal
+        present = _inferred(model, exact + rng.normal(0.0, PIXEL_NOISE, exact.shape), believed)
+        goal = _inferred(model, tasks.target_pixels, present)
+        for task in np.flatnonzero(np.isfinite(goal - present).all(axis=1)):
+            joints[task] += controller.joint_step(goal[task] - present[task])
+            believed[task] = goal[task]
         errors.append(_errors(arm, arm.chain.flange_pose(joints), tasks))
     return np.stack(errors, axis=1)
 
@@ -86,14 +89,19 @@ def servo_model_cartesian(
     rng: np.random.Generator,
     controller: NoisyController,
 ) -> np.ndarray:
-    """Errors (B, moves + 1) [px] of commanding inferred transforms of the hand."""
+    """Errors (B, moves + 1) [px] of commanding inferred transforms of the hand, as ``model.command``, for all at once.
+
+    A task whose pose cannot be inferred, now or at the target, stays where it is.
+    """
     poses = tasks.start.copy()
+    goals = model.infer_poses(tasks.target_pixels)
     errors = [_errors(arm, poses, tasks)]
     for _ in range(moves):
         exact = arm.pixels_of_poses(poses)
         seen = exact + rng.normal(0.0, PIXEL_NOISE, exact.shape)
-        actions = [model.command(now, then) for now, then in zip(seen, tasks.target_pixels, strict=True)]
-        poses = np.stack([executed(controller, action, pose) for action, pose in zip(actions, poses, strict=True)])
+        for task, (goal, present) in enumerate(zip(goals, model.infer_poses(seen), strict=True)):
+            if np.isfinite(goal).all() and np.isfinite(present).all():
+                poses[task] = executed(controller, goal @ np.linalg.inv(present), poses[task])
         errors.append(_errors(arm, poses, tasks))
     return np.stack(errors, axis=1)
 
@@ -130,6 +138,22 @@ def moves_needed(errors: np.ndarray, reached: float = REACHED_PX) -> np.ndarray:
     """Moves (B,) until a task first is below ``reached`` px; infinite where it never is."""
     below = errors < reached
     return np.where(below.any(axis=1), below.argmax(axis=1), np.inf)
+
+
+def _inferred(model: "GenerativeModel", images: np.ndarray, near: np.ndarray) -> np.ndarray:
+    """Joints (B, n) of images (B, c, m, 2), looked for near (B, n) where that is known, NaN where not.
+
+    Where too little is seen to infer anything, ``near`` stands.
+    """
+    known = np.isfinite(model.parameters.features).all(axis=1)
+    enough = (np.isfinite(images[..., 0]) & known).sum(axis=(1, 2)) >= LEAST_SEEN
+    guided = np.isfinite(near).all(axis=1)
+    joints = near.copy()
+    if (enough & guided).any():
+        joints[enough & guided] = model.infer_joints(images[enough & guided], near=near[enough & guided])
+    if (enough & ~guided).any():
+        joints[enough & ~guided] = model.infer_joints(images[enough & ~guided])
+    return joints
 
 
 def _errors(arm: ObservedArm, poses: np.ndarray, tasks: Tasks) -> np.ndarray:

@@ -9,7 +9,7 @@ from dense_vs.sims.experiments.generative.insertion import sides
 
 def test_standing_off_stretches_the_distance_and_keeps_the_shape():
     rng = np.random.default_rng(0)
-    hand, part = rng.normal(size=(5, 3)), rng.normal(size=(4, 3)) + [0, 0, 3]
+    hand, part = rng.normal(size=(5, 3)), rng.normal([0, 0, 3], size=(4, 3))
     far = stand_off(hand, part, 1.4)
     distance = [np.linalg.norm(p.mean(axis=0) - hand.mean(axis=0)) for p in (part, far)]
     np.testing.assert_allclose(distance[1], 1.4 * distance[0])
