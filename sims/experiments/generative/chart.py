@@ -45,7 +45,7 @@ def draw_lines(
         axes.plot(places, values, color="black", marker=marker, ls="--", lw=0.8, ms=5, label=label)
     for label, height in (levels or {}).items():
         axes.axhline(height, color="grey", ls=":", lw=1)
-        axes.annotate(label, (0.99, height), xycoords=("axes fraction", "data"), ha="right", va="bottom", color="grey")
+        axes.annotate(label, (0.01, height), xycoords=("axes fraction", "data"), ha="left", va="top", color="grey")
     if logarithmic:
         axes.set_yscale("log")
     axes.set(title=title, xlabel=x_label, ylabel=y_label)
