@@ -20,6 +20,7 @@ from dense_vs.featurewise_broyden import FeaturewiseBroyden
 from dense_vs.robot import Camera, Robot
 from dense_vs.segmentation import MaskQuality, MaskVerdict, Segmenter, assess_mask
 
+_TURNED = 200.0  # px^2, product of two errors of opposite sign that is no noise
 _FIRST_STEP = 0.02  # m or rad, the first of a learning run
 
 
@@ -88,7 +89,8 @@ class MaskServo:
         pinv: J+ ``(n, 2)`` [rad/px, m/px], or a :class:`HadamardBroyden` or :class:`FeaturewiseBroyden` that also
             learns from every look.
         target: s* ``(2,)`` [px].
-        gain: lambda of (10).
+        gain: lambda of (10). With a fixed J+ it is halved when the error turns round, as it does where the object is
+            much nearer than when J+ was learnt.
         max_step: largest step of each joint per command [rad, m].
         max_image_step: while learning, the largest step is made smaller or larger from look to look so that the object
             moves about so far in the image [px]: a wrong J+ then shows before the object is out of view.
@@ -136,6 +138,7 @@ class MaskServo:
             patience=patience,
         )
         self.stalled = stalled
+        self._gain = float(gain)
         self._max_step, self._max_image_step = float(max_step), float(max_image_step)
         self._step = self._max_step  # the present largest step; changes while learning
         self._on_look = on_look
@@ -153,6 +156,7 @@ class MaskServo:
         looks: list[ServoLook] = []
         mask = None
         held, least = 0, np.inf
+        self.servo.gain = self._gain
         for _ in range(max_looks):
             image, _ = self.camera.read()
             # The robot moved since the last image: where the object was says little about where it is.
@@ -163,6 +167,9 @@ class MaskServo:
             features = np.array(quality.centroid) if quality.servoable else None
             self._learn(quality, positions, looks[-1] if looks else None)
             command = self.servo.step(self.pinv, features, positions)
+            if self.learner is None and looks and float(command.error @ looks[-1].error) < -_TURNED:
+                self.servo.gain *= 0.5
+                command = self.servo.step(self.pinv, features, positions)
             looks.append(ServoLook(quality, command.error, positions, self.pinv.copy()))
             if self._on_look is not None:
                 self._on_look(looks[-1], image, mask)

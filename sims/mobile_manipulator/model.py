@@ -29,6 +29,7 @@ JOINTS = (  # the order of (1)
     "base_lateral",
     "base_roll",
 )
+PULLER = "puller"
 _CONTACT = {"friction": [0.8, 0.01, 0.0005], "condim": 4, "solref": [0.008, 1.0], "solimp": [0.95, 0.99, 0.001, 0.5, 2]}
 _SCENERY = {"floor": (0.09, 3.0), "blue_bin": (0.03, 0.0), "green_bin": (0.03, 0.0)}  # mottling, repetitions a metre
 
@@ -73,6 +74,7 @@ def _add_object(spec: mujoco.MjSpec, thing: HouseholdObject, rng: np.random.Gene
     body.add_freejoint(name=thing.body)
     if thing.links:
         _add_chain(body, thing)
+        _add_puller(spec, thing)
         return
     volume = sum(_volume(part) for part in thing.parts)
     for part in thing.parts:
@@ -100,6 +102,7 @@ def _add_geom(body, thing: HouseholdObject, part: Part, mass: float) -> None:
 def _add_chain(body, thing: HouseholdObject) -> None:
     """Links on ball joints; the first carries the object's free joint. Straight along x until it is laid out."""
     pitch = CHAIN_LENGTH / thing.links
+    body.add_site(name=f"{thing.body}_end", pos=[-pitch / 2, 0.0, CHAIN_DIAMETER / 2], group=3)
     half = pitch / 2 - 0.2 * CHAIN_DIAMETER
     for link in range(thing.links):
         if link:
@@ -120,6 +123,20 @@ def _add_chain(body, thing: HouseholdObject) -> None:
             rgba=[0.5, 0.5, 0.5, 1.0],
             **_CONTACT,
         )
+
+
+def _add_puller(spec: mujoco.MjSpec, thing: HouseholdObject) -> None:
+    """An unseen hand that can take the chain's first link and drag it; holds nothing at first."""
+    spec.worldbody.add_body(name=PULLER, mocap=True, pos=[0.0, 0.0, -1.0]).add_site(name=PULLER, group=3)
+    spec.add_equality(
+        name=PULLER,
+        type=mujoco.mjtEq.mjEQ_CONNECT,
+        objtype=mujoco.mjtObj.mjOBJ_SITE,
+        name1=f"{thing.body}_end",
+        name2=PULLER,
+        active=False,
+        solref=[0.02, 1.0],
+    )
 
 
 def _volume(part: Part) -> float:

@@ -12,7 +12,7 @@ import numpy as np
 
 from dense_vs.device import resolve_device, resolve_threads
 from dense_vs.errors import DenseVSError
-from dense_vs.sims.mobile_manipulator.model import JOINTS, compile_model
+from dense_vs.sims.mobile_manipulator.model import JOINTS, PULLER, compile_model
 from dense_vs.sims.physics import HostPhysics
 from dense_vs.sims.renderer import Renderer, camera_intrinsics
 from dense_vs.sims.scene import FRAME_SECONDS, resolve_scene
@@ -159,13 +159,11 @@ class MobileWorld:
                 back[BASE] = self.true_joints()[BASE] - self._target[BASE] - _BACK_OFF * way
                 self._advance(back)
         self.wait(settle_frames)
-        self.frames += frames
 
     def wait(self, frames: int) -> None:
         """Let frames pass with all targets held."""
         for _ in range(frames):
             self._advance(np.zeros(len(JOINTS)))
-        self.frames += frames
         self._settled()
 
     def set_gripper(self, opening: float, frames: int = 20) -> float:
@@ -242,10 +240,15 @@ class MobileWorld:
         bodies = [thing.body, *[f"{thing.body}_{link}" for link in range(1, thing.links)]]
         return np.mean([self.state.body(body).xpos for body in bodies], axis=0)
 
-    def push(self, name: str, velocity: Any) -> None:
-        """Give an object, a chain's first link, a horizontal velocity (2,) [m/s] at once, as a kick or a pull does."""
-        dof = self.model.joint(self.objects[name].body).dofadr[0]
-        self.state.qvel[dof : dof + 2] = velocity
+    def pull_chain(self, name: str, place: Any | None) -> np.ndarray:
+        """Hold the end of a chain at a place (3,) [m] from now on, or let it go; where the end is."""
+        equality = self.model.equality(PULLER).id
+        self.state.eq_active[equality] = place is not None
+        if place is not None:
+            mocap = int(self.model.body_mocapid[self.model.body(PULLER).id])
+            self.state.mocap_pos[mocap] = place
+            self.physics.data.mocap_pos.numpy()[0, mocap] = place  # the poses that are rendered
+        return self.state.site(f"{self.objects[name].body}_end").xpos.copy()
 
     def highest_point(self, name: str) -> float:
         """Height of the highest of an object's bodies [m]; of a chain, of its highest link."""
@@ -258,6 +261,7 @@ class MobileWorld:
             self.before_frame()
         self._target = np.clip(self._target + step, *self.scene.joint_limits.T)
         self.physics.advance(step[None])
+        self.frames += 1
 
     def _base_touches(self) -> bool:
         return bool(np.any(self.state.contact.geom == self._base_geom))

@@ -85,6 +85,12 @@ def test_masks_of_the_whole_image_do_not_move_the_robot():
     assert room.commands == []
 
 
+def test_object_nearer_than_when_j_was_learnt():
+    """J+ is 2.6 times too large: with its gain alone the object would swing from side to side and out of view."""
+    room = FlatRoom(Disc(np.array([0.1, -0.08]), height=0.49))
+    assert servo(room, gain=0.9).run(20).end is ServoEnd.CONVERGED
+
+
 def test_unknown_joint():
     with pytest.raises(DenseVSError, match="expected some of forward, right"):
         servo(FlatRoom(None), joints=("elbow",))

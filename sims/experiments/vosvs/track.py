@@ -1,4 +1,4 @@
-"""VOS-VS Fig. 13: follow a moving articulated object, a chain that is dragged and kicked, by the base and by the head.
+"""VOS-VS Fig. 13: follow a moving articulated object, a chain that is dragged and jerked, by the base and by the head.
 
 Masks come from a few-shot segmenter that learnt from ten images, annotated by the simulator's ids.
 """
@@ -15,8 +15,10 @@ if TYPE_CHECKING:
 
 HELP = "Fig. 13: a moving articulated object followed by the base and by the head gimbal"
 NAME = "Plastic Chain"
-SPEED = {"base": 0.12, "head": 0.2}  # m/s, of the hand that drags the chain
-KICK = 1.6  # m/s
+SPEED = {"base": 0.2, "head": 0.25}  # m/s, of the hand that drags the chain
+JERK = 0.8  # m/s, for a fifth of every 4 seconds
+PERIOD = 120  # frames
+SETTLE = 3  # frames from the end of a motion to the next image
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -55,7 +57,7 @@ def run(arguments: argparse.Namespace) -> "list[Row]":
 
 
 def follow(ready: "Preparation", config: str, looks: int, bar) -> Track:
-    """Servo without end while the chain is dragged about and kicked."""
+    """Servo without end while the chain is dragged about and jerked."""
     import numpy as np
 
     from dense_vs.mask_servo import MaskServo, ServoEnd
@@ -65,6 +67,7 @@ def follow(ready: "Preparation", config: str, looks: int, bar) -> Track:
     from dense_vs.sims.experiments.vosvs.staging import floor_point, start_posture
     from dense_vs.sims.experiments.vosvs.true_jacobian import true_centroid
     from dense_vs.sims.mobile_manipulator.adapters import ManipulatorCamera, ManipulatorRobot
+    from dense_vs.sims.scene import FRAME_SECONDS
 
     one, world = configuration(config), ready.world
     bar.set_description(f"seed {ready.seed}, {config}")
@@ -72,24 +75,26 @@ def follow(ready: "Preparation", config: str, looks: int, bar) -> Track:
     rng = np.random.default_rng([ready.seed, 65])
     world.store()
     world.set_posture(start_posture(one))
-    ground = floor_point(world, one.camera, np.array([320.0, 300.0 if config == "head" else 240.0]))
+    ground = floor_point(world, one.camera, np.array([320.0, 340.0 if config == "head" else 240.0]))
     assert ground is not None
     world.lay_chain(NAME, ground, rng)
     begin = world.frames
     heading = rng.uniform(-np.pi, np.pi)
     turn = np.zeros(1)
     middle = ground[:2].copy()
+    hand = world.pull_chain(NAME, None)
 
     def drag() -> None:
-        since = world.frames - begin
-        place = world.object_position(NAME)[:2]
-        turn[0] += 0.06 * rng.standard_normal()
-        away = place - middle
+        """Move the hand for a frame: on a winding way, now and then a jerk, back where it would leave the room."""
+        turn[0] += 0.05 * rng.standard_normal()
+        away = hand[:2] - middle
         angle = heading + turn[0]
-        if np.hypot(*away) > 0.6:  # the hand stays in the room
-            angle = np.arctan2(-away[1], -away[0])
-        speed = KICK if since % 150 < 2 else SPEED[config]
-        world.push(NAME, speed * np.array([np.cos(angle), np.sin(angle)]))
+        if np.hypot(*away) > 0.9:
+            angle = np.arctan2(-away[1], -away[0]) + 0.5 * np.sin(turn[0])
+        speed = JERK if (world.frames - begin) % PERIOD < PERIOD // 20 else SPEED[config]
+        hand[:2] += FRAME_SECONDS * speed * np.array([np.cos(angle), np.sin(angle)])
+        hand[2] = 0.012
+        world.pull_chain(NAME, hand)
 
     centroids: list[np.ndarray] = []
     tiles: list[tuple[str, np.ndarray]] = []
@@ -102,7 +107,7 @@ def follow(ready: "Preparation", config: str, looks: int, bar) -> Track:
             tiles.append((f"{config}, look {len(centroids)}", outlined(image, mask, one.target)))
         bar.update()
 
-    camera, robot = ManipulatorCamera(world, one.camera), ManipulatorRobot(world, settle_frames=1)
+    camera, robot = ManipulatorCamera(world, one.camera), ManipulatorRobot(world, settle_frames=SETTLE)
     servo = MaskServo(
         camera,
         robot,
@@ -128,6 +133,7 @@ def follow(ready: "Preparation", config: str, looks: int, bar) -> Track:
                     break
     finally:
         world.before_frame = None
+        world.pull_chain(NAME, None)
     way = float(np.sum(np.hypot(*np.diff(np.array(places), axis=0).T)))
     return Track(config, ready.seed, np.array(centroids), np.array(one.target), lost, way, tiles)
 

@@ -20,7 +20,7 @@ HELP = "Table 2: eight consecutive trials of three objects at three heights, ser
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the experiment's own arguments."""
     parser.add_argument(
-        "--method", default="robust", choices=("vos-de", "robust", "learned"), help="of the depth (default: robust)"
+        "--method", default="vos-de", choices=("vos-de", "robust", "learned"), help="of the depth (default: vos-de)"
     )
 
 
@@ -97,9 +97,7 @@ def table_rows(results: "dict[int, list[ObjectTrial]]") -> "list[Row]":
     surface = 100 * np.abs([one.surface_error for ones in results.values() for one in ones])
     rows.append(Row("depth error, median, against the outline's depth", None, finite_percentile(errors), "%", seeds))
     rows.append(Row("depth error, 90th percentile", None, finite_percentile(errors, 90), "%", seeds))
-    rows.append(
-        Row("the same against the mean surface depth", None, finite_percentile(surface), "%", seeds)
-    )
+    rows.append(Row("the same against the mean surface depth", None, finite_percentile(surface), "%", seeds))
     iou = [one.iou[1] for ones in results.values() for one in ones]
     rows.append(Row("mask IoU at the nearest view, median", None, finite_percentile(iou), "", seeds))
     return rows

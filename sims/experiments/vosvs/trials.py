@@ -12,7 +12,7 @@ import numpy as np
 from dense_vs.depth.mask_fit import Method
 from dense_vs.depth_approach import Approach, ApproachEnd, DepthApproach
 from dense_vs.grasp import grasp_camera_position
-from dense_vs.mask_servo import MaskServo, ServoEnd
+from dense_vs.mask_servo import MaskServo, ServoEnd, ServoLook
 from dense_vs.object_search import search_object
 from dense_vs.segmentation import Segmenter
 from dense_vs.sims.experiments.vosvs.configurations import configuration
@@ -52,7 +52,7 @@ class ObjectTrial:
         depth_error: of the distance at the nearest view, relative to that of the object's outline; nan without one.
         surface_error: the same relative to the mean visible surface.
         margins: of (21) [m]: fingertips above the support, fingertips below the object's top.
-        iou: of the masks with the true ones at the start, at the nearest view.
+        iou: of the masks with the true ones at the last look of the servo, and at the nearest view.
     """
 
     name: str
@@ -105,13 +105,20 @@ def locate(
         result.cause = f"not found in {found.looks} looks"
         return result
     one = configuration("base")
+    overlaps: list[float] = []
+
+    def score_look(look: ServoLook, image: np.ndarray, mask: np.ndarray) -> None:
+        overlaps.append(_iou(mask, world.true_mask("grasp", name)))
+        if on_look is not None:
+            on_look(look, image, mask)
+
     servo = MaskServo(
-        camera, robot, segmenter, joints=one.joints, pinv=pinv, target=one.target, gain=0.8, on_look=on_look
+        camera, robot, segmenter, joints=one.joints, pinv=pinv, target=one.target, gain=0.8, on_look=score_look
     )
     run = servo.run(20)
     result.looks += len(run.looks)
     true = world.true_mask("grasp", name)
-    first_iou = _iou(run.mask, true)
+    first_iou = overlaps[-1]
     offset = float(np.abs(true_centroid(world, "grasp", name) - one.target).max()) if true.any() else float("nan")
     result.servo = run.end is ServoEnd.CONVERGED and offset < CENTRED_PX
     if not result.servo:
