@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 
 from dense_vs.generative.parameters import ModelParameters, finite_rows, link_poses
-from dense_vs.generative.stereo import resect
+from dense_vs.generative.resection import resect
 from dense_vs.generative.triangulation import rays, triangulate
 
 CAMERA_POINTS = 4  # fewest detections that place a camera

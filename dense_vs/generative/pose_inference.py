@@ -10,7 +10,7 @@ from dense_vs.generative.joint_inference import project_points
 from dense_vs.generative.levenberg_marquardt import minimize
 from dense_vs.generative.parameters import ModelParameters, finite_rows
 from dense_vs.generative.pixel_problem import Free, PixelProblem, State
-from dense_vs.generative.stereo import resect
+from dense_vs.generative.resection import resect
 from dense_vs.generative.triangulation import rays
 
 

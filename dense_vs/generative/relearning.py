@@ -21,7 +21,7 @@ from dense_vs.generative.placement import CAMERA_POINTS, place_cameras, place_fe
 from dense_vs.generative.pose_inference import infer_poses
 from dense_vs.generative.report import FitReport, Stage
 from dense_vs.generative.stereo import Reconstruction
-from dense_vs.generative.triangulation import rigid_motion
+from dense_vs.generative.triangulation import rigid_motions
 
 PARTS = "'camera:I', 'structure', 'structure:K,L,...', 'base' or 'kinematics'"
 KEPT_INTRINSICS = 0.003  # share of the focal length that a learnt lens may be off by when its camera was moved
@@ -159,7 +159,8 @@ def _base(parameters: ModelParameters, obs: Observations) -> tuple[ModelParamete
         at_rest = _hand_points(unmoved, obs.joints[t], hand_points)
         source.append(at_rest)
         target.append(hand_points @ rotation[t].T + translation[t])
-    turn, shift = rigid_motion(np.concatenate(source), np.concatenate(target))
+    source, target = np.concatenate(source)[None], np.concatenate(target)[None]
+    (turn,), (shift,) = rigid_motions(source, target, np.ones(source.shape[:2]))
     start = replace(parameters, base_rotation=turn, base_translation=shift)
     pixels = np.where(finite_rows(parameters.features)[:, None], obs.pixels, np.nan)
     problem = PixelProblem(pixels, parameters.links, parameters.joint_count, Free(base=True))

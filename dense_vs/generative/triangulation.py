@@ -55,13 +55,15 @@ def triangulate(
     return points
 
 
-def rigid_motion(
-    source: np.ndarray, target: np.ndarray, weights: np.ndarray | None = None
-) -> tuple[np.ndarray, np.ndarray]:
-    """Rotation and translation that carry ``source`` ``(k, 3)`` to ``target``, least squares (Arun et al. 1987)."""
-    weight = np.ones(len(source)) if weights is None else weights
-    weight = (weight / weight.sum())[:, None]
-    middle, goal = (weight * source).sum(axis=0), (weight * target).sum(axis=0)
-    left, _, right = np.linalg.svd((weight * (target - goal)).T @ (source - middle))
-    rotation = left @ np.diag([1, 1, np.linalg.det(left @ right)]) @ right
-    return rotation, goal - rotation @ middle
+def rigid_motions(source: np.ndarray, target: np.ndarray, weights: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Rotations ``(k, 3, 3)`` and translations ``(k, 3)`` that carry ``source`` to ``target``, both ``(k, m, 3)``.
+
+    Weighted least squares (Arun et al. 1987); ``weights`` are ``(k, m)``.
+    """
+    weight = (weights / weights.sum(axis=1, keepdims=True))[..., None]
+    middle, goal = (weight * source).sum(axis=1), (weight * target).sum(axis=1)
+    scatter = (weight * (target - goal[:, None])).swapaxes(1, 2) @ (source - middle[:, None])
+    left, _, right = np.linalg.svd(scatter)
+    left[..., 2] *= np.sign(np.linalg.det(left @ right))[:, None]
+    rotation = left @ right
+    return rotation, goal - np.einsum("kij,kj->ki", rotation, middle)
