@@ -10,7 +10,7 @@ import numpy as np
 
 from dense_vs.segmentation import FewShotSegmenter
 from dense_vs.sims.mobile_manipulator.objects import household_objects
-from dense_vs.sims.mobile_manipulator.postures import above
+from dense_vs.sims.mobile_manipulator.postures import above, posture
 from dense_vs.sims.mobile_manipulator.world import MobileWorld
 
 IMAGES = 10
@@ -28,22 +28,28 @@ class AnnotatedImages:
 def annotate(world: MobileWorld, name: str, rng: np.random.Generator, count: int = IMAGES) -> AnnotatedImages:
     """Images of an object by the grasp camera, in various poses, on various backgrounds, from near and far.
 
+    Most look down on it, every third from the side.
+
     The object is taken out of storage for them and put back; the robot is left at the last view.
     """
     thing = world.objects[name]
     images, masks = [], []
     distances = np.geomspace(0.8, _nearest(world, name), count)
     for number, distance in enumerate(distances):
-        x, y, z = SUPPORTS[(number + 1) % len(SUPPORTS)]
+        x, y, z = SUPPORTS[(number + number // 3 + 1) % len(SUPPORTS)]
         place = np.array([x, y, z]) + np.append(rng.uniform(-0.05, 0.05, 2), 0.0)
         if thing.links:
             world.lay_chain(name, place, rng)
         else:
             world.place(name, place, rng.uniform(-np.pi, np.pi))
         x, y, _ = world.object_position(name)
-        height = min(z + thing.height + distance, 0.9)
-        away = 0.25 * (height - z - thing.height) * rng.uniform(-1, 1, 2)
-        world.set_posture(above(x + away[0], y + away[1], height, wrist_roll=rng.uniform(-1.2, 1.2)))
+        if number % 3 == 1:  # from the side, as the arm's configurations and the head see it
+            back, aside = rng.uniform(0.85, 1.2), rng.uniform(-0.15, 0.15)
+            world.set_posture(posture("ahead", forward=x - back, lateral=y + aside, arm_lift=0.35 + 0.9 * z))
+        else:
+            height = min(z + thing.height + distance, 0.9)
+            away = 0.25 * (height - z - thing.height) * rng.uniform(-1, 1, 2)
+            world.set_posture(above(x + away[0], y + away[1], height, wrist_roll=rng.uniform(-1.2, 1.2)))
         images.append(world.image("grasp"))
         masks.append(world.true_mask("grasp", name))
     world.store([name])

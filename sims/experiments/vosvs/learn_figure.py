@@ -18,20 +18,22 @@ def draw_learning(learnt: list[Any], out: Path) -> None:
 
     from dense_vs.sims.experiments.vosvs.learn import LABELS
 
-    figure = Figure(figsize=(2.6 * len(learnt), 8.4), layout="constrained")
+    figure = Figure(figsize=(2.8 * len(learnt), 9.0), layout="constrained")
     FigureCanvasAgg(figure)
     axes = figure.subplots(3, len(learnt), squeeze=False)
     for column, one in enumerate(learnt):
         image, elements, others = axes[:, column]
+        said: list[str] = []
         for update, outcome in one.outcomes.items():
             state = "" if outcome.converged else ", not converged"
             put_back = f", put back {outcome.restarts}x" if outcome.restarts else ""
+            said.append(f"{LABELS[update]}{state}{put_back}")
             for number, episode in enumerate(until_converged(outcome.episodes)):
-                label = f"{LABELS[update]}{state}{put_back}" if number == 0 else None
+                label = LABELS[update] if number == 0 and column == 0 else None
                 image.plot(*episode.centroids.T, ".-", ms=3, lw=1, color=COLOURS[update], label=label, alpha=0.8)
         image.plot(*one.one.target, "k+", ms=12)
         image.set(xlim=(0, 640), ylim=(480, 0), title=f"H {one.one.name}", aspect="equal")
-        image.legend(fontsize=5.5, loc="lower left")
+        image.set_xlabel("\n".join(said), fontsize=7)
         for panel, update in ((elements, "hadamard"), (others, "original")):
             history = one.outcomes[update].history
             for row, joint in enumerate(one.one.joints):
@@ -47,8 +49,9 @@ def draw_learning(learnt: list[Any], out: Path) -> None:
             panel.axhline(0.0, color="grey", lw=0.5)
         elements.legend(fontsize=6)
         elements.set_title("J+ by (11); truth dashed", fontsize=8)
-        others.set_title("J+ by original Broyden; unrelated pairs dotted", fontsize=8)
+        others.set_title("original Broyden; H = 0 dotted", fontsize=8)
         others.set_xlabel("updates")
+    figure.legend(loc="outside upper right", ncols=3, fontsize=8)
     with atomic_write(out / "learn.png") as stream:
         figure.savefig(stream, format="png", dpi=100)
     base = next((one for one in learnt if one.one.name == "base"), None)

@@ -125,6 +125,8 @@ def learn(
         else:
             result.restarts += run.end is not ServoEnd.EXHAUSTED
             world.set_posture(start_posture(one))
+            if len(run.looks) < 2 or run.end is ServoEnd.AT_LIMIT:  # nothing to learn from where the object stands
+                put_in_view(world, one, name, rng)
     result.pinv = learner.pinv
     result.history = np.stack(history)
     return result

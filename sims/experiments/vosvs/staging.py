@@ -8,6 +8,7 @@ from dense_vs.sims.experiments.vosvs.true_jacobian import true_centroid
 from dense_vs.sims.mobile_manipulator.postures import posture
 from dense_vs.sims.mobile_manipulator.world import HEIGHT, WIDTH, MobileWorld
 
+MARGIN = 12  # px, at least, between a whole object and the image border
 ROOM = (-3.0, 2.5)  # clear floor, away from bins [m]
 
 
@@ -55,7 +56,8 @@ def put_in_view(
         place = true_centroid(world, one.camera, name)
         inside = np.all(np.abs(place - middle) < middle - 0.7 * border)
         mask = world.true_mask(one.camera, name)
-        cut = mask[[0, -1]].any() or mask[:, [0, -1]].any()
+        mask[MARGIN:-MARGIN, MARGIN:-MARGIN] = False
+        cut = mask.any()
         if inside and not cut and np.all(np.abs(place - target) >= 0.7 * least):
             return place
     raise DenseVSError(f"found no place for {name!r} in {tries} tries; expected one in view of {one.name!r}")
