@@ -11,11 +11,14 @@ if TYPE_CHECKING:
     from dense_vs.babbling import Babbling as Babbling
     from dense_vs.batch_flow import BatchFlow as BatchFlow
     from dense_vs.broyden import HadamardBroyden as HadamardBroyden
+    from dense_vs.depth_approach import DepthApproach as DepthApproach
     from dense_vs.errors import DenseVSError as DenseVSError
     from dense_vs.feature_servo import FeatureServo as FeatureServo
     from dense_vs.flow import FlowEstimator as FlowEstimator
+    from dense_vs.grasp_loop import GraspLoop as GraspLoop
     from dense_vs.jacobian import DenseJacobian as DenseJacobian
     from dense_vs.joint_log import JointLog as JointLog
+    from dense_vs.mask_servo import MaskServo as MaskServo
     from dense_vs.pipeline import FramePipeline as FramePipeline
     from dense_vs.robot import Camera as Camera
     from dense_vs.robot import Robot as Robot
@@ -30,11 +33,14 @@ _HOMES = {
     "Camera": "robot",
     "DenseJacobian": "jacobian",
     "DenseVSError": "errors",
+    "DepthApproach": "depth_approach",
     "FeatureServo": "feature_servo",
     "FlowEstimator": "flow",
     "FramePipeline": "pipeline",
+    "GraspLoop": "grasp_loop",
     "HadamardBroyden": "broyden",
     "JointLog": "joint_log",
+    "MaskServo": "mask_servo",
     "PointTracker": "tracker",
     "Robot": "robot",
     "SelfBody": "self_body",
