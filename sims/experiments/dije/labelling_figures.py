@@ -88,9 +88,14 @@ def plot_leak(runs: Sequence["LeakRun"], methods: Mapping[str, str], path: Path)
             values = np.array([getattr(run.labellers[name], part) for run in runs])
             axis.plot(times, values.T, color=colour, lw=0.6, alpha=0.4)
             axis.plot(times, np.median(values, axis=0), color=colour, lw=1.8, label=title)
-    axes[0].set(ylabel="IoU with the robot's pixels", ylim=(0, 1), title="Labels of the robot's own body")
+    axes[0].set(
+        ylabel="IoU with the robot's pixels",
+        ylim=(0, 1),
+        title="Labels of the robot's own body: a thin line a seed, their median thick",
+    )
     axes[1].set(ylabel="walker's pixels labelled own [px]", xlabel="time [s]")
-    axes[0].legend(fontsize="small", loc="lower right")
+    handles, titles = axes[0].get_legend_handles_labels()
+    figure.legend(handles, titles, loc="outside lower center", ncols=len(titles), fontsize="small")
     for axis in axes:
         axis.grid(alpha=0.3)
     with atomic_write(path) as stream:
