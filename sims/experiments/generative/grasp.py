@@ -79,6 +79,7 @@ def run(arguments: argparse.Namespace) -> list[Row]:
             for number in range(arguments.tries):
                 frames = [] if seed == arguments.seeds[0] and number == 0 else None
                 successes += grasp(guide, structure, rng, frames)
+                bar.set_description(f"seed {seed}: {successes} of {number + 1} grasped")
                 bar.update()
                 if frames:
                     titles = ["seen", *(f"{FIRST_FACTOR}", *(f"{factor}" for factor in FACTORS)), "closed", "lifted"]

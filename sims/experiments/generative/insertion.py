@@ -57,14 +57,17 @@ def run(arguments: argparse.Namespace) -> list[Row]:
 
             fixture = learn_structure(guide, FIXTURE_MARKERS, rng, 5, hold, cell.place_fixture_away)
             bar.set_description(f"seed {seed}: inserting")
+            successes = 0
             for number in range(arguments.tries):
                 frames = [] if seed == seeds[0] and number == 0 else None
                 depths.append(insert(guide, part, fixture, rng, frames))
+                successes = sum(depth >= INSERTED for depth in depths[-number - 1 :])
+                bar.set_description(f"seed {seed}: {successes} of {number + 1} inserted")
                 bar.update()
                 if frames:
                     titles = ["seen", "above", *(f"{factor:g}" for factor, _ in INSIDE)]
                     draw_images(arguments.out / "insertion.png", list(zip(*frames, strict=True)), titles[: len(frames)])
-            inserted.append(sum(depth >= INSERTED for depth in depths[-arguments.tries :]))
+            inserted.append(successes)
     rows = [
         Row(f"{arguments.arm}: inserted of {arguments.tries}", None, float(count), "", (seed,))
         for seed, count in zip(seeds, inserted, strict=True)
