@@ -108,15 +108,18 @@ def table_rows(learnt: list[Learnt], seeds: tuple[int, ...]) -> "list[Row]":
             rows.append(Row(f"times put back, {label}", None, lost, "", (seed,)))
     for one in learnt[:7]:
         same = [other for other in learnt if other.one.name == one.one.name]
-        updates = [other.outcomes["hadamard"].updates for other in same]
-        paper = 14 if one.one.name == "base" else None
-        known = [value for value in updates if value is not None]
-        rows.append(Row(f"{one.one.name}: updates until s*", paper, np.median(known) if known else np.nan, "", seeds))
+        for update in ("hadamard", "featurewise"):
+            known = [other.outcomes[update].updates for other in same if other.outcomes[update].converged]
+            paper = 14 if (one.one.name, update) == ("base", "hadamard") else None
+            count = float(np.median(known)) if known else float("nan")
+            rows.append(Row(f"{one.one.name}: updates until s*, {LABELS[update]}", paper, count, "", seeds))
         for row, joint in enumerate(one.one.joints):
             feature = int(np.argmax(one.one.coupling[row]))
-            value = np.median([other.outcomes["hadamard"].pinv[row, feature] for other in same])
+            by = {u: np.median([other.outcomes[u].pinv[row, feature] for other in same]) for u in LABELS}
             true = np.median([other.true[row, feature] for other in same])
             unit = "m/px" if joint in ("arm_lift", "base_forward", "base_lateral") else "rad/px"
-            rows.append(Row(f"{one.one.name}: d{joint}/ds_{'xy'[feature]}", one.one.learnt[row], value, unit, seeds))
-            rows.append(Row("  the same, by the simulator, of the joint alone", None, true, unit, seeds))
+            element = f"{one.one.name}: d{joint}/ds_{'xy'[feature]}"
+            rows.append(Row(f"{element}, {LABELS['hadamard']}", one.one.learnt[row], by["hadamard"], unit, seeds))
+            rows.append(Row(f"  {LABELS['featurewise']}", None, by["featurewise"], unit, seeds))
+            rows.append(Row("  by the simulator, the joint alone", None, true, unit, seeds))
     return rows

@@ -18,11 +18,11 @@ def draw_learning(learnt: list[Any], out: Path) -> None:
 
     from dense_vs.sims.experiments.vosvs.learn import LABELS
 
-    figure = Figure(figsize=(2.8 * len(learnt), 9.0), layout="constrained")
+    figure = Figure(figsize=(2.8 * len(learnt), 11.0), layout="constrained")
     FigureCanvasAgg(figure)
-    axes = figure.subplots(3, len(learnt), squeeze=False)
+    axes = figure.subplots(4, len(learnt), squeeze=False)
     for column, one in enumerate(learnt):
-        image, elements, others = axes[:, column]
+        image, elements, apart, others = axes[:, column]
         said: list[str] = []
         for update, outcome in one.outcomes.items():
             state = "" if outcome.converged else ", not converged"
@@ -34,7 +34,7 @@ def draw_learning(learnt: list[Any], out: Path) -> None:
         image.plot(*one.one.target, "k+", ms=12)
         image.set(xlim=(0, 640), ylim=(480, 0), title=f"H {one.one.name}", aspect="equal")
         image.set_xlabel("\n".join(said), fontsize=7)
-        for panel, update in ((elements, "hadamard"), (others, "original")):
+        for panel, update in ((elements, "hadamard"), (apart, "featurewise"), (others, "original")):
             history = one.outcomes[update].history
             for row, joint in enumerate(one.one.joints):
                 for feature in range(2):
@@ -49,9 +49,10 @@ def draw_learning(learnt: list[Any], out: Path) -> None:
             panel.axhline(0.0, color="grey", lw=0.5)
         elements.legend(fontsize=6)
         elements.set_title("J+ by (11); truth dashed", fontsize=8)
+        apart.set_title("(11) a feature at a time", fontsize=8)
         others.set_title("original Broyden; H = 0 dotted", fontsize=8)
         others.set_xlabel("updates")
-    figure.legend(loc="outside upper right", ncols=3, fontsize=8)
+    figure.legend(*axes[0, 0].get_legend_handles_labels(), loc="outside upper center", ncols=3)
     with atomic_write(out / "learn.png") as stream:
         figure.savefig(stream, format="png", dpi=100)
     base = next((one for one in learnt if one.one.name == "base"), None)
