@@ -58,6 +58,9 @@ class ServoLoop:
             them J is learnt and the commanded step is zero. A command every frame unless given.
         body: labels the robot's own pixels, see :meth:`FramePipeline.labels`; once it knows some, what else moves no
             longer slows the babbling down.
+        renew_patch: correlation below which the tracked point's patch is taken anew as it looks now, where it still
+            aligns. A surface that turns in depth is lost otherwise; every renewal may add some hundredths of a pixel of
+            drift. The patch of the beginning is kept unless given.
         on_frame: called with the loop after every frame; a viewer, a recorder, an evaluation.
 
     Raises:
@@ -79,6 +82,7 @@ class ServoLoop:
         seed: int = 0,
         command_period: float | None = None,
         body: SelfBody | None = None,
+        renew_patch: float | None = None,
         on_frame: Callable[["ServoLoop"], None] | None = None,
     ):
         self.camera, self.robot = camera, robot
@@ -99,6 +103,9 @@ class ServoLoop:
         self.servo = servo or VisualServo(joints, joint_limits=self.joint_limits, seed=seed)
         if command_period is not None and not 0 < command_period < np.inf:
             raise DenseVSError(f"command_period is {command_period!r}; expected a finite number of seconds above 0")
+        if renew_patch is not None and not 0 < renew_patch < 1:
+            raise DenseVSError(f"renew_patch is {renew_patch!r}; expected a correlation between 0 and 1")
+        self.renew_patch = renew_patch
         self.command_period = command_period
         pace = {} if command_period is None else {"frame_time": command_period}
         self.babbling = babbling or Babbling(joints, seed=seed, **pace)
@@ -133,6 +140,7 @@ class ServoLoop:
         frame = self._take(*self.camera.read())
         if self.tracker is not None:
             self.tracker.update(frame.flow, frame.gray)
+            self._renew_patch(self.tracker)
         if self.on_frame is not None:
             self.on_frame(self)
         return frame
@@ -155,11 +163,7 @@ class ServoLoop:
             point: ``(2,)`` [px].
             options: of :class:`PointTracker`.
         """
-        J = self.estimator.to_numpy()
-        own = self.estimator.at(point)[0]
-        size = np.linalg.norm(own)
-        weights = np.linalg.norm(J - own, axis=(2, 3)) <= SAME_SURFACE * size if size > 0 else None
-        self.tracker = PointTracker(point, self.frame.gray, weights=weights, **options)
+        self.tracker = PointTracker(point, self.frame.gray, weights=self._same_surface(point), **options)
 
     def reach(self, target: Any, *, tolerance: float = 1.0, settle_frames: int = 5, max_frames: int = 150) -> Reach:
         """Servo the defined point to a target; stops where the tracker has lost the point, as it would go on blind.
@@ -210,6 +214,21 @@ class ServoLoop:
             1 if late < self.command_period else late // self.command_period + 1
         )
         return choose()
+
+    def _renew_patch(self, tracker: PointTracker) -> None:
+        if self.renew_patch is None or tracker.lost[0]:
+            return
+        # Not where it does not align: something else may cover it.
+        if tracker.options.min_correlation <= float(tracker.correlation[0]) < self.renew_patch:
+            tracker.redefine(tracker.points, self.frame.gray, self._same_surface(tracker.points[0]))
+
+    def _same_surface(self, point: Any) -> np.ndarray | None:
+        """(H, W) bool: pixels that move as the point does; None where J says nothing yet."""
+        own = self.estimator.at(point)[0]
+        size = np.linalg.norm(own)
+        if size == 0:
+            return None
+        return np.linalg.norm(self.estimator.to_numpy() - own, axis=(2, 3)) <= SAME_SURFACE * size
 
     @property
     def _lost(self) -> bool:

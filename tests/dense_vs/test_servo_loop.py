@@ -160,3 +160,20 @@ def test_a_robot_that_takes_a_command_only_so_often(scene):
     assert loop.estimator.updates == 80  # J is learnt in between, too
     with pytest.raises(DenseVSError, match="command_period is 0"):
         ServoLoop(PlaneCamera(robot, scene), robot, device="cpu", command_period=0.0)
+
+
+def test_a_patch_that_is_renewed_stays_on_its_point(scene):
+    robot, loop = make(scene, renew_patch=0.999999)
+    loop.babble(4.0)
+    start = np.array([60.0, 50.0])
+    on_plane = scene.to_plane(start, robot.q)
+    loop.define_point(start)
+    renewed = []
+    loop.on_frame = lambda loop: renewed.append(float(loop.tracker.correlation[0]) == 1.0)
+    for target in ([72.0, 44.0], [54.0, 56.0]):
+        assert loop.reach(target).reached
+        np.testing.assert_allclose(scene.to_image(on_plane, robot.q), target, atol=1.5)
+    assert sum(renewed) > 5  # a patch that was just taken correlates with itself
+    for value in (0.0, 1.0, np.nan):
+        with pytest.raises(DenseVSError, match="renew_patch is"):
+            make(scene, renew_patch=value)

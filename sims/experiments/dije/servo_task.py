@@ -104,6 +104,7 @@ def run_seed(
         command_seconds=arguments.period,
         command_period=arguments.period,
         scale=0.5 if arguments.halve else 1.0,
+        renew_patch=0.93,  # arm and tools turn in depth between targets
         on_frame=lambda _: on_frame(),
         estimator=DenseJacobian(
             height=HEIGHT,
