@@ -33,7 +33,7 @@ def _images(run: TaskRun) -> np.ndarray:
         draw_point(image, np.array(reach.target) * _SCALE + 0.5, "target")
         draw_point(image, points[-1], "point")
         text = f"{number + 1}: {reach.point}, {reach.frames / 30:.1f} s, true error {reach.true_error_px:.2f} px"
-        panels.append(label(image, text))
+        panels.append(label(image, text + ", lost" * reach.lost))
     return tile(panels, columns=min(2, len(panels)))
 
 

@@ -31,13 +31,17 @@ class ServoTask:
 
 @dataclass(frozen=True)
 class TaskReach:
-    """One target: which point, where to, in how many frames, and the true distance at the end [px]."""
+    """One target: which point, where to, in how many frames, and the true distance at the end [px].
+
+    A reach ends early where the tracker has ``lost`` the point.
+    """
 
     point: str
     target: tuple[float, float]
     frames: int
     true_error_px: float
     believed_error_px: float
+    lost: bool
     image: np.ndarray  # (H, W, 3) at the end
     path: tuple[int, int]  # first and last frame of the trace
 

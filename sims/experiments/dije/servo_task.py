@@ -139,6 +139,7 @@ def run_seed(
                     measured.reach.frames,
                     measured.true_error_px,
                     measured.reach.error_px,
+                    measured.reach.lost,
                     experiment.loop.frame.image.copy(),
                     (first, len(run.trace.times) - 1),
                 )
@@ -181,6 +182,7 @@ def task_rows(task: ServoTask, runs: list[TaskRun], arguments: argparse.Namespac
             Row(f"{point}: true error, median", None, float(np.median(errors)), "px", seeds),
             Row(f"{point}: true error, worst", None, float(errors.max()), "px", seeds),
             Row(f"{point}: targets within {close:g} px", None, int((errors < close).sum()), f"of {len(errors)}", seeds),
+            Row(f"{point}: reaches given up as lost", None, sum(r.lost for r in reaches), f"of {len(errors)}", seeds),
             Row(f"{point}: time to a target, median", None, float(np.median(seconds)), "s", seeds),
         ]
     return rows
