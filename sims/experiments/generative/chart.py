@@ -54,6 +54,19 @@ def draw_lines(
     save(figure, path)
 
 
+def draw_points(
+    path: Path, series: Mapping[str, tuple[np.ndarray, np.ndarray]], *, title: str, x_label: str, y_label: str
+) -> None:
+    """Write a PNG of points: label -> x (k,) and y (k,)."""
+    figure, axes = _figure()
+    for label, (x, y) in series.items():
+        axes.plot(x, y, ls="", marker="o", ms=4, alpha=0.7, label=label)
+    axes.set(title=title, xlabel=x_label, ylabel=y_label)
+    axes.grid(alpha=0.3)
+    axes.legend(fontsize="small")
+    save(figure, path)
+
+
 def draw_bars(
     path: Path,
     labels: Sequence[str],
@@ -83,7 +96,7 @@ def draw_images(path: Path, rows: Sequence[Sequence[np.ndarray]], titles: Sequen
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
-    figure = Figure(figsize=(3.0 * len(titles), 2.4 * len(rows) + 0.4), layout="constrained")
+    figure = Figure(figsize=(2.0 * len(titles), 2.0 * len(rows) + 0.3), layout="constrained")
     FigureCanvasAgg(figure)
     grid = figure.subplots(len(rows), len(titles), squeeze=False)
     for row, images in zip(grid, rows, strict=True):
@@ -94,6 +107,18 @@ def draw_images(path: Path, rows: Sequence[Sequence[np.ndarray]], titles: Sequen
     for axes, title in zip(grid[0], titles, strict=True):
         axes.set_title(title, fontsize="small")
     save(figure, path)
+
+
+def close_up(images: Sequence[np.ndarray], pixels: np.ndarray) -> list[np.ndarray]:
+    """Parts (280, 280, 3) of each camera's image (H, W, 3) about and above features (C, k, 2) [px]."""
+    parts = []
+    for image, seen in zip(images, pixels, strict=True):
+        shown = seen[np.isfinite(seen[:, 0])]
+        x, y = shown.mean(axis=0) if len(shown) else (image.shape[1] / 2, image.shape[0] / 2)
+        left = int(np.clip(x - 140, 0, image.shape[1] - 280))
+        top = int(np.clip(y - 200, 0, image.shape[0] - 280))
+        parts.append(image[top : top + 280, left : left + 280])
+    return parts
 
 
 def save(figure: Any, path: Path) -> None:

@@ -8,7 +8,7 @@ import argparse
 import numpy as np
 
 from dense_vs.cli.output import progress
-from dense_vs.sims.experiments.generative.chart import draw_lines
+from dense_vs.sims.experiments.generative.chart import draw_lines, draw_points
 from dense_vs.sims.experiments.generative.protocol import (
     TEST_SAMPLES,
     add_protocol_arguments,
@@ -65,13 +65,10 @@ def run(arguments: argparse.Namespace) -> list[Row]:
         paper={"paper (Table 5, simulation)": (list(PAPER), [value[0] for value in PAPER.values()])},
         levels={"noise of the pixels": 0.627},
     )
-    draw_lines(
+    draw_points(
         arguments.out / "train_test.png",
-        {
-            f"{samples} samples": (np.sort(train[:, s]), test[np.argsort(train[:, s]), s][None])
-            for s, samples in enumerate(arguments.samples)
-        },
-        title="Training error tells the test error (Fig. 3)",
+        {f"{samples} samples": (train[:, s], test[:, s]) for s, samples in enumerate(arguments.samples)},
+        title=f"Training and validation error of {train.size} models (Fig. 3)",
         x_label="training error [px]",
         y_label="validation error [px]",
     )

@@ -95,6 +95,7 @@ def run(arguments: argparse.Namespace) -> list[Row]:
 
 def grasp(guide: Any, structure: np.ndarray, rng: np.random.Generator, frames: list | None = None) -> bool:
     """One try with the block in a new place; whether it hangs in the gripper at the end, by the truth."""
+    from dense_vs.sims.experiments.generative.chart import close_up
     from dense_vs.sims.experiments.generative.hand_eye_work import approach, average_sight, joints_for, stand_off
     from dense_vs.sims.generative.workcell import PART_MARKERS
 
@@ -105,11 +106,11 @@ def grasp(guide: Any, structure: np.ndarray, rng: np.random.Generator, frames: l
 
     def shoot() -> None:
         if frames is not None:
-            frames.append(cell.images())
+            frames.append(close_up(cell.images(), pixels))
 
     try:
-        shoot()
         pixels = average_sight(cell, PART_MARKERS, 3)
+        shoot()
         hand = guide.model.parameters.features
         now = guide.joints_now()
         above = joints_for(guide, stand_off(hand, structure, FIRST_FACTOR), pixels, now)

@@ -81,6 +81,7 @@ def insert(
     guide: Any, part: np.ndarray, fixture: np.ndarray, rng: np.random.Generator, frames: list | None = None
 ) -> float:
     """One try with part and fixture in new places; the depth [m] that the peg ends at, by the truth."""
+    from dense_vs.sims.experiments.generative.chart import close_up
     from dense_vs.sims.experiments.generative.hand_eye_work import (
         approach,
         average_sight,
@@ -98,7 +99,7 @@ def insert(
 
     def shoot() -> None:
         if frames is not None:
-            frames.append(cell.images())
+            frames.append(close_up(cell.images(), pixels))
 
     try:
         held = learn_structure(guide, PART_MARKERS, rng, 5)
@@ -107,8 +108,8 @@ def insert(
         axis = sides(held)
         cell.command(cell.chain.home - cell.encoders())
         cell.place_fixture(np.array([0.5, 0.03]) + rng.uniform([-0.06, -0.08], [0.06, 0.08]), rng.uniform(-0.3, 0.3))
-        shoot()
         pixels = average_sight(cell, FIXTURE_MARKERS, 5)
+        shoot()
         hand, now = guide.model.parameters.features, guide.joints_now()
         for factor, attempts in ABOVE:
             goal = joints_for(guide, stand_off(hand, target, factor, axis), pixels, now)
