@@ -20,7 +20,7 @@ HELP = "Table 2: eight consecutive trials of three objects at three heights, ser
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the experiment's own arguments."""
     parser.add_argument(
-        "--method", default="vos-de", choices=("vos-de", "robust", "learned"), help="of the depth (default: vos-de)"
+        "--method", default="robust", choices=("vos-de", "robust", "learned"), help="of the depth (default: robust)"
     )
 
 
