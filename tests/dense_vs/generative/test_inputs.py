@@ -8,7 +8,7 @@ from dense_vs import DenseVSError
 from dense_vs.generative import GenerativeModel, Observations
 
 
-def refused(match, call):
+def assert_refused(match, call):
     with pytest.raises(DenseVSError, match=match):
         call()
 
@@ -32,7 +32,7 @@ def refused(match, call):
 )
 def test_observations(ur5, changes, message):
     arrays = {"joints": ur5.joints, "pixels": ur5.pixels, "intrinsics": ur5.intrinsics, "image_sizes": [SIZE] * 2}
-    refused(message, lambda: Observations(**(arrays | changes)))
+    assert_refused(message, lambda: Observations(**(arrays | changes)))
 
 
 def test_half_a_coordinate_and_infinity(ur5):
@@ -40,7 +40,7 @@ def test_half_a_coordinate_and_infinity(ur5):
         pixels = ur5.pixels.copy()
         t, c, m = np.argwhere(np.isfinite(pixels[..., 0]))[0]
         pixels[t, c, m, 0] = value
-        refused("half a coordinate", lambda: ur5.observations(pixels=pixels))  # noqa: B023
+        assert_refused("half a coordinate", lambda: ur5.observations(pixels=pixels))  # noqa: B023
 
 
 @pytest.mark.parametrize(
@@ -60,26 +60,26 @@ def test_half_a_coordinate_and_infinity(ur5):
     ],
 )
 def test_options(ur5, options, message):
-    refused(message, lambda: GenerativeModel.fit(ur5.observations(), **options))
+    assert_refused(message, lambda: GenerativeModel.fit(ur5.observations(), **options))
 
 
 def test_too_few_views(ur5):
-    refused("6 joints need at least 5", lambda: GenerativeModel.fit(ur5.observations()[:4]))
+    assert_refused("6 joints need at least 5", lambda: GenerativeModel.fit(ur5.observations()[:4]))
     few = ur5.pixels.copy()
     few[:, :, 3:] = np.nan
-    refused("3 features of the last link", lambda: GenerativeModel.fit(ur5.observations(pixels=few)))
+    assert_refused("3 features of the last link", lambda: GenerativeModel.fit(ur5.observations(pixels=few)))
 
 
 def test_a_camera_that_sees_nothing(ur5):
     pixels = ur5.pixels.copy()
     pixels[:, 1] = np.nan
-    refused("camera 1 saw no feature", lambda: GenerativeModel.fit(ur5.observations(pixels=pixels)))
+    assert_refused("camera 1 saw no feature", lambda: GenerativeModel.fit(ur5.observations(pixels=pixels)))
 
 
 def test_features_never_seen_together(ur5):
     pixels = ur5.pixels.copy()
     pixels[:, 0, 6:], pixels[:, 1, :6] = np.nan, np.nan
-    refused("camera 1 saw too few features", lambda: GenerativeModel.fit(ur5.observations(pixels=pixels)))
+    assert_refused("camera 1 saw too few features", lambda: GenerativeModel.fit(ur5.observations(pixels=pixels)))
 
 
 def test_features_on_a_line(ur5):
@@ -87,7 +87,7 @@ def test_features_on_a_line(ur5):
     arm.features = np.linspace(-0.08, 0.08, 12)[:, None] * [0.6, 0.0, 0.8] + [0.0, 0.0, 0.06]
     arm.normals = np.tile(arm.normals.mean(axis=0), (12, 1))
     pixels = arm.see(ur5.joints, np.random.default_rng(0), 0.5, hide=False)
-    refused("line", lambda: GenerativeModel.fit(ur5.observations(pixels=pixels)))
+    assert_refused("line", lambda: GenerativeModel.fit(ur5.observations(pixels=pixels)))
 
 
 def test_features_in_a_plane(ur5):
@@ -111,7 +111,7 @@ def test_a_joint_that_never_moved(ur5):
     assert model.report.still_joints == [4]
     assert any("joint 4" in words for words in model.report.unobservable)
     assert np.nanmean(np.linalg.norm(model.pixels(joints) - pixels, axis=-1)) < 0.7
-    refused("joint 4 is .* its axis is unknown", lambda: model.pixels(ur5.unseen_joints))
+    assert_refused("joint 4 is .* its axis is unknown", lambda: model.pixels(ur5.unseen_joints))
 
 
 def test_a_feature_that_was_hardly_seen_is_unknown(ur5):
@@ -124,12 +124,12 @@ def test_a_feature_that_was_hardly_seen_is_unknown(ur5):
 
 
 def test_use_of_a_model(ur5, model):
-    refused(r"joints have shape \(2, 5\)", lambda: model.pixels(np.zeros((2, 5))))
-    refused(r"pixels have shape \(1, 12, 2\)", lambda: model.infer_joints(ur5.pixels[0, :1]))
-    refused("image 0 shows 0 known features", lambda: model.infer_joints(np.full((2, 12, 2), np.nan)))
-    refused(r"near has shape \(5,\)", lambda: model.infer_joints(ur5.pixels[0], near=np.zeros(5)))
-    refused(r"actions have shape \(3, 6\)", lambda: model.infer_joints(ur5.pixels[:3], actions=np.zeros((3, 6))))
+    assert_refused(r"joints have shape \(2, 5\)", lambda: model.pixels(np.zeros((2, 5))))
+    assert_refused(r"pixels have shape \(1, 12, 2\)", lambda: model.infer_joints(ur5.pixels[0, :1]))
+    assert_refused("image 0 shows 0 known features", lambda: model.infer_joints(np.full((2, 12, 2), np.nan)))
+    assert_refused(r"near has shape \(5,\)", lambda: model.infer_joints(ur5.pixels[0], near=np.zeros(5)))
+    assert_refused(r"actions have shape \(3, 6\)", lambda: model.infer_joints(ur5.pixels[:3], actions=np.zeros((3, 6))))
     for what in ("camera:5", "camera:x", "tool", "structure:99"):
-        refused("expected", lambda what=what: model.relearn(ur5.observations(), what))
-    refused("capacity", lambda: model.online(0))
-    refused("expected finite", lambda: model.online().add(np.zeros(5), ur5.pixels[0]))
+        assert_refused("expected", lambda what=what: model.relearn(ur5.observations(), what))
+    assert_refused("capacity", lambda: model.online(0))
+    assert_refused("expected finite", lambda: model.online().add(np.zeros(5), ur5.pixels[0]))
