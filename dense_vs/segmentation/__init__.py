@@ -4,6 +4,7 @@ from dense_vs.segmentation.annotated_folder import AnnotatedFolder
 from dense_vs.segmentation.few_shot import FewShotOptions, FewShotSegmenter
 from dense_vs.segmentation.id_segmenter import IdSegmenter
 from dense_vs.segmentation.mask_quality import MaskQuality, MaskVerdict, assess_mask
+from dense_vs.segmentation.onnx_segmenter import OnnxOptions, OnnxSegmenter
 from dense_vs.segmentation.segmenter import Segmenter
 
 __all__ = [
@@ -13,6 +14,8 @@ __all__ = [
     "IdSegmenter",
     "MaskQuality",
     "MaskVerdict",
+    "OnnxOptions",
+    "OnnxSegmenter",
     "Segmenter",
     "assess_mask",
 ]
