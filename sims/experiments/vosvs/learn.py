@@ -109,7 +109,7 @@ def table_rows(learnt: list[Learnt], seeds: tuple[int, ...]) -> "list[Row]":
     for one in learnt[:7]:
         same = [other for other in learnt if other.one.name == one.one.name]
         for update in ("hadamard", "featurewise"):
-            known = [other.outcomes[update].updates for other in same if other.outcomes[update].converged]
+            known = [count for other in same if (count := other.outcomes[update].updates) is not None]
             paper = 14 if (one.one.name, update) == ("base", "hadamard") else None
             count = float(np.median(known)) if known else float("nan")
             rows.append(Row(f"{one.one.name}: updates until s*, {LABELS[update]}", paper, count, "", seeds))
