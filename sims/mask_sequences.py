@@ -23,7 +23,8 @@ class MaskSequence:
     Attributes:
         masks: ``(m, 480, 640)`` uint8, 0 or 1, nearest view first.
         camera_back: ``(m,)`` [m], how far the camera stands behind its nearest position.
-        distance: [m], from the nearest camera position to the object.
+        distance: [m], from the nearest camera position to the object: along the optical axis, in the mean over the
+            outline that it shows there, which is the part of it that a mask tells about.
     """
 
     masks: np.ndarray
@@ -57,7 +58,7 @@ def simulate_masks(random: np.random.Generator) -> MaskSequence:
             place, size = random.uniform((0, 0), (WIDTH, HEIGHT)), random.uniform(1.0, 8.0, 2)
             _ellipse(mask, place, size, random)
         masks[view] = mask
-    return MaskSequence(masks, back, target.front)
+    return MaskSequence(masks, back, target.outline_distance(camera))
 
 
 @dataclass(frozen=True)
@@ -85,7 +86,6 @@ class _Camera:
 class _Thing:
     parts: list[np.ndarray]  # corners (n, 3); the outline as it stands of a flat one, the hull of each part of a solid
     flat: bool
-    front: float  # m, mean distance of the side towards the camera
 
     @classmethod
     def draw(cls, random: np.random.Generator, distance: float, camera: _Camera, on_axis: bool) -> "_Thing":
@@ -99,16 +99,26 @@ class _Thing:
         if random.random() < 0.4:
             flat = _flat_outline(random) * size
             corners = np.concatenate([flat, np.zeros((len(flat), 1))], axis=1)
-            return cls([corners + centre], True, distance)
+            return cls([corners + centre], True)
         parts = []
         for _ in range(int(random.choice([1, 1, 1, 2, 3]))):
             apart = random.normal(0.0, 0.25, 3) * size if parts else np.zeros(3)
             parts.append(_solid(random) * size * (random.uniform(0.4, 1.0) if parts else 1.0) + apart)
         depth = np.concatenate(parts)[:, 2]
-        # The object's distance is that of what the camera sees of it, not of its middle.
+        # Its near side is at the distance, unless its depth would reach up to the camera.
+        depth = np.concatenate(parts)[:, 2]
         front = float(depth[depth <= np.median(depth)].mean())
         room = max(0.0, 0.1 * distance - (distance + depth.min() - front))
-        return cls([part + centre + [0.0, 0.0, room - front] for part in parts], False, distance + room)
+        return cls([part + centre + [0.0, 0.0, room - front] for part in parts], False)
+
+    def outline_distance(self, camera: _Camera) -> float:
+        """Mean distance [m] over the outline as the nearest view shows it."""
+        corners = np.concatenate(self.parts)
+        image = camera.project(corners, 0).astype(np.float32)
+        around = np.asarray(cv2.convexHull(image, returnPoints=False)[:, 0], dtype=np.int64)
+        sides = np.linalg.norm(image[around] - image[np.roll(around, -1)], axis=1)
+        middles = 0.5 * (corners[around, 2] + corners[np.roll(around, -1), 2])
+        return float(sides @ middles / sides.sum())
 
     def silhouette(self, camera: _Camera, view: int) -> np.ndarray:
         """The mask, uint8 (H, W)."""
@@ -134,7 +144,7 @@ class _Noise:
             return random.uniform(0.0, most) if random.random() < share else 0.0
 
         return cls(
-            random.normal(0.0, 1.5) if random.random() < 0.6 else 0.0,
+            random.normal(1.0, 2.0) if random.random() < 0.6 else 0.0,
             sometimes(0.5, 1.4),
             sometimes(0.5, 2.0),
             sometimes(0.3, 0.2),

@@ -28,12 +28,12 @@ _area = DIRECTIONS // 2
 # The robust model first; the others show what it depends on.
 _models = (
     ScaleModel(),
-    ScaleModel(grown=0.0),
+    ScaleModel(exact=1.0),
     ScaleModel(solidity=0.0, relative_noise=0.0),
-    ScaleModel(grown=0.0, lengths=(0,)),
-    ScaleModel(grown=0.0, lengths=(_quarter,)),
-    ScaleModel(grown=0.0, lengths=(_area,)),
-    ScaleModel(grown=4.0, solidity=0.0, lengths=(0, _quarter, _area)),
+    ScaleModel(exact=1.0, lengths=(0,)),
+    ScaleModel(exact=1.0, lengths=(_quarter,)),
+    ScaleModel(exact=1.0, lengths=(_area,)),
+    ScaleModel(exact=0.0, grown=0.0, grown_spread=4.0, solidity=0.0, lengths=(0, _quarter, _area)),
 )
 _shares = (0.05, 0.16, 0.5, 0.84, 0.95)
 

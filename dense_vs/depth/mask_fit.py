@@ -20,7 +20,8 @@ from dense_vs.errors import DenseVSError
 
 Method = Literal["vos-de", "robust", "learned"]
 METHODS: tuple[str, ...] = get_args(Method)
-OBSERVABLE_LOG_STD = 0.7
+OBSERVABLE_LOG_STD = 0.5
+OBSERVABLE_GROWTH = 3.0  # px
 
 
 @dataclass(frozen=True)
@@ -32,8 +33,9 @@ class MaskDepth:
             make negative; ``observable`` is False then.
         interval: (low, high) [m], holds the distance with a probability of about 68 %.
         log_std: standard deviation of the distance's logarithm; about the relative error to expect.
-        observable: whether the views tell the distance at all: its logarithm is known to better than 0.7 (a factor
-            of two). Where not, ``distance`` is little more than a guess from the camera's travel.
+        observable: whether the views tell the distance at all: its logarithm is known to better than 0.5, and
+            the object grows by at least three pixels, which rounding cannot explain. Where not, ``distance`` is little
+            more than a guess from the camera's travel.
         used: ``(m,)`` bool, views that the estimate stands on.
         weight: ``(m,)``, how much each view counts, from 0 (left out) to 1.
         regions: of each view the object's region, None where it was not found.
@@ -125,7 +127,9 @@ class Evidence:
         low, high = (max(posterior.quantile(share) - self.nearest_offset, floor) for share in (0.16, 0.84))
         at_nearest = max(distance - self.nearest_offset, floor)
         log_std = posterior.log_std() * distance / at_nearest
-        observable = log_std < OBSERVABLE_LOG_STD
+        travel = float(np.ptp(self.camera_back))
+        growth = float(self.shapes[0].widths.max()) * travel / (distance + travel)
+        observable = log_std < OBSERVABLE_LOG_STD and growth >= OBSERVABLE_GROWTH
         return MaskDepth(at_nearest, (low, high), log_std, observable, used, weight, self.regions, method)
 
 

@@ -15,7 +15,7 @@ import numpy as np
 from dense_vs.errors import DenseVSError
 
 DIRECTIONS = 16
-MAX_REGIONS = 12  # of a view, the largest
+MAX_REGIONS = 24  # of a view, the largest
 _angles = np.arange(DIRECTIONS) * (2 * np.pi / DIRECTIONS)
 _unit = np.stack([np.cos(_angles), np.sin(_angles)])  # (2, D)
 # A pixel is a square about its centre: it reaches this much farther than its centre.

@@ -32,9 +32,12 @@ class ScaleModel:
         relative_noise: the same as a share of the object's size.
         solidity: change of an outline by parallax, as a share of the object's offset from the axis over the image
             width; 0 for a flat object.
-        grown: standard deviation of the outline's growth that all views share [px].
-        log_distance: standard deviation of log(distance / travel) about 0: nobody approaches an object by a
-            hundredth or a hundred times of its distance.
+        exact: probability that the outline is in the mean where it should be, as in rendered and annotated masks.
+        grown, grown_spread: mean and standard deviation of the outline's growth in all views [px] where it is not:
+            segmentation networks work at a coarse resolution and tend to include a few pixels of the surroundings.
+        log_distance: spread of log(distance / travel) about 0: an approach is about as long as the distance that is
+            left. Student's t with three degrees of freedom, whose tails are long enough for a camera that hardly moves
+            to be told as such.
         outlier_degrees: degrees of freedom of Student's t over views; infinite trusts all views alike.
         lengths: indices of the lengths to use; None uses all thirteen.
     """
@@ -42,8 +45,10 @@ class ScaleModel:
     pixel_noise: float = 0.3
     relative_noise: float = 0.01
     solidity: float = 0.3
-    grown: float = 2.0
-    log_distance: float = 1.2
+    exact: float = 0.3
+    grown: float = 1.5
+    grown_spread: float = 2.2
+    log_distance: float = 1.0
     outlier_degrees: float = 4.0
     lengths: tuple[int, ...] | None = None
 
@@ -78,8 +83,9 @@ class DistancePosterior:
 
 
 # Distances considered, as multiples of the camera's travel.
-_multiples = np.exp(np.linspace(np.log(0.03), np.log(30.0), 140))
-_growths = np.linspace(-2.5, 2.5, 11)  # in standard deviations
+_multiples = np.exp(np.linspace(np.log(0.03), np.log(1000.0), 210))
+_growths = np.arange(-4.0, 8.1, 0.75)  # px
+_exactness = 0.5  # px, standard deviation of the growth of an exact outline
 
 
 def distance_posterior(
@@ -105,12 +111,14 @@ def distance_posterior(
     if model.lengths is not None:
         chosen = list(model.lengths)
         Y, least, grow = Y[:, chosen], least[np.ix_(chosen, chosen)], grow[chosen]
-    prior = -0.5 * (np.log(_multiples) / model.log_distance) ** 2
+    prior = -2.0 * np.log1p((np.log(_multiples) / model.log_distance) ** 2 / 3.0)
     weight = np.ones(len(Y))
-    for _ in range(1 if np.isinf(model.outlier_degrees) else 4):
-        log_density = _log_density(Y, scale, weight, grow, least, model.grown) + prior
-        if np.isfinite(model.outlier_degrees):
-            weight = _view_weights(Y, scale[log_density.argmax()], weight, grow, least, model.outlier_degrees)
+    if np.isfinite(model.outlier_degrees):
+        some = slice(None, None, 4)  # the weights need only a rough distance
+        for _ in range(3):
+            log_density = _log_density(Y, scale[some], weight, grow, least, model) + prior[some]
+            weight = _view_weights(Y, scale[some][log_density.argmax()], weight, grow, least, model.outlier_degrees)
+    log_density = _log_density(Y, scale, weight, grow, least, model) + prior
     density = np.exp(log_density - log_density.max())
     return DistancePosterior(z, density / density.sum(), weight)
 
@@ -152,7 +160,7 @@ def _least_error(shape: RegionShape, image_size: tuple[int, int], model: ScaleMo
 
 
 def _log_density(
-    Y: np.ndarray, scale: np.ndarray, weight: np.ndarray, grow: np.ndarray, least: np.ndarray, grown: float
+    Y: np.ndarray, scale: np.ndarray, weight: np.ndarray, grow: np.ndarray, least: np.ndarray, model: ScaleModel
 ) -> np.ndarray:
     """Log marginal likelihood at each distance, the shared growth integrated out."""
     root = np.sqrt(weight)
@@ -166,12 +174,21 @@ def _log_density(
     growth = np.outer(grow, grow)
     degrees = 0.5 * max(weight.sum() - 1.0, 0.5)
     per_growth = []
-    for deviations in _growths if grown > 0 else np.zeros(1):
-        n = deviations * grown
+    for n, prior in _growth_prior(model):
         cross = n * with_ones[:, :, None] * grow
         residual = scatter - cross - cross.transpose(0, 2, 1) + n * n * of_ones[:, None, None] * growth
-        per_growth.append(-degrees * np.linalg.slogdet(residual)[1] - 0.5 * deviations**2)
+        per_growth.append(np.log(prior) - degrees * np.linalg.slogdet(residual)[1])
     return np.asarray(np.logaddexp.reduce(per_growth, axis=0))
+
+
+def _growth_prior(model: ScaleModel) -> list[tuple[float, float]]:
+    """Growths [px] of the outline and their probabilities; one growth where the outline is known to be exact."""
+    if model.exact >= 1.0:
+        return [(0.0, 1.0)]
+    of_exact = np.exp(-0.5 * (_growths / _exactness) ** 2)
+    of_grown = np.exp(-0.5 * ((_growths - model.grown) / model.grown_spread) ** 2)
+    probability = model.exact * of_exact / of_exact.sum() + (1.0 - model.exact) * of_grown / of_grown.sum()
+    return list(zip(_growths.tolist(), probability.tolist(), strict=True))
 
 
 def _view_weights(
