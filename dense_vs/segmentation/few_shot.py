@@ -21,6 +21,7 @@ from dense_vs.segmentation.candidate_regions import mask_share, overlaps, see
 from dense_vs.segmentation.colour_words import ColourWords
 from dense_vs.segmentation.decision_forest import DecisionForest
 from dense_vs.segmentation.few_shot_learning import ObjectModel, learn_object
+from dense_vs.segmentation.mask_refinement import refine_mask
 from dense_vs.segmentation.segmenter import check_image, check_mask
 
 FORMAT = "dense-vs few-shot segmenter"
@@ -128,7 +129,7 @@ class FewShotSegmenter:
             return np.zeros((height, width), dtype=bool)
         self.score = float(score[best])
         region = found.trees[found.tree[best]].mask(seen.pixels, int(found.node[best]))
-        mask = _smooth(region, (width, height))
+        mask = refine_mask(image, _smooth(region, (width, height)))
         self._previous = mask
         return mask
 
