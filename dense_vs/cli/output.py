@@ -9,6 +9,8 @@ from importlib import metadata
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from dense_vs.files import atomic_write
 
 
@@ -48,17 +50,22 @@ def table(header: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
 
 
 def write_json(path: Path, content: Any) -> None:
-    """Write a JSON file, whole or not at all; numbers that JSON has no form for, as NaN, become null."""
+    """Write a JSON file, whole or not at all; NumPy's numbers are welcome, and what JSON has no form for, as NaN,
+    becomes null.
+    """
+    text = json.dumps(_plain(content), indent=2, allow_nan=False)
     with atomic_write(path, "w") as stream:
-        json.dump(_finite(content), stream, indent=2, allow_nan=False)
+        stream.write(text)
         stream.write("\n")
 
 
-def _finite(content: Any) -> Any:
+def _plain(content: Any) -> Any:
     if isinstance(content, dict):
-        return {name: _finite(value) for name, value in content.items()}
+        return {name: _plain(value) for name, value in content.items()}
     if isinstance(content, (list, tuple)):
-        return [_finite(value) for value in content]
+        return [_plain(value) for value in content]
+    if isinstance(content, np.generic):
+        content = content.item()
     return None if isinstance(content, float) and not math.isfinite(content) else content
 
 

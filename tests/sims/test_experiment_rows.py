@@ -1,5 +1,8 @@
 import json
 
+import numpy as np
+
+from dense_vs.cli.output import write_json
 from dense_vs.sims.experiments.rows import Row, rows_json, rows_table, seeds_text
 
 
@@ -21,3 +24,11 @@ def test_seeds_are_written_in_short():
     assert seeds_text([2, 0, 1]) == "0-2"
     assert seeds_text([7]) == "7"
     assert seeds_text([3, 9]) == "3,9"
+
+
+def test_numpys_numbers_are_written_as_json(tmp_path):
+    rows = [Row("placed", None, np.int64(3), "", (np.int64(1),)), Row("error", None, np.float32(np.nan), "px", (1,))]
+    write_json(tmp_path / "rows.json", {"rows": rows_json(rows)})
+    read = json.loads((tmp_path / "rows.json").read_text())["rows"]
+    assert [row["ours"] for row in read] == [3, None]
+    assert read[0]["seeds"] == [1]
