@@ -236,7 +236,8 @@ class JacobianFilter:
         flows = [self.flow, self.model_flow]
         noises = [options.process_noise, options.drift_noise, options.measurement_noise, options.max_variance]
 
-        self._count_bad = self._pixels(count_bad_flow, [self.flow, self.bad])
+        # On one thread: sooner done than shared out.
+        self._count_bad = PixelLaunch(count_bad_flow, self.shape, [self.flow, self.bad], self.device)
         self.regress, self.update_gain, self.predict, self.correct = [], [], [], []
         for now in range(2):
             state, next_state = self.state[now], self.state[1 - now]

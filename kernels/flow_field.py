@@ -18,6 +18,23 @@ def finite(u: wp.vec2) -> bool:
     return x != exponent and y != exponent
 
 
+# A plain loop over a row, which a CPU runs 16 numbers at a time; by the same bits as ``finite``.
+_COUNT = """
+    const unsigned *row = reinterpret_cast<const unsigned*>(flow.data)
+        + ((size_t)world * flow.shape[1] + y) * 2 * flow.shape[2];
+    int bad = 0;
+    for (int x = 0; x < flow.shape[2]; ++x)
+        bad += (row[2 * x] & 0x7F800000u) == 0x7F800000u || (row[2 * x + 1] & 0x7F800000u) == 0x7F800000u;
+    return bad;
+"""
+
+
+@wp.func_native(_COUNT)
+def bad_in_row(flow: wp.array3d(dtype=wp.vec2), world: int, y: int) -> int:
+    """Pixels of a row that are not finite, in a contiguous image."""
+    ...
+
+
 @wp.kernel
 def count_bad_flow(
     row_begin: int,
@@ -31,8 +48,9 @@ def count_bad_flow(
     world, row, column = wp.tid()
     y = row_begin + row
     bad = int(0)
-    for x in range(column, flow_in.shape[2], column_step):
-        if not finite(flow_in[world, y, x]):
-            bad += 1
+    if column_step == 1:
+        bad = bad_in_row(flow_in, world, y)
+    elif not finite(flow_in[world, y, column]):
+        bad = 1
     if bad > 0:
         wp.atomic_add(bad_out, world, y, bad)
