@@ -30,11 +30,40 @@ SPEED = (
     ("predict_update_vs_numpy", "the equations in NumPy", 1),
     ("predict_update_vs_opencv", "OpenCV's `remap` and plane-wise NumPy", 1),
     ("predict_update_vs_taichi", "Taichi", 1),
+    ("predict_update_vs_torch", "PyTorch", 1),
 )
 FRAME = (
     ("predict_update_default_ms", "predict and update in the default mode [ms]", 2),
     ("frame_fps_320x240", "whole frame (flow, update, tracking, servo) at 320x240 [fps]", 0),
     ("frame_fps_640x480", "whole frame at 640x480 [fps]", 0),
+)
+
+BATCH = (
+    ("closed_loop_h200", "closed loop, 1024 worlds, cuda:0", "whole loop, 1024 robots [frames/s]", "{:,.0f}"),
+    ("closed_loop_h200", "render, 1024 worlds, cuda:0", "of that per frame of all: rendering [ms]", "{:.1f}"),
+    ("closed_loop_h200", "flow, 1024 worlds, cuda:0", "optical flow [ms]", "{:.1f}"),
+    ("closed_loop_h200", "update, 1024 worlds, cuda:0", "predict and update [ms]", "{:.1f}"),
+    ("closed_loop_h200", "physics, 1024 worlds, cuda:0", "physics [ms]", "{:.1f}"),
+    ("closed_loop_h200", "device memory, 1024 worlds, cuda:0", "memory [GiB]", "{:.1f}"),
+    (
+        "closed_loop_h200",
+        "share of reaches within 3 px, 1024 worlds, cuda:0",
+        "reaches that end within 3 px of a random target by the simulator's truth",
+        "{:.1%}",
+    ),
+    (
+        "closed_loop_h200_one",
+        "image to command, 1 worlds, cuda:0",
+        "one robot: from image to command [ms]",
+        "{:.2f}",
+    ),
+    (
+        "roofline_h200",
+        "share_of_copy_rate, shared, order 1, 512 worlds, cuda:0",
+        "predict and update, 512 worlds: share of the copy rate",
+        "{:.2f}",
+    ),
+    ("roofline_h200", "share_of_copy_rate, shared, order 2, 512 worlds, cuda:0", "the same with order 2", "{:.2f}"),
 )
 
 
@@ -83,6 +112,16 @@ def measured() -> str:
     lines += [f"| {text} | {speed[name]:.{digits}f} | {cold[name]:.{digits}f} |" for name, text, digits in SPEED]
     lines += ["", "| | |", "|---|---|"]
     lines += [f"| {text} | {speed[name]:.{digits}f} |" for name, text, digits in FRAME]
+    header = load("closed_loop_h200")[0]
+    lines += [
+        "",
+        f"Many robots on one {header['machine']['gpus'][0]}, 320x240, 4 joints, links, textures, lights and cameras "
+        f"all different (`profiling/closed_loop.py`, `profiling/roofline.py`, {header['date'][:10]}):",
+        "",
+        "| | |",
+        "|---|---|",
+    ]
+    lines += [f"| {text} | {form.format(load(file)[1][name])} |" for file, name, text, form in BATCH]
     return "\n".join(lines)
 
 
