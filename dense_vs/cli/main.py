@@ -19,6 +19,8 @@ COMMANDS = {
     "reach": "dense_vs.sims.cli.reach",
     "record": "dense_vs.sims.cli.record",
     "reproduce": "dense_vs.sims.cli.reproduce",
+    "segment": "dense_vs.cli.segment",
+    "segment-train": "dense_vs.cli.segment_train",
 }
 EXTRAS = {"mujoco": "sims", "mujoco_warp": "sims", "av": "viz", "matplotlib": "viz", "sklearn": "vos"}
 

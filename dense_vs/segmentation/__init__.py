@@ -1,6 +1,6 @@
 """Masks from images: VOS-VS section 4.1, with a segmenter of one's choice and what to think of its masks."""
 
-from dense_vs.segmentation.annotated_folder import AnnotatedFolder
+from dense_vs.segmentation.annotated_folder import AnnotatedFolder, read_image, read_images, read_mask, write_mask
 from dense_vs.segmentation.few_shot import FewShotOptions, FewShotSegmenter
 from dense_vs.segmentation.id_segmenter import IdSegmenter
 from dense_vs.segmentation.mask_quality import MaskQuality, MaskVerdict, assess_mask
@@ -18,4 +18,8 @@ __all__ = [
     "OnnxSegmenter",
     "Segmenter",
     "assess_mask",
+    "read_image",
+    "read_images",
+    "read_mask",
+    "write_mask",
 ]

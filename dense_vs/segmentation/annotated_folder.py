@@ -8,6 +8,7 @@ import cv2
 import numpy as np
 
 from dense_vs.errors import DenseVSError
+from dense_vs.files import atomic_write
 
 IMAGE_SUFFIXES = (".jpg", ".jpeg", ".png", ".bmp")
 MASK_SUFFIX = "_mask.png"
@@ -29,12 +30,10 @@ class AnnotatedFolder:
             DenseVSError: no such folder, no pair, a file that cannot be read, or a mask of another size.
         """
         folder = Path(folder)
-        if not folder.is_dir():
-            raise DenseVSError(f"{folder} is not a folder; expected one with images and NAME{MASK_SUFFIX} beside them")
         names, images, masks = [], [], []
-        for path in sorted(folder.iterdir()):
+        for path in image_files(folder):
             mask_path = path.with_name(path.stem + MASK_SUFFIX)
-            if path.suffix.lower() not in IMAGE_SUFFIXES or path.name.endswith(MASK_SUFFIX) or not mask_path.is_file():
+            if not mask_path.is_file():
                 continue
             image, mask = read_image(path), read_mask(mask_path)
             if image.shape[:2] != mask.shape:
@@ -47,6 +46,31 @@ class AnnotatedFolder:
                 f"{folder} has no annotated image; expected NAME.jpg or .png with NAME{MASK_SUFFIX} beside it"
             )
         return cls(names, images, masks)
+
+
+def image_files(folder: str | os.PathLike[str]) -> list[Path]:
+    """Image files of a folder but its masks, sorted by name.
+
+    Raises:
+        DenseVSError: no such folder, or no image in it.
+    """
+    folder = Path(folder)
+    if not folder.is_dir():
+        raise DenseVSError(f"{folder} is not a folder; expected one with images {', '.join(IMAGE_SUFFIXES)}")
+    files = [p for p in sorted(folder.iterdir()) if p.suffix.lower() in IMAGE_SUFFIXES]
+    files = [p for p in files if not p.name.endswith(MASK_SUFFIX)]
+    if not files:
+        raise DenseVSError(f"{folder} has no image; expected files {', '.join(IMAGE_SUFFIXES)}")
+    return files
+
+
+def read_images(folder: str | os.PathLike[str]) -> list[np.ndarray]:
+    """All images of a folder but its masks, RGB uint8, sorted by name.
+
+    Raises:
+        DenseVSError: as :func:`image_files`, or a file that is not an image.
+    """
+    return [read_image(path) for path in image_files(folder)]
 
 
 def read_image(path: str | os.PathLike[str]) -> np.ndarray:
@@ -69,16 +93,26 @@ def read_mask(path: str | os.PathLike[str]) -> np.ndarray:
 
 
 def write_mask(path: str | os.PathLike[str], mask: np.ndarray) -> None:
-    """Write a mask as a PNG file of 0 and 255.
+    """Write a mask (H, W) as a PNG file of 0 and 255.
 
     Raises:
         DenseVSError: it cannot be written.
     """
-    from dense_vs.files import atomic_write
+    _write(path, ".png", np.where(mask, 255, 0).astype(np.uint8))
 
-    encoded = cv2.imencode(".png", np.where(mask, 255, 0).astype(np.uint8))[1]
+
+def write_image(path: str | os.PathLike[str], image: np.ndarray) -> None:
+    """Write an RGB uint8 image (H, W, 3) as a JPEG file.
+
+    Raises:
+        DenseVSError: it cannot be written.
+    """
+    _write(path, ".jpg", cv2.cvtColor(image, cv2.COLOR_RGB2BGR))
+
+
+def _write(path: str | os.PathLike[str], kind: str, image: np.ndarray) -> None:
     with atomic_write(path) as stream:
-        stream.write(encoded.tobytes())
+        stream.write(cv2.imencode(kind, image)[1].tobytes())
 
 
 def _read(path: str | os.PathLike[str], flags: int) -> np.ndarray:
