@@ -270,7 +270,7 @@ class BatchServo:
         threads = world.threads
         scene = world.scene
         seeds = np.random.default_rng([seed, 13]).integers(0, 2**31, (2, worlds))
-        self.flow = BatchFlow(worlds, height, width, method=flow, device=device, threads=threads)
+        self.flow = BatchFlow(worlds, height, width, method=flow, device=device.alias, threads=threads)
         self.filter = JacobianFilter(options, device, threads, flow=self.flow.flow)
         self._renderer = GrayRenderer(
             self.flow.gray, scene.model, self._physics.model, self._physics.data, scene.camera, threads

@@ -156,20 +156,21 @@ class GrayRenderer:
         camera: int,
         threads: int,
     ):
+        device: Any = gray.device
         self._tracer = RayTracer(
             model,
             device_model,
             data,
             camera,
             gray.shape,
-            gray.device,
+            device,
             threads,
             render_rgb=True,
             render_depth=False,
             render_seg=False,
         )
         self._to_gray = PixelLaunch(
-            packed_to_gray_kernel, gray.shape, [self._tracer.context.rgb_data, gray], gray.device, threads
+            packed_to_gray_kernel, gray.shape, [self._tracer.context.rgb_data, gray], device, threads
         )
 
     def render(self) -> None:
