@@ -11,7 +11,6 @@ graph and nothing is read back unless asked for. Every world finishes, loses its
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -33,6 +32,7 @@ from dense_vs.kernels.surface_weights import surface_weight_kernels
 from dense_vs.kernels.world_restart import joint_motion
 from dense_vs.servo import ServoOptions
 from dense_vs.servo_loop import SAME_SURFACE
+from dense_vs.sims.batch_episode import OUTCOMES, BatchResults, EpisodeOptions
 from dense_vs.sims.physics import WarpPhysics
 from dense_vs.sims.renderer import GrayRenderer
 from dense_vs.sims.scene import FRAME_SECONDS
@@ -40,56 +40,8 @@ from dense_vs.sims.targets import reachable_targets
 from dense_vs.sims.world import SimWorld
 from dense_vs.tracker import FIXED_POINT_STEPS, TrackerOptions
 
-OUTCOMES = ("pending", "reached", "missed", "lost")
 WARM_UP_FRAMES = 2  # run launch by launch before a graph is captured: kernels compile and arrays are made
 CHECK_FRAMES = 30  # between looks at whether all worlds rest
-
-
-@dataclass(frozen=True, kw_only=True)
-class EpisodeOptions:
-    """What a world goes through.
-
-    Attributes:
-        babble_seconds: time spent learning J first [s].
-        tolerance: distance of the tracked point from its target that counts as there [px].
-        settle_frames: frames it has to stay there.
-        max_frames: frames after which a reach is given up.
-    """
-
-    babble_seconds: float = 10.0
-    tolerance: float = 1.0
-    settle_frames: int = 5
-    max_frames: int = 150
-
-    def __post_init__(self):
-        for name in ("babble_seconds", "tolerance"):
-            value = getattr(self, name)
-            number = isinstance(value, (int, float, np.number)) and not isinstance(value, bool)
-            if not number or not np.isfinite(value) or value <= 0:
-                raise DenseVSError(f"{name} is {value!r}; expected a finite number above 0")
-        for name in ("settle_frames", "max_frames"):
-            value = getattr(self, name)
-            if isinstance(value, bool) or not isinstance(value, (int, np.integer)) or value < 1:
-                raise DenseVSError(f"{name} is {value!r}; expected a whole number of at least 1")
-
-
-@dataclass(frozen=True)
-class BatchResults:
-    """What came of the reaches of B worlds with K targets each, by the loop and by the simulator's truth.
-
-    Attributes:
-        outcome: (B, K) of ``"pending"``, ``"reached"``, ``"missed"`` (given up) and ``"lost"`` (its point).
-        frames: (B, K), that the reach took.
-        error_px: (B, K), tracked point to target at the end [px]; NaN while pending.
-        true_error_px: (B, K), the point itself to target [px].
-        restarts: (B,), how often a world was put back to its beginning because its state was not finite.
-    """
-
-    outcome: np.ndarray
-    frames: np.ndarray
-    error_px: np.ndarray
-    true_error_px: np.ndarray
-    restarts: np.ndarray
 
 
 class BatchServo:

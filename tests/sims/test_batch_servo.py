@@ -7,7 +7,7 @@ import warp as wp
 from dense_vs import DenseVSError
 from dense_vs.jacobian_filter import JacobianFilter
 from dense_vs.sims import BatchServo, DomainRandomization, SimWorld
-from dense_vs.sims.batch_servo import EpisodeOptions
+from dense_vs.sims.batch_episode import EpisodeOptions
 
 RANDOMIZATION = DomainRandomization(
     link_size=0.1, texture_sets=2, light=0.3, light_angle=0.3, camera_position=0.03, camera_angle=0.03
