@@ -13,7 +13,6 @@ from dense_vs.segmentation.region_features import (
     SuperpixelFigures,
     merge_features,
     region_features,
-    relative_features,
     superpixel_figures,
 )
 from dense_vs.segmentation.region_tree import RegionTree, region_tree
@@ -79,8 +78,7 @@ def candidate_regions(
         nodes.append(kept)
         areas.append(area[kept])
         rows.append(features[kept])
-    features = relative_features(np.concatenate(rows), words.count)
-    return Candidates(trees, np.concatenate(index), np.concatenate(nodes), np.concatenate(areas), features)
+    return Candidates(trees, np.concatenate(index), np.concatenate(nodes), np.concatenate(areas), np.concatenate(rows))
 
 
 def overlaps(seen: SeenImage, candidates: Candidates, share: np.ndarray) -> np.ndarray:

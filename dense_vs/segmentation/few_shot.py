@@ -36,7 +36,8 @@ class FewShotOptions:
         size: longer side of the image that is looked at [px]; larger images are reduced to it.
         samples: pixels of the object drawn from every annotated image, three times as many of the background.
         min_area: smallest region that may be the object [px of the reduced image].
-        min_score: least predicted overlap that counts as having found the object.
+        min_score: least predicted overlap that counts as having found the object, as a share of what the object's
+            images lead to expect.
         memory: how much a region gains by overlapping the last mask, in units of predicted overlap; 0 for stills.
         seed: of the drawn pixels and of the forests.
     """
@@ -44,7 +45,7 @@ class FewShotOptions:
     size: int = 320
     samples: int = 1500
     min_area: int = 20
-    min_score: float = 0.1
+    min_score: float = 0.5
     memory: float = 0.3
     seed: int = 0
 
@@ -124,7 +125,8 @@ class FewShotSegmenter:
         if self._previous is not None:
             gain = self.options.memory * overlaps(seen, found, mask_share(seen, self._previous))
         height, width = image.shape[:2]
-        if not len(score) or score[best := int(np.argmax(score + gain))] + gain[best] < self.options.min_score:
+        least = self.options.min_score * model.expected_score
+        if not len(score) or score[best := int(np.argmax(score + gain))] + gain[best] < least:
             self.score = 0.0
             return np.zeros((height, width), dtype=bool)
         self.score = float(score[best])
@@ -156,6 +158,7 @@ class FewShotSegmenter:
         arrays = {
             "words": model.words.table,
             "examples": model.examples,
+            "expected_score": np.array(model.expected_score),
             **model.pixel_forest.arrays("pixel"),
             **model.region_forest.arrays("region"),
         }
@@ -186,6 +189,7 @@ class FewShotSegmenter:
                 examples,
                 DecisionForest.from_arrays(stored, "pixel"),
                 DecisionForest.from_arrays(stored, "region"),
+                float(stored["expected_score"]),
             )
         except (KeyError, TypeError, ValueError) as error:
             raise DenseVSError(f"cannot read {path} as {FORMAT}: {error}") from error

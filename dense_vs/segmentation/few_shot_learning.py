@@ -1,7 +1,8 @@
 """What the few-shot segmenter learns from annotated images: a colour vocabulary, a forest for pixels, one for regions.
 
 The second forest predicts how well a candidate region overlaps the object. It must learn with probabilities as
-unsure as new images will have, so each annotated image's come from a first forest that has not seen that image.
+unsure as new images will have, so each annotated image's come from a first forest that has not seen that image. What
+the second one expects of images that it has not seen says what score to expect of the object, and what of its absence.
 """
 
 from collections.abc import Sequence
@@ -23,8 +24,10 @@ from dense_vs.segmentation.colour_words import ColourWords
 from dense_vs.segmentation.decision_forest import DecisionForest
 
 WORDS = 18
-PIXEL_TREES = {"trees": 40, "min_leaf": 10, "share": 0.1}
-REGION_TREES = {"trees": 60, "min_leaf": 3, "share": 0.4}
+FOLDS = 5
+PIXEL_TREES = 40
+REGION_TREES = 60
+PROBE_TREES = 20
 POOR_OVERLAP = 0.1  # candidates below are many and alike: a part of them is enough
 POOR_SHARE = 0.2
 GOOD_OVERLAP = 0.4
@@ -39,6 +42,7 @@ class ObjectModel:
     examples: np.ndarray  # (m, K) histograms of colour words, one an annotated image that shows the object
     pixel_forest: DecisionForest  # probability of a pixel
     region_forest: DecisionForest  # overlap of a candidate region with the object
+    expected_score: float  # median answer of such a forest for the best candidate of an image that it has not seen
 
     def candidates(self, seen: SeenImage, min_area: float) -> tuple[Candidates, np.ndarray, np.ndarray]:
         """Candidate regions of an image, their predicted overlaps (C,), and the superpixels' probabilities (n,)."""
@@ -57,29 +61,56 @@ def learn_object(
     words = _vocabulary(images, masks, rng, seed)
     examples = [_histogram(words, image, mask) for image, mask in zip(images, masks, strict=True)]
 
-    features, target, weight = [], [], []
-    for number, (one, mask) in enumerate(zip(seen, masks, strict=True)):
-        others = [k for k in range(len(seen)) if k != number] or [number]
-        known = [examples[k] for k in others if examples[k] is not None]
-        if not known or not any(drawn[k][1].any() for k in others):  # the only image with the object
-            others, known = list(range(len(seen))), [e for e in examples if e is not None]
-        forest = _grow_pixels([drawn[k] for k in others], seed)
-        found = candidate_regions(one, likelihood(forest, one), words, np.array(known), min_area)
-        overlap = overlaps(one, found, mask_share(one, mask))
-        kept = (overlap > POOR_OVERLAP) | (rng.random(len(overlap)) < POOR_SHARE)
-        features.append(found.features[kept])
-        target.append(overlap[kept])
-        weight.append(_weights(overlap)[kept])
-    regions = DecisionForest.grow(
-        np.concatenate(features), np.concatenate(target), np.concatenate(weight), **REGION_TREES, seed=seed
+    shows = np.array([example is not None for example in examples])
+    folds = _folds(shows, rng)
+    features, target, weight, best = [], [], [], []
+    for fold in np.unique(folds):
+        others = folds != fold if (shows & (folds != fold)).any() else np.full(len(folds), True)
+        forest = _grow_pixels([drawn[k] for k in np.flatnonzero(others)], seed)
+        known = np.array([examples[k] for k in np.flatnonzero(others & shows)])
+        for k in np.flatnonzero(folds == fold).tolist():
+            found = candidate_regions(seen[k], likelihood(forest, seen[k]), words, known, min_area)
+            overlap = overlaps(seen[k], found, mask_share(seen[k], masks[k]))
+            kept = (overlap > POOR_OVERLAP) | (rng.random(len(overlap)) < POOR_SHARE)
+            features.append(found.features[kept])
+            target.append(overlap[kept])
+            weight.append(_weights(overlap)[kept])
+            best.append((k, found.features))
+    order = [k for k, _ in best]
+    fold_of_row = np.repeat(folds[order], [len(rows) for rows in features])
+    rows, answers, weights = (np.concatenate(part) for part in (features, target, weight))
+    scores = []
+    for fold in np.unique(folds):
+        others = fold_of_row != fold if (fold_of_row != fold).any() else np.full(len(rows), True)
+        probe = _grow_regions(rows[others], answers[others], weights[others], PROBE_TREES, seed)
+        scores += [probe(candidates).max(initial=0.0) for k, candidates in best if folds[k] == fold and shows[k]]
+    return ObjectModel(
+        words,
+        np.array([example for example in examples if example is not None]),
+        _grow_pixels(drawn, seed),
+        _grow_regions(rows, answers, weights, REGION_TREES, seed),
+        float(np.median(scores)),
     )
-    shown = np.array([example for example in examples if example is not None])
-    return ObjectModel(words, shown, _grow_pixels(drawn, seed), regions)
+
+
+def _folds(shows: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+    """Fold of every image, those that show the object spread evenly over all."""
+    folds = np.zeros(len(shows), np.int64)
+    count = max(1, min(FOLDS, int(shows.sum())))
+    for part in (np.flatnonzero(shows), np.flatnonzero(~shows)):
+        folds[rng.permutation(part)] = np.arange(len(part)) % count
+    return folds
+
+
+def _grow_regions(rows: np.ndarray, overlap: np.ndarray, weight: np.ndarray, trees: int, seed: int) -> DecisionForest:
+    return DecisionForest.grow(rows, overlap, weight, trees=trees, min_leaf=3, share=0.4, seed=seed)
 
 
 def _grow_pixels(drawn: Sequence[tuple[np.ndarray, np.ndarray]], seed: int) -> DecisionForest:
     features, inside = (np.concatenate(part) for part in zip(*drawn, strict=True))
-    return DecisionForest.grow(features, inside.astype(np.float64), **PIXEL_TREES, seed=seed)
+    return DecisionForest.grow(
+        features, inside.astype(np.float64), trees=PIXEL_TREES, min_leaf=10, share=0.1, seed=seed
+    )
 
 
 def _draw_pixels(

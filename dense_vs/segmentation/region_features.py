@@ -122,17 +122,6 @@ def region_features(
     ).astype(np.float32)
 
 
-def relative_features(features: np.ndarray, words: int) -> np.ndarray:
-    """Features (C, F + 5) float32 of all candidates of an image, with the share of the image's best in those that
-    tell the object by its looks: what is unlikely may still be the likeliest in an image."""
-    belief_at = COLOURS + 3 + words
-    belief, contrast = features[:, belief_at], features[:, belief_at + 3]
-    mass = belief * np.exp(features[:, -1])
-    likeness = features[:, -3:-1]
-    columns = np.column_stack([belief, contrast, mass, likeness])
-    return np.concatenate([features, columns / np.maximum(columns.max(axis=0), 1e-3)], axis=1)
-
-
 def _shape(size: np.ndarray, place: np.ndarray, perimeter: np.ndarray) -> list[np.ndarray]:
     """Elongation, area over that of the ellipse of the same moments, and compactness, (N, 1) each."""
     x, y, xx, yy, xy = (place[:, k : k + 1] / size for k in range(5))
