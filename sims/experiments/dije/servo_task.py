@@ -1,7 +1,8 @@
 """What the servo experiments of DIJE section V-B share: a robot that learns J, then brings points to targets.
 
 As in the paper, images come at 30 frames a second and a joint command every 0.7 s. Unlike the paper's robot, which
-began with J = 0 and the control law, ours babbles first: (17) commands nothing where J is zero. The loop sees
+began with J = 0 and the control law, ours babbles first: (17) commands nothing where J is zero. With muscle-like
+joints, which are read with noise, J moves by the measured flow (13), else by the predicted one (14). The loop sees
 images and joint readings only; the simulator chooses targets that can be reached and says what came of it.
 """
 
@@ -38,6 +39,12 @@ def add_task_arguments(parser: argparse.ArgumentParser, task: ServoTask) -> None
         "--commands", type=int, default=20, help="commands after which a target is given up (default: 20)"
     )
     parser.add_argument("--compliance", action="store_true", help="muscle-like joints: soft, late, read with noise")
+    parser.add_argument(
+        "--prediction",
+        choices=("model", "flow"),
+        help="J moves with the flow that it predicts (14) or with the measured one (13) (default: model; flow with "
+        "--compliance)",
+    )
     parser.add_argument("--distractor", default="none", help="what passes by, as walker-behind (default: none)")
     parser.add_argument(
         "--halve",
@@ -113,6 +120,9 @@ def run_seed(
             device=arguments.device,
             threads=arguments.threads,
             on_bad_flow="skip",
+            # Noise in the joint steps makes J too small, and by (14) a J that is too small falls behind its surface and
+            # gets smaller still: tips of tools then swing about their target. (13) does not ask J where J goes.
+            prediction=arguments.prediction or ("flow" if arguments.compliance else "model"),
         ),
         # A step lasts 0.7 s instead of a frame, so it may be longer.
         servo=VisualServo(
