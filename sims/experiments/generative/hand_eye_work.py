@@ -5,7 +5,7 @@ of the paper is here a shift of the part's features away from the hand's along t
 times their distance: the hand then stands off the part and comes nearer as the factor goes to 1.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -21,6 +21,7 @@ LEAST_CORNERS = 8  # of all cameras together, for a posture to count
 _SPREAD = 0.3  # rad, of the learning postures about home
 _NEAR_SPREAD = 0.2  # rad, of those in which a held part is learnt
 _LOWEST_TOOL = 0.28  # m, of the flange: what an operator would allow before he knows the arm better
+_POSTURES_A_SAMPLE = 10
 _FURTHEST_STEP = 1.5  # rad in all joints together: more is a wrong inference, not a motion
 
 
@@ -45,7 +46,7 @@ class Guide:
 def learn_arm(cell: Workcell, rng: np.random.Generator, samples: int) -> Guide:
     """Learn the arm from random postures: encoders and the corners of the hand's markers in the images."""
     joints, pixels = [], []
-    while len(joints) < samples:
+    for _ in _postures_for(samples, joints):
         _go_to(cell, _allowed_posture(cell, cell.chain.home, _SPREAD, rng))
         seen = cell.see(HAND_MARKERS)
         if np.isfinite(seen[..., 0]).sum() >= LEAST_CORNERS:
@@ -80,7 +81,7 @@ def learn_structure(
     """
     cell, joints, pixels = guide.cell, [], []
     near = cell.encoders()
-    while len(joints) < samples:
+    for _ in _postures_for(samples, joints):
         _go_to(cell, _allowed_posture(cell, cell.chain.home, _NEAR_SPREAD, rng))
         if hold is not None:
             hold()
@@ -180,6 +181,22 @@ def rigid_motion(before: np.ndarray, after: np.ndarray) -> tuple[np.ndarray, np.
     a, b = before[both], after[both]
     rotation = Rotation.align_vectors(b - b.mean(axis=0), a - a.mean(axis=0))[0].as_matrix()
     return rotation, b.mean(axis=0) - rotation @ a.mean(axis=0)
+
+
+def _postures_for(samples: int, kept: list) -> Iterator[int]:
+    """Counts postures until enough were kept.
+
+    Raises:
+        DenseVSError: the cameras saw too little in nearly all of them, as when a part was dropped.
+    """
+    for posture in range(_POSTURES_A_SAMPLE * samples):
+        if len(kept) >= samples:
+            return
+        yield posture
+    if len(kept) < samples:
+        raise DenseVSError(
+            f"{len(kept)} of {_POSTURES_A_SAMPLE * samples} postures showed {LEAST_CORNERS} corners; expected {samples}"
+        )
 
 
 def _allowed_posture(cell: Workcell, centre: np.ndarray, spread: float, rng: np.random.Generator) -> np.ndarray:
