@@ -10,12 +10,12 @@ if TYPE_CHECKING:
     from dense_vs.sims.adapters import SimCamera as SimCamera
     from dense_vs.sims.adapters import SimRobot as SimRobot
     from dense_vs.sims.batch_servo import BatchServo as BatchServo
+    from dense_vs.sims.frames import DeviceFrame as DeviceFrame
+    from dense_vs.sims.frames import Frame as Frame
     from dense_vs.sims.randomization import DomainRandomization as DomainRandomization
     from dense_vs.sims.robots import ROBOTS as ROBOTS
     from dense_vs.sims.scene import FRAME_SECONDS as FRAME_SECONDS
     from dense_vs.sims.surface_points import SurfacePoint as SurfacePoint
-    from dense_vs.sims.world import DeviceFrame as DeviceFrame
-    from dense_vs.sims.world import Frame as Frame
     from dense_vs.sims.world import SimWorld as SimWorld
 
 _HOMES = {
@@ -23,8 +23,8 @@ _HOMES = {
     "DomainRandomization": "randomization",
     "FRAME_SECONDS": "scene",
     "ROBOTS": "robots",
-    "DeviceFrame": "world",
-    "Frame": "world",
+    "DeviceFrame": "frames",
+    "Frame": "frames",
     "SimCamera": "adapters",
     "SimRobot": "adapters",
     "SimWorld": "world",

@@ -8,7 +8,6 @@ world.true_jacobian(), world.true_flow(), world.project("tip")
 
 import os
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -19,6 +18,7 @@ from dense_vs.errors import DenseVSError
 from dense_vs.sims import surface_points
 from dense_vs.sims.compliance import Compliance, resolve_compliance
 from dense_vs.sims.distractor import Distractor, DistractorPath
+from dense_vs.sims.frames import DeviceFrame, Frame
 from dense_vs.sims.physics import Physics, WarpPhysics, history_times, make_physics
 from dense_vs.sims.randomization import DomainRandomization, WorldModels
 from dense_vs.sims.renderer import Renderer, camera_intrinsics
@@ -28,26 +28,6 @@ from dense_vs.sims.truth import GroundTruth
 
 BYTES_PER_PIXEL = 24  # about: colour, packed and not, depth, and ids with and without their types
 BYTES_OF_PHYSICS = 50_000  # of a world, about
-
-
-@dataclass(frozen=True)
-class Frame:
-    """What the camera saw; every array has a leading worlds dimension when there are several."""
-
-    rgb: np.ndarray  # (H, W, 3) uint8
-    depth: np.ndarray  # (H, W) float32, m along the optical axis, 0 where there is no surface
-    ids: np.ndarray  # (H, W) int32 geom ids, -1 where there is no surface
-    time: float  # s
-
-
-@dataclass(frozen=True)
-class DeviceFrame:
-    """The same on the device, always with the worlds dimension; overwritten by the next frame."""
-
-    rgb: wp.array  # (B, H, W) of vec3ub
-    depth: wp.array  # (B, H, W) float32
-    ids: wp.array  # (B, H, W) int32
-    time: float
 
 
 class SimWorld:
