@@ -1,10 +1,15 @@
 """``dense-vs learn-model``: kinematics, structure and cameras of a recorded arm, from feature pixels.
 
-The recording is an .npz file with these arrays, T postures, n joints, c cameras, m features:
-pixels (T, c, m, 2) [px], NaN where a feature was not seen; image_sizes (c, 2), height and width [px];
-joints (T, n) [rad], read exactly or with noise; or actions (T - 1, n) [rad], joint steps that were commanded;
-with a Cartesian controller poses (T, 4, 4) or actions (T - 1, 4, 4); and, where known, intrinsics (c, 4): fx, fy,
-cx, cy [px], roughly right, and feature_link (m,): the joint, counted from 1, behind which each feature stands.
+The recording is an .npz file with these arrays, for T postures, n joints, c cameras and m features:
+
+pixels (T, c, m, 2) [px], NaN where a feature was not seen, and image_sizes (c, 2), height and width [px];
+
+joints (T, n) [rad], read exactly or with noise, or actions (T - 1, n) [rad], the joint steps that were commanded;
+
+with a Cartesian controller poses (T, 4, 4) or actions (T - 1, 4, 4);
+
+where known, intrinsics (c, 4): fx, fy, cx, cy [px], roughly right, and feature_link (m,): the joint, counted from 1,
+behind which each feature stands.
 """
 
 import argparse
@@ -23,7 +28,6 @@ ARRAYS = ("pixels", "image_sizes", "joints", "actions", "poses", "intrinsics", "
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the command's arguments."""
-    parser.formatter_class = argparse.RawDescriptionHelpFormatter
     parser.add_argument("recording", type=Path, help=".npz file with the arrays above")
     parser.add_argument("--out", type=Path, required=True, metavar="NPZ", help="file for the model")
     parser.add_argument("--json", type=Path, metavar="FILE", help="write the report here")

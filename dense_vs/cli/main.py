@@ -7,6 +7,7 @@ import tempfile
 from collections.abc import Sequence
 from importlib import import_module
 
+from dense_vs.cli.help_text import ParagraphHelp, description
 from dense_vs.cli.output import note_first_run
 from dense_vs.errors import DenseVSError
 
@@ -34,7 +35,9 @@ def build_parser() -> argparse.ArgumentParser:
     commands = parser.add_subparsers(dest="command", required=True, metavar="COMMAND")
     for name, home in COMMANDS.items():
         module = import_module(home)
-        command = commands.add_parser(name, help=module.HELP, description=module.__doc__)
+        command = commands.add_parser(
+            name, help=module.HELP, description=description(module), formatter_class=ParagraphHelp
+        )
         module.add_arguments(command)
         command.set_defaults(run=module.run)
     return parser

@@ -5,6 +5,7 @@ import time
 from importlib import import_module
 from pathlib import Path
 
+from dense_vs.cli.help_text import ParagraphHelp, description
 from dense_vs.cli.options import add_device_arguments
 from dense_vs.cli.output import versions, write_json
 from dense_vs.sims.experiments import EXPERIMENTS
@@ -25,7 +26,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         names = of_paper.add_subparsers(dest="experiment", required=True, metavar="EXPERIMENT")
         for name, home in experiments.items():
             module = import_module(home)
-            experiment = names.add_parser(name, help=module.HELP, description=module.__doc__)
+            experiment = names.add_parser(
+                name, help=module.HELP, description=description(module), formatter_class=ParagraphHelp
+            )
             experiment.add_argument(
                 "--seed", type=int, nargs="+", default=[0], metavar="N", dest="seeds", help="one or more (default: 0)"
             )
