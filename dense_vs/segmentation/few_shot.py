@@ -44,7 +44,7 @@ class FewShotOptions:
 
     size: int = 320
     samples: int = 1500
-    min_area: int = 20
+    min_area: int = 12
     min_score: float = 0.5
     memory: float = 0.3
     seed: int = 0
