@@ -1,9 +1,8 @@
 """Visual servoing on an object's mask: VOS-VS sections 4.1 to 4.3 as a loop over a camera, a robot and a segmenter.
 
 Look, segment, take the centroid (4), (5), move by (10), and, where asked to learn, update J+ by (11). The loop ends
-in one of a few named states and never moves while the object is not seen. Beyond the paper: a command that is too
-small to learn from while the error is still large is made larger, as an element of J+ that passes through zero
-commands nothing.
+in one of a few named states and never moves while the object is not seen, except back to where it was. How a robot
+moves while it learns is said in :mod:`dense_vs.trust_region`.
 """
 
 from collections.abc import Callable, Sequence
@@ -15,13 +14,13 @@ import numpy as np
 
 from dense_vs.broyden import HadamardBroyden
 from dense_vs.errors import DenseVSError
-from dense_vs.feature_servo import FeatureCommand, FeatureServo
+from dense_vs.feature_servo import FeatureServo
 from dense_vs.featurewise_broyden import FeaturewiseBroyden
 from dense_vs.robot import Camera, Robot
-from dense_vs.segmentation import MaskQuality, MaskVerdict, Segmenter, assess_mask
+from dense_vs.segmentation import MaskQuality, Segmenter, assess_mask
+from dense_vs.trust_region import TrustRegion, View
 
 _TURNED = 200.0  # px^2, product of two errors of opposite sign that is no noise
-_FIRST_STEP = 0.02  # m or rad, the first of a learning run
 
 
 class ServoEnd(Enum):
@@ -29,7 +28,7 @@ class ServoEnd(Enum):
 
     CONVERGED = "converged"  # the feature error is within the tolerance
     LOST = "lost"  # the object was not seen for as many looks as patience allows
-    LEAVING = "leaving"  # while learning: the object reaches over the image border, and a wrong J+ drives it out
+    LEAVING = "leaving"  # while learning: only a part of the object is seen, though its last motions were taken back
     AT_LIMIT = "at limit"  # joint limits hold the robot and the error no longer falls
     EXHAUSTED = "exhausted"  # the allowed number of looks was not enough
 
@@ -137,10 +136,15 @@ class MaskServo:
             tolerance=tolerance,
             patience=patience,
         )
+        self.region = (
+            None
+            if self.learner is None
+            else TrustRegion(
+                self.learner.coupling, float(tolerance), self.learner.min_motion, float(max_step), float(max_image_step)
+            )
+        )
         self.stalled = stalled
         self._gain = float(gain)
-        self._max_step, self._max_image_step = float(max_step), float(max_image_step)
-        self._step = self._max_step  # the present largest step; changes while learning
         self._on_look = on_look
 
     @property
@@ -151,12 +155,14 @@ class MaskServo:
     def run(self, max_looks: int = 30) -> ServoRun:
         """Servo until the object is at the target, is lost, joint limits hold, or the looks are used up."""
         self.servo.reset()
+        self.servo.gain = self._gain
+        if self.region is not None:
+            self.region.begin()
         if self.learner is not None:
-            self._bound_steps(min(self._max_step, _FIRST_STEP))
+            self.learner.forget_observation()
         looks: list[ServoLook] = []
         mask = None
         held, least = 0, np.inf
-        self.servo.gain = self._gain
         for _ in range(max_looks):
             image, _ = self.camera.read()
             # The robot moved since the last image: where the object was says little about where it is.
@@ -165,66 +171,65 @@ class MaskServo:
             quality = assess_mask(mask)
             positions = np.asarray(self.robot.joints()[0], dtype=np.float64)[self.columns]
             features = np.array(quality.centroid) if quality.servoable else None
-            self._learn(quality, positions, looks[-1] if looks else None)
-            command = self.servo.step(self.pinv, features, positions)
+            whole = self._learn(quality, positions, looks[-1].joints if looks else None, mask)
+            pinv = self.pinv if self.region is None else self.region.active(self.pinv)
+            command = self.servo.step(pinv, features, positions)
             if self.learner is None and looks and float(command.error @ looks[-1].error) < -_TURNED:
                 self.servo.gain *= 0.5
-                command = self.servo.step(self.pinv, features, positions)
+                command = self.servo.step(pinv, features, positions)
             looks.append(ServoLook(quality, command.error, positions, self.pinv.copy()))
             if self._on_look is not None:
                 self._on_look(looks[-1], image, mask)
+            if self.region is not None and not whole:
+                back = self.region.retreat(positions, command.error, mask)
+                if back is not None:
+                    self.servo.max_step = np.asarray(self.region.step)
+                    self._command(self._within_limits(positions, back))
+                    continue
+                if quality.servoable:
+                    return ServoRun(ServoEnd.LEAVING, looks, mask)
             if command.state == "converged":
                 return ServoRun(ServoEnd.CONVERGED, looks, mask)
             if command.state == "lost":
                 return ServoRun(ServoEnd.LOST, looks, mask)
-            if self.learner is not None and quality.verdict is MaskVerdict.CUT:
-                return ServoRun(ServoEnd.LEAVING, looks, mask)
             if command.state == "servoing":
                 error = float(np.linalg.norm(command.error))
                 held = held + 1 if command.at_limit.any() and error > 0.98 * least else 0
                 least = min(least, error)
                 if held >= self.stalled:
                     return ServoRun(ServoEnd.AT_LIMIT, looks, mask)
-                self._command(self._enough(command))
+                dq = (
+                    command.dq
+                    if self.region is None or command.at_limit.any()
+                    else self.region.enough(command.dq, command.error)
+                )
+                self._command(self._within_limits(positions, dq))
         return ServoRun(ServoEnd.EXHAUSTED, looks, mask)
 
-    def _learn(self, quality: MaskQuality, positions: np.ndarray, before: ServoLook | None) -> None:
-        """(11); only from whole masks, as the centroid of a part moves otherwise than the object."""
-        if self.learner is None:
-            return
-        if quality.verdict is not MaskVerdict.GOOD:
+    def _learn(self, quality: MaskQuality, positions: np.ndarray, before: np.ndarray | None, mask: np.ndarray) -> bool:
+        """(11), only from whole masks, as the centroid of a part moves otherwise than the object; whether it is one."""
+        if self.learner is None or self.region is None:
+            return False
+        view = self.region.judge(quality, positions, before)
+        if view in (View.PART, View.BLOCKED):
+            return False
+        if view is View.ANEW:
             self.learner.forget_observation()
-            return
-        self.learner.observe(positions, np.array(quality.centroid) - self.servo.target)
-        if before is not None and before.quality.verdict is MaskVerdict.GOOD:
-            moved = float(np.hypot(*(np.array(quality.centroid) - before.centroid)))
-            change = np.clip(self._max_image_step / max(moved, 1e-6), 0.5, 1.5)
-            self._bound_steps(float(np.clip(self._step * change, 0.005, self._max_step)))
+        error = np.array(quality.centroid) - self.servo.target
+        self.learner.observe(positions, error)
+        self.region.advance(view, positions, error, mask)
+        self.servo.max_step = np.asarray(self.region.step)
+        return True
 
-    def _bound_steps(self, step: float) -> None:
-        self._step = step
-        self.servo.max_step = np.asarray(step)
-
-    def _enough(self, command: FeatureCommand) -> np.ndarray:
-        """The step, or a larger one of one feature's joints alone where their J+ is too small to learn from.
-
-        Alone, as in (11) an element near zero is learnt from in proportion to its share of the denominator.
-        """
-        dq = command.dq
-        if self.learner is None or command.at_limit.any():
+    def _within_limits(self, positions: np.ndarray, dq: np.ndarray) -> np.ndarray:
+        limits = self.servo.joint_limits
+        if limits is None:
             return dq
-        coupling = self.learner.coupling
-        if coupling is None:
-            coupling = np.ones((len(dq), len(command.error)))
-        for feature in np.argsort(-np.abs(command.error)):
-            joints = coupling[:, feature] > 0
-            size = float(np.abs(dq[joints]).sum())
-            wrong = abs(command.error[feature]) > 2 * self.servo.tolerance
-            if wrong and 0.0 < size < 0.25 * self.learner.min_motion:
-                return np.where(joints, dq, 0.0) * (1.25 * self.learner.min_motion / size)
-        return dq
+        return np.clip(dq, np.minimum(limits[:, 0] - positions, 0.0), np.maximum(limits[:, 1] - positions, 0.0))
 
     def _command(self, dq: np.ndarray) -> None:
         delta = np.zeros(len(self.robot.joint_names))
         delta[self.columns] = dq
+        if self.region is not None:
+            self.region.command(dq)
         self.robot.command(delta)

@@ -22,8 +22,8 @@ LABELS = {"hadamard": "(11)", "featurewise": "(11) a feature at a time", "origin
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the experiment's own arguments."""
-    parser.add_argument("--responses", type=int, default=3, help="step responses that each learns from (default: 3)")
-    parser.add_argument("--looks", type=int, default=120, help="images a configuration may take (default: 120)")
+    parser.add_argument("--responses", type=int, default=5, help="step responses that each learns from (default: 5)")
+    parser.add_argument("--looks", type=int, default=150, help="images a configuration may take (default: 150)")
 
 
 @dataclass
@@ -80,8 +80,8 @@ def learn_all(seed: int, responses: int, looks: int, threads: int | None, bar) -
                 segmenters[name],
                 np.random.default_rng([seed, 50, number]),
                 update=update,
-                responses=1 if update == "original" else responses,
-                looks=looks // 2 if update == "original" else looks,
+                responses=responses,
+                looks=looks,
                 keep_images=one.name == "base" and update == "hadamard",
             )
             if update == "hadamard":
@@ -105,7 +105,11 @@ def table_rows(learnt: list[Learnt], seeds: tuple[int, ...]) -> "list[Row]":
             rows.append(Row(f"converged of 7, {label}", 7 if update == "hadamard" else None, count, "", (seed,)))
         for update, label in LABELS.items():
             lost = sum(one.outcomes[update].restarts for one in mine)
+            back = sum(one.outcomes[update].retreats for one in mine)
+            seen = sum(one.outcomes[update].looks for one in mine)
             rows.append(Row(f"times put back, {label}", None, lost, "", (seed,)))
+            rows.append(Row(f"steps taken back, {label}", None, back, "", (seed,)))
+            rows.append(Row(f"looks until s*, all seven, {label}", None, seen, "", (seed,)))
     for one in learnt[:7]:
         same = [other for other in learnt if other.one.name == one.one.name]
         for update in ("hadamard", "featurewise"):

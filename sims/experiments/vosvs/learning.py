@@ -15,6 +15,7 @@ from dense_vs.sims.mobile_manipulator.world import MobileWorld
 
 INITIAL = 0.001  # of J+ wherever H is 1
 ALPHA = 0.1
+MIN_MOTION = 0.008  # m or rad, sum of |dq| to learn from; the authors' 0.02 moves a near object 50 px
 MAX_STEP = 0.3  # m or rad a command
 UPDATES = ("hadamard", "featurewise", "original")
 
@@ -43,7 +44,9 @@ class Learning:
     Attributes:
         converged: whether a step response ended at the target.
         updates: changes of J+ until it first did; None if it never did.
+        looks: images until then; all of them if it never did.
         restarts: how often the object went out of view or a joint limit was reached, and the robot was put back.
+        retreats: steps that the robot took back itself.
         pinv: the last J+.
         history: J+ after every update, ``(U, n, 2)``.
         episodes: all step responses.
@@ -51,7 +54,9 @@ class Learning:
 
     converged: bool
     updates: int | None
+    looks: int
     restarts: int
+    retreats: int
     pinv: np.ndarray
     history: np.ndarray
     episodes: list[Episode]
@@ -65,8 +70,8 @@ def learn(
     rng: np.random.Generator,
     *,
     update: str = "hadamard",
-    responses: int = 4,
-    looks: int = 120,
+    responses: int = 5,
+    looks: int = 150,
     keep_images: bool = False,
 ) -> Learning:
     """Learn J+ from 0.001 H.
@@ -80,53 +85,56 @@ def learn(
     learner = _learner(one, update)
     history = [learner.pinv]
     camera, robot = ManipulatorCamera(world, one.camera), ManipulatorRobot(world)
-    result = Learning(False, None, 0, learner.pinv, learner.pinv[None], [])
-    changes = 0
+    result = Learning(False, None, 0, 0, 0, learner.pinv, learner.pinv[None], [])
     world.set_posture(start_posture(one))
     put_in_view(world, one, name, rng)
+    shown: list[tuple[np.ndarray, np.ndarray]] = []
+
+    def show(_: ServoLook, image: np.ndarray, mask: np.ndarray) -> None:
+        if keep_images and not result.converged:
+            shown.append((image, mask))
+
+    servo = MaskServo(
+        camera,
+        robot,
+        segmenter,
+        joints=one.joints,
+        pinv=learner,
+        target=one.target,
+        max_step=MAX_STEP,
+        tolerance=8.0,
+        on_look=show,
+    )
     left, reached = looks, 0
     while left > 0 and reached < responses:
-        images: list[np.ndarray] = []
-        masks: list[np.ndarray] = []
-
-        def keep(_: ServoLook, image: np.ndarray, mask: np.ndarray, images=images, masks=masks) -> None:
-            images.append(image)
-            masks.append(mask)
-
-        servo = MaskServo(
-            camera,
-            robot,
-            segmenter,
-            joints=one.joints,
-            pinv=learner,
-            target=one.target,
-            max_step=MAX_STEP,
-            tolerance=8.0,
-            on_look=keep if keep_images and reached == 0 else None,
-        )
         getattr(segmenter, "reset", lambda: None)()
-        learner.forget_observation()
+        shown.clear()
         run = servo.run(left)
         left -= len(run.looks)
         for look in run.looks:
             if not np.array_equal(look.pinv, history[-1]):
                 history.append(look.pinv)
-        changes = len(history) - 1
         centroids = np.array([look.centroid for look in run.looks])
-        result.episodes.append(Episode(run.end, centroids, run.looks, images, masks))
+        result.episodes.append(Episode(run.end, centroids, run.looks, [i for i, _ in shown], [m for _, m in shown]))
         if run.end is ServoEnd.CONVERGED:
             reached += 1
             if result.updates is None:
                 result.converged = True
-                result.updates = changes
+                result.updates = len(history) - 1
+                result.looks = looks - left
             if reached < responses and left > 0:
                 world.set_posture(start_posture(one))
                 put_in_view(world, one, name, rng)
         else:
             result.restarts += run.end is not ServoEnd.EXHAUSTED
             world.set_posture(start_posture(one))
-            if len(run.looks) < 2 or run.end is ServoEnd.AT_LIMIT:  # nothing to learn from where the object stands
+            moved = any(np.any(look.joints != run.looks[0].joints) for look in run.looks)
+            if not moved or run.end is ServoEnd.AT_LIMIT:  # nothing to learn from where the object stands
                 put_in_view(world, one, name, rng)
+    if not result.converged:
+        result.looks = looks - left
+    assert servo.region is not None
+    result.retreats = servo.region.retreats
     result.pinv = learner.pinv
     result.history = np.stack(history)
     return result
@@ -135,4 +143,6 @@ def learn(
 def _learner(one: Configuration, update: str) -> HadamardBroyden | FeaturewiseBroyden:
     if update == "featurewise":
         return FeaturewiseBroyden(INITIAL * one.coupling, one.coupling, ALPHA)
-    return HadamardBroyden(INITIAL * one.coupling, one.coupling if update == "hadamard" else None, ALPHA)
+    return HadamardBroyden(
+        INITIAL * one.coupling, one.coupling if update == "hadamard" else None, ALPHA, min_motion=MIN_MOTION
+    )

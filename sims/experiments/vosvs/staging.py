@@ -9,6 +9,7 @@ from dense_vs.sims.mobile_manipulator.postures import posture
 from dense_vs.sims.mobile_manipulator.world import HEIGHT, WIDTH, MobileWorld
 
 MARGIN = 12  # px, at least, between a whole object and the image border
+CLEARANCE = 0.15  # m, more than from the middle of a part to its surface
 ROOM = (-3.0, 2.5)  # clear floor, away from bins [m]
 
 
@@ -58,9 +59,25 @@ def put_in_view(
         mask = world.true_mask(one.camera, name)
         mask[MARGIN:-MARGIN, MARGIN:-MARGIN] = False
         cut = mask.any()
-        if inside and not cut and np.all(np.abs(place - target) >= 0.7 * least):
+        if (
+            inside
+            and not cut
+            and not _hidden(world, one.camera, name)
+            and np.all(np.abs(place - target) >= 0.7 * least)
+        ):
             return place
     raise DenseVSError(f"found no place for {name!r} in {tries} tries; expected one in view of {one.name!r}")
+
+
+def _hidden(world: MobileWorld, camera: str, name: str) -> bool:
+    """Whether the robot stands before any part of the object."""
+    pose, depth = world.camera_pose(camera), world.depth(camera)
+    seen = (world.state.geom_xpos[world.geoms(name)] - pose[:3, 3]) @ pose[:3, :3]
+    pixels = seen @ world.intrinsics(camera).T
+    columns, rows = np.rint(pixels[:, :2] / pixels[:, 2:]).astype(int).T
+    inside = (columns >= 0) & (columns < WIDTH) & (rows >= 0) & (rows < HEIGHT)
+    nearest = depth[rows[inside], columns[inside]]
+    return not inside.all() or bool(np.any(nearest < seen[inside, 2] - CLEARANCE))
 
 
 def floor_point(world: MobileWorld, camera: str, pixel: np.ndarray, height: float = 0.0) -> np.ndarray | None:

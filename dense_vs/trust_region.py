@@ -1,0 +1,198 @@
+"""How far and with which joints a robot moves while its J+ is still being learnt. Beyond the paper.
+
+VOS-VS section 7.3 lets an element of the wrong sign drive the object out of view and then resets the robot's pose.
+Where the object stands near the border that can happen before a single update, and again after every reset. Here a
+step is bounded by how far the object moves in the image; a step after which it is no longer seen whole is taken back
+and, where the image has room, made as far the other way, which teaches what the lost step would have; and a feature
+whose error grows is moved alone until it falls, as its term in the shared denominator of (11) would be outweighed by
+the other features', and its element then learns the wrong way.
+"""
+
+from dataclasses import dataclass
+from enum import Enum
+from typing import Any
+
+import cv2
+import numpy as np
+
+from dense_vs.segmentation import MaskQuality, MaskVerdict
+
+FIRST_STEP = 0.02  # m or rad
+LEAST_STEP = 0.005  # m or rad
+WHOLE = 0.75  # share of the area at the last whole look; a smaller mask is of a part: something is before the object
+NOISE = 4.0  # px that a centroid changes by without a motion
+FARTHER = 4.0  # times as far as the step that is taken back, at most, that there is something to learn from
+FOLLOWED = 0.3  # share of its command that a joint moves at least, unless something stops it
+RETREATS = 2  # one after the other with the object not whole in between, then it is lost
+
+
+class View(Enum):
+    """What a look shows of the object, or why nothing can be learnt from it."""
+
+    WHOLE = "whole"  # as much as the whole look before
+    ANEW = "anew"  # the whole, but more of it than before, or for the first time: changes say nothing
+    PART = "part"  # a part, or nothing
+    BLOCKED = "blocked"  # a joint did not go where it was sent
+
+
+@dataclass(frozen=True)
+class _Whole:
+    """The last look that showed the whole object: joints ``(n,)``, error ``(k,)`` [px], area [px], box x, y, w, h."""
+
+    positions: np.ndarray
+    error: np.ndarray
+    area: int
+    box: tuple[int, ...]
+
+
+class TrustRegion:
+    """Bounds and shapes the motions of a learning run.
+
+    Args:
+        coupling: H ``(n, k)``, or None where every joint may answer for every feature: motions are then whole ones.
+        tolerance: largest error [px] that counts as converged.
+        min_motion: sum of \\|dq\\| [rad, m] that the learner learns from.
+        max_step: largest step of a joint ever [m, rad].
+        image_step: distance [px] that a step should move the object.
+
+    Attributes:
+        step: largest step of a joint at present [m, rad]; kept from run to run.
+        retreats: steps taken back, of all runs.
+    """
+
+    def __init__(self, coupling: Any, tolerance: float, min_motion: float, max_step: float, image_step: float):
+        self._coupling = None if coupling is None else np.asarray(coupling) > 0
+        self._tolerance, self._min_motion = tolerance, min_motion
+        self._max_step, self._image_step = max_step, image_step
+        self.step = min(FIRST_STEP, max_step)
+        self.retreats = 0
+        self.begin()
+
+    def begin(self) -> None:
+        """A new run: what was seen before says nothing of where the object is now."""
+        self._whole: _Whole | None = None
+        self._in_turn = 0  # retreats since the last whole look
+        self._alone: int | None = None  # the feature that is moved alone
+        self._commanded: np.ndarray | None = None
+
+    def command(self, dq: np.ndarray) -> None:
+        """Note the step ``(n,)`` that the robot now gets."""
+        self._commanded = np.asarray(dq, dtype=np.float64).copy()
+
+    def judge(self, quality: MaskQuality, positions: np.ndarray, before: np.ndarray | None) -> View:
+        """What a look shows after the motion between two joint positions ``(n,)``.
+
+        Only the whole object's centroid moves as the object does, and only joints that follow show what they do.
+        """
+        if quality.verdict is not MaskVerdict.GOOD:
+            return View.PART
+        if before is not None and self._commanded is not None:
+            wanted = np.abs(self._commanded)
+            if np.any((wanted > LEAST_STEP) & (np.abs(positions - before) < FOLLOWED * wanted)):
+                return View.BLOCKED
+        if self._whole is None:
+            return View.ANEW
+        ratio = quality.area / self._whole.area
+        return View.PART if ratio < WHOLE else View.ANEW if ratio > 1 / WHOLE else View.WHOLE
+
+    def advance(self, view: View, positions: np.ndarray, error: np.ndarray, mask: np.ndarray) -> None:
+        """Take a look that shows the whole object: joints ``(n,)``, feature error ``(k,)`` [px], mask ``(H, W)``."""
+        before = self._whole
+        if before is not None and view is View.WHOLE:
+            dq = positions - before.positions
+            if np.abs(dq).max() > 0.5 * self.step:  # else it was not the bound that made the motion small
+                moved = max(float(np.hypot(*(error - before.error))), 1e-6)
+                change = float(np.clip(self._image_step / moved, 0.5, 1.5))
+                self.step = float(np.clip(self.step * change, LEAST_STEP, self._max_step))
+            if self._in_turn == 0:  # the motion was the servo's own
+                self._blame(dq, np.abs(error) - np.abs(before.error), np.abs(error))
+        area, box = int(np.count_nonzero(mask)), cv2.boundingRect(mask.astype(np.uint8))
+        self._whole = _Whole(positions.copy(), error.copy(), area, tuple(box))
+        self._in_turn = 0
+
+    def retreat(self, positions: np.ndarray, error: np.ndarray, mask: np.ndarray) -> np.ndarray | None:
+        """The step ``(n,)`` after a look that cannot be learnt from; None where the object has been lost for good.
+
+        Back to where the object was last seen whole. The first time also beyond, with the joints of those features
+        whose error grew, so far that the object moves as it should at a step and stays in the image; where none grew,
+        something is in the way of the feature that moved most, and another moves first.
+
+        Args:
+            error: ``(k,)`` [px], nan where nothing is seen.
+            mask: of that look, ``(H, W)``.
+        """
+        whole = self._whole
+        if whole is None or self._in_turn >= RETREATS:
+            return None
+        back = whole.positions - positions
+        beyond = np.zeros_like(back)
+        if self._in_turn == 0:
+            moved = self._moved(back, len(error))
+            growth = np.where(moved, np.abs(error) - np.abs(whole.error), -np.inf)
+            # The centroid of what the border leaves moves less than the object.
+            touches = np.array([mask[:, [0, -1]].any(), mask[[0, -1]].any()])
+            grew = np.nan_to_num(growth, nan=-np.inf) > np.where(touches, 0.0, NOISE)
+            if grew.any():
+                shift = np.where(grew, whole.error - error, 0.0)
+                joints = np.ones(len(back), dtype=bool)
+                if self._coupling is not None:
+                    joints = self._coupling[:, grew].any(axis=1)
+                    self._alone = int(np.argmax(np.where(grew, growth, -np.inf)))
+                else:
+                    shift = whole.error - error
+                shown = max(float(np.hypot(*shift)), 1.0)
+                farther = float(np.clip(self._image_step / shown, 1.0, FARTHER))
+                beyond = np.where(joints, back, 0.0) * farther * _room(whole.box, farther * shift, mask.shape)
+            elif self._coupling is not None:
+                others = np.where(moved, 0.0, np.abs(whole.error))
+                if moved.all():
+                    others = -(self._coupling * np.abs(back)[:, None]).sum(axis=0)
+                self._alone = int(np.argmax(others))
+        self._in_turn += 1
+        self.retreats += 1
+        self.step = max(0.5 * self.step, LEAST_STEP)
+        return back + beyond
+
+    def active(self, pinv: np.ndarray) -> np.ndarray:
+        """J+ ``(n, k)`` without the joints that are not to move now."""
+        if self._alone is None or self._coupling is None:
+            return pinv
+        return np.where(self._coupling[:, [self._alone]], pinv, 0.0)
+
+    def enough(self, dq: np.ndarray, error: np.ndarray) -> np.ndarray:
+        """A servo step ``(n,)`` for the error ``(k,)``, larger where one feature's would be too small to learn from, as
+        an element of J+ that passes through zero commands nothing; alone, that it outweighs the others in (11)."""
+        coupling = np.ones((len(dq), len(error)), dtype=bool) if self._coupling is None else self._coupling
+        for feature in np.argsort(-np.abs(error)):
+            joints = coupling[:, feature]
+            size = float(np.abs(dq[joints]).sum())
+            if abs(error[feature]) > 2 * self._tolerance and 0.0 < size < 0.25 * self._min_motion:
+                return np.where(joints, dq, 0.0) * (1.25 * self._min_motion / size)
+        return dq
+
+    def _blame(self, dq: np.ndarray, growth: np.ndarray, error: np.ndarray) -> None:
+        """Whether a feature is to be moved alone from now on, from the growth ``(k,)`` of its error [px]."""
+        if self._alone is not None and (growth[self._alone] < -0.5 * NOISE or error[self._alone] <= self._tolerance):
+            self._alone = None
+        if self._alone is None and self._coupling is not None:
+            worst = int(np.argmax(np.where(self._moved(dq, len(error)), growth, -np.inf)))
+            if growth[worst] > NOISE and error[worst] > 2 * self._tolerance:
+                self._alone = worst
+
+    def _moved(self, dq: np.ndarray, features: int) -> np.ndarray:
+        """Features ``(k,)`` that a motion was meant to change."""
+        if self._coupling is None:
+            return np.ones(features, dtype=bool)
+        size = (self._coupling * np.abs(dq)[:, None]).sum(axis=0)
+        return size > 0.1 * size.max()
+
+
+def _room(box: tuple[int, ...], shift: np.ndarray, shape: tuple[int, ...]) -> float:
+    """Share, at most 1, of a shift (x, y) [px] that leaves a box inside the image with some margin."""
+    x, y, width, height = box
+    share = 1.0
+    for low, high, size, by in ((x, x + width, shape[1], shift[0]), (y, y + height, shape[0], shift[1])):
+        room = size - high if by > 0 else low
+        if abs(by) > 1e-6:
+            share = min(share, 0.8 * room / abs(by))
+    return max(share, 0.0)
