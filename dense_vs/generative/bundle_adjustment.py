@@ -5,6 +5,7 @@ import numpy as np
 from dense_vs.generative.levenberg_marquardt import Solution, minimize
 from dense_vs.generative.parameters import ModelParameters, finite_rows
 from dense_vs.generative.pixel_problem import Free, PixelProblem, State
+from dense_vs.generative.pose_reversal import better_poses
 from dense_vs.generative.stereo import Reconstruction
 
 
@@ -60,6 +61,11 @@ def adjust_bundle(
         initial = solution.initial_cost if initial is None else initial
         state = solution.state
     assert solution is not None
+    state, reversed_samples = better_poses(_poses_alone(problem, part), state)
+    if reversed_samples.any():
+        problem.reweight(np.where(problem.seen, robust_weights(problem.pixel_errors(state)), 0.0))
+        solution = minimize(problem, state, max_iterations, tolerance=1e-6)
+        state, weights = solution.state, problem.weights
     assert state.rotation is not None
     assert state.translation is not None
     solution.initial_cost = float(initial or 0.0)
@@ -75,6 +81,14 @@ def adjust_bundle(
         found.placed_cameras,
     )
     return adjusted, p.intrinsics, solution, weights
+
+
+def _poses_alone(problem: PixelProblem, pixels: np.ndarray) -> PixelProblem:
+    """The same with everything known but the samples' poses."""
+    alone = PixelProblem(pixels, problem.links, 0, Free(), "pose")
+    alone.seen &= problem.seen
+    alone.reweight(problem.weights)
+    return alone
 
 
 def robust_weights(errors: np.ndarray, factor: float = 4.0, floor: float = 0.5) -> np.ndarray:

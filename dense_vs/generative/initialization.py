@@ -13,8 +13,10 @@ from dense_vs.generative.stereo import Reconstruction, complete, reconstruct
 
 LINE = 0.03  # second extent of the structure over its first: below, noise alone makes it
 POSED_SHARE = 0.6  # of the samples: below, a reconstruction gets company from other methods
-GOOD_BUNDLE = 1.5  # px RMS of a coordinate
+GOOD_BUNDLE = 1.5  # px RMS of a coordinate: above, other methods are tried too
+CERTAIN_BUNDLE = 0.8  # px: above, it may be another minimum than the best, and all are looked at
 FACTORIZATIONS = 4
+REPEATED_BUNDLES = 3
 
 FOCAL_SIGMA, CENTRE_SIGMA, DISTORTION_SIGMA = 0.1, 0.03, 0.2  # of given intrinsics: share, share of the width, k1
 UNKNOWN_FOCAL_SIGMA = 0.4
@@ -40,13 +42,16 @@ def guessed_intrinsics(obs: Observations) -> np.ndarray:
 
 
 def intrinsics_prior(obs: Observations, guess: np.ndarray, pixel_sigma: float) -> tuple[np.ndarray, np.ndarray]:
-    """Mean and information of the intrinsics, weak enough for guesses that are a third off.
+    """Mean and information of the intrinsics: as ``obs`` says, else weak enough for guesses that are a third off.
 
     Beyond the paper: with few samples the pixels hardly tell the principal point, and without this it wanders.
     """
     widths = np.array([max(size) for size in obs.image_sizes], dtype=float)[:, None]
     share = FOCAL_SIGMA if obs.intrinsics is not None else UNKNOWN_FOCAL_SIGMA
-    sigma = np.hstack([share * guess[:, :2], CENTRE_SIGMA * np.repeat(widths, 2, axis=1)])
+    centre = CENTRE_SIGMA * np.repeat(widths, 2, axis=1)
+    if obs.intrinsics_sigma is not None:
+        share, centre = obs.intrinsics_sigma[0], np.full((len(guess), 2), obs.intrinsics_sigma[1])
+    sigma = np.hstack([share * guess[:, :2], centre])
     sigma = np.hstack([sigma, np.full((len(guess), 2), DISTORTION_SIGMA)])
     return guess, (pixel_sigma / sigma) ** 2
 
@@ -64,11 +69,14 @@ def candidates(obs: Observations, hand: np.ndarray, rng: np.random.Generator) ->
     cameras = pixels.shape[1]
     if cameras > 1:
         try:
-            found.append(_adjusted(reconstruct(pixels, guess), pixels, guess))
+            for first in reconstruct(pixels, guess, rng):
+                found.append(_adjusted(first, pixels, guess))
+                if _sound(found[-1]) and found[-1].rms < CERTAIN_BUNDLE:
+                    break
         except DenseVSError as error:
             refusal = error
     _refuse_a_line(found)
-    sound = [c for c in found if c.found.posed.mean() >= POSED_SHARE and c.found.placed_cameras.all()]
+    sound = sorted(filter(_sound, found), key=lambda candidate: candidate.rms)
     if sound:
         return sound
     counts = np.isfinite(pixels[..., 0]).sum(axis=(0, 2))
@@ -92,6 +100,12 @@ def candidates(obs: Observations, hand: np.ndarray, rng: np.random.Generator) ->
     return [found[k] for k in order]
 
 
+def _sound(candidate: Candidate) -> bool:
+    """Whether no other method is needed."""
+    found = candidate.found
+    return candidate.rms < GOOD_BUNDLE and found.posed.mean() >= POSED_SHARE and bool(found.placed_cameras.all())
+
+
 def _refuse_a_line(found: list[Candidate]) -> None:
     """Features on a line leave the hand's turn about it open; noise fills that in with something."""
     for candidate in found:
@@ -105,6 +119,19 @@ def _refuse_a_line(found: list[Candidate]) -> None:
 
 
 def _adjusted(found: Reconstruction, pixels: np.ndarray, guess: np.ndarray) -> Candidate:
+    """Bundle adjustment; where it ends high, samples are posed anew by what it found, and it begins again."""
+    best = _adjusted_once(found, pixels, guess)
+    for _ in range(REPEATED_BUNDLES):
+        if best.rms < CERTAIN_BUNDLE:
+            break
+        again = _adjusted_once(complete(best.found, pixels, guess), pixels, guess)
+        if again.rms > 0.95 * best.rms or again.found.posed.sum() < best.found.posed.sum():
+            break
+        best = again
+    return best
+
+
+def _adjusted_once(found: Reconstruction, pixels: np.ndarray, guess: np.ndarray) -> Candidate:
     adjusted, intrinsics, solution, weights = adjust_bundle(pixels, guess, found, max_iterations=60)
     taken = (weights > 0).sum()
     return Candidate(adjusted, intrinsics, weights, solution, float(np.sqrt(solution.cost / max(2 * taken, 1))))

@@ -53,7 +53,7 @@ def fit_as_published(obs: Observations, seed: int, state: str, state_sigma: floa
     rng = np.random.default_rng(seed)
     joints = first_joints(obs, state)
     report = FitReport()
-    found = reconstruct(obs.pixels, guessed_intrinsics(obs))
+    found = next(reconstruct(obs.pixels, guessed_intrinsics(obs), rng))
     clock = time.perf_counter()
     poses, features, turns, shifts, intrinsics, stage = _cameras_and_structure(obs, found, clock)
     report.stages.append(stage)

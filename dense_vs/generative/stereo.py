@@ -5,13 +5,14 @@ features, rigid alignment (Arun et al. 1987). Beyond it, further cameras are res
 known rather than pair by pair, and every step tolerates mistaken labels: medians and reweighting instead of means.
 """
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 
-import cv2
 import numpy as np
 
 from dense_vs.errors import DenseVSError
 from dense_vs.generative.parameters import finite_rows
+from dense_vs.generative.relative_pose import relative_poses
 from dense_vs.generative.resection import resect
 from dense_vs.generative.sample_alignment import Views, align_samples, grow
 from dense_vs.generative.triangulation import rays
@@ -41,8 +42,10 @@ class Reconstruction:
     placed_cameras: np.ndarray
 
 
-def reconstruct(pixels: np.ndarray, intrinsics: np.ndarray) -> Reconstruction:
-    """First estimate from feature pixels ``(T, c, m, 2)`` of the hand and guesses of the intrinsics ``(c, 6)``.
+def reconstruct(pixels: np.ndarray, intrinsics: np.ndarray, rng: np.random.Generator) -> Iterator[Reconstruction]:
+    """First estimates from feature pixels ``(T, c, m, 2)`` of the hand and guesses of the intrinsics ``(c, 6)``.
+
+    Most plausible first; one for each pose of the second camera that the matches allow.
 
     Raises:
         DenseVSError: no two cameras share enough features, or they never share three in a sample.
@@ -56,16 +59,16 @@ def reconstruct(pixels: np.ndarray, intrinsics: np.ndarray) -> Reconstruction:
             f"expected at least {PAIR_MATCHES}: record features that two cameras see together"
         )
     flat = rays(pixels, intrinsics)
-    camera_rotation = np.tile(np.eye(3), (cameras, 1, 1))
-    camera_translation = np.zeros((cameras, 3))
     both = seen[:, a] & seen[:, b]
     focal = float(intrinsics[[a, b], :2].mean())
-    camera_rotation[b], camera_translation[b] = relative_pose(flat[:, a][both], flat[:, b][both], focal)
     placed = np.zeros(cameras, dtype=bool)
     placed[[a, b]] = True
-    rotation, translation, structure, posed = align_samples(flat, seen, placed, camera_rotation, camera_translation)
-    result = Reconstruction(rotation, translation, structure, camera_rotation, camera_translation, posed, placed)
-    return complete(result, pixels, intrinsics)
+    for turned, shifted in relative_poses(flat[:, a][both], flat[:, b][both], focal, rng):
+        camera_rotation, camera_translation = np.tile(np.eye(3), (cameras, 1, 1)), np.zeros((cameras, 3))
+        camera_rotation[b], camera_translation[b] = turned, shifted
+        rotation, translation, structure, posed = align_samples(flat, seen, placed, camera_rotation, camera_translation)
+        first = Reconstruction(rotation, translation, structure, camera_rotation, camera_translation, posed, placed)
+        yield complete(first, pixels, intrinsics)
 
 
 def complete(found: Reconstruction, pixels: np.ndarray, intrinsics: np.ndarray) -> Reconstruction:
@@ -102,24 +105,6 @@ def best_pair(seen: np.ndarray) -> tuple[int, int, int]:
     return max(pairs, key=lambda pair: pair[2]) if pairs else (0, 0, 0)
 
 
-def relative_pose(first: np.ndarray, second: np.ndarray, focal: float) -> tuple[np.ndarray, np.ndarray]:
-    """Pose of the second camera from matched normalised coordinates ``(k, 2)``: first to second, unit translation.
-
-    Two estimates compete by their median Sampson distance: the linear one of all matches, best where none is mistaken,
-    and one from random samples.
-    """
-    candidates = [_linear_essential(first, second)]
-    threshold = 2.0 / focal
-    sampled, _ = cv2.findEssentialMat(first, second, np.eye(3), cv2.USAC_MAGSAC, 0.999, threshold)
-    if sampled is not None:
-        candidates += [sampled[k : k + 3] for k in range(0, len(sampled), 3)]
-    essential = min(candidates, key=lambda e: np.median(_sampson(e, first, second)))
-    distances = _sampson(essential, first, second)
-    sound = distances <= 9 * np.median(distances) + 1e-12
-    _, rotation, translation, _ = cv2.recoverPose(essential, first[sound], second[sound], np.eye(3))
-    return rotation, translation[:, 0]
-
-
 def centred(found: Reconstruction) -> Reconstruction:
     """The same with the structure's origin at its centroid."""
     middle = np.nanmean(found.structure, axis=0)
@@ -146,28 +131,3 @@ def in_first_camera(found: Reconstruction) -> Reconstruction:
         found.posed,
         found.placed_cameras,
     )
-
-
-def _linear_essential(first: np.ndarray, second: np.ndarray) -> np.ndarray:
-    """Normalised eight-point estimate from all matches (Hartley 1997), singular values made 1, 1, 0."""
-    (x, a), (y, b) = _conditioned(first), _conditioned(second)
-    design = (y[:, :, None] * x[:, None, :]).reshape(-1, 9)
-    matrix = np.linalg.svd(design, full_matrices=False)[2][-1].reshape(3, 3)
-    left, _, right = np.linalg.svd(b.T @ matrix @ a)
-    return left @ np.diag([1.0, 1.0, 0.0]) @ right
-
-
-def _conditioned(points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    middle = points.mean(axis=0)
-    scale = np.sqrt(2) / max(float(np.linalg.norm(points - middle, axis=1).mean()), 1e-12)
-    transform = np.array([[scale, 0, -scale * middle[0]], [0, scale, -scale * middle[1]], [0, 0, 1]])
-    return np.column_stack([(points - middle) * scale, np.ones(len(points))]), transform
-
-
-def _sampson(essential: np.ndarray, first: np.ndarray, second: np.ndarray) -> np.ndarray:
-    """Squared first-order distances to the epipolar constraint."""
-    x = np.column_stack([first, np.ones(len(first))])
-    y = np.column_stack([second, np.ones(len(second))])
-    line, back = x @ essential.T, y @ essential
-    slope = (line[:, :2] ** 2).sum(axis=1) + (back[:, :2] ** 2).sum(axis=1)
-    return (y * line).sum(axis=1) ** 2 / np.maximum(slope, 1e-300)

@@ -109,7 +109,7 @@ def _from_random(trial: Trial, observations: "Observations", *, reconstructed: b
     rng = trial.rng(3)
     joints, pixels = observations.joints, observations.pixels
     guess = guessed_intrinsics(observations)
-    found, intrinsics, _, _ = adjust_bundle(pixels, guess, reconstruct(pixels, guess))
+    found, intrinsics, _, _ = adjust_bundle(pixels, guess, next(reconstruct(pixels, guess, rng)))
     links = np.full(pixels.shape[2], joints.shape[1])
     problem = PixelProblem(pixels, links, joints.shape[1], all_shared(found.placed_cameras))
     for _ in range(STARTS):
