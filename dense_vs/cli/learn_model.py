@@ -8,8 +8,9 @@ joints (T, n) [rad], read exactly or with noise, or actions (T - 1, n) [rad], th
 
 with a Cartesian controller poses (T, 4, 4) or actions (T - 1, 4, 4);
 
-where known, intrinsics (c, 4): fx, fy, cx, cy [px], roughly right, and feature_link (m,): the joint, counted from 1,
-behind which each feature stands.
+where known, intrinsics (c, 4): fx, fy, cx, cy [px], roughly right; intrinsics_sigma (2,): standard deviations of the
+focal lengths, as a share, and of the centres [px]; and feature_link (m,): the joint, counted from 1, behind which each
+feature stands.
 """
 
 import argparse
@@ -23,7 +24,7 @@ if TYPE_CHECKING:
     from dense_vs.generative import Observations
 
 HELP = "learn an arm's generative model from feature pixels"
-ARRAYS = ("pixels", "image_sizes", "joints", "actions", "poses", "intrinsics", "feature_link")
+ARRAYS = ("pixels", "image_sizes", "joints", "actions", "poses", "intrinsics", "intrinsics_sigma", "feature_link")
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

@@ -78,10 +78,13 @@ class Observations:
             self.intrinsics = np.hstack([given, np.zeros((cameras, INTRINSICS - given.shape[1]))])
         if self.intrinsics_sigma is not None:
             sigma = _numbers(self.intrinsics_sigma, "intrinsics_sigma", (2,))
-            if (sigma <= 0).any() or self.intrinsics is None:
+            if (sigma <= 0).any():
                 raise DenseVSError(
-                    f"intrinsics_sigma are {sigma.tolist()} of intrinsics {'that are missing' * (self.intrinsics is None)}"
-                    "; expected two numbers above 0 beside intrinsics: a share of the focal lengths, px of the centres"
+                    f"intrinsics_sigma are {sigma.tolist()}; expected two numbers above 0: a share, and px"
+                )
+            if self.intrinsics is None:
+                raise DenseVSError(
+                    "intrinsics_sigma are given without intrinsics; expected the guesses that they are of"
                 )
             self.intrinsics_sigma = sigma
         if self.feature_link is not None:

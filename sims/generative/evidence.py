@@ -1,10 +1,11 @@
 """Observations to learn from, with the truth kept apart for scoring: random postures of an observed arm.
 
 The law of the postures is ``"normal"`` (N(0, 0.3 rad) about home) or ``"uniform"`` (within 1 rad of home), a draw a
-joint. Postures in which the cameras together see fewer than 6 features are drawn again: nobody would keep them.
+joint. Postures in which the cameras together see fewer than 6 features are drawn again: nobody would keep them. Lenses
+are known as their maker states them, with the tolerances that the statement has.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -21,8 +22,11 @@ _LEAST_SEEN = 6
 _DRAWS = 2000
 _NORMAL_RAD = 0.3
 _UNIFORM_RAD = 1.0
-_ACTION_RAD = 0.25  # standard deviation of a random joint step
-_ACTION_M = 0.06  # of a random Cartesian step; its rotation has the joint step's
+_ACTION_M, _ACTION_RAD = 0.06, 0.25  # standard deviations of a random Cartesian step
+_FOCAL_TOLERANCE, _CENTRE_TOLERANCE_PX = 0.01, 8.0  # uniform, either way; the first as a share
+
+# Standard deviations of those tolerances, as :class:`Observations` takes them.
+INTRINSICS_SIGMA = (_FOCAL_TOLERANCE / np.sqrt(3.0), _CENTRE_TOLERANCE_PX / np.sqrt(3.0))
 
 
 @dataclass(frozen=True)
@@ -42,6 +46,14 @@ class Evidence:
     observations: Observations
     truth: Truth
 
+    def first(self, samples: int) -> "Evidence":
+        """Its first samples."""
+        joints, t = self.truth.joints, self.truth
+        part = replace(
+            t, joints=None if joints is None else joints[:samples], poses=t.poses[:samples], pixels=t.pixels[:samples]
+        )
+        return Evidence(self.observations[:samples], part)
+
 
 def draw_joints(arm: ObservedArm, samples: int, rng: np.random.Generator, law: str = "normal") -> np.ndarray:
     """Joints (T, n) [rad] of random postures.
@@ -49,16 +61,13 @@ def draw_joints(arm: ObservedArm, samples: int, rng: np.random.Generator, law: s
     Raises:
         DenseVSError: unknown law, or the cameras see too few features in nearly every posture.
     """
-    if law not in POSTURES:
-        raise DenseVSError(f"postures are {law!r}; expected one of {', '.join(repr(name) for name in POSTURES)}")
-    home, kept = arm.chain.home, []
+    kept = []
     for _ in range(_DRAWS):
         if len(kept) == samples:
             return np.array(kept)
-        size = arm.chain.joints
-        draw = rng.normal(0, _NORMAL_RAD, size) if law == "normal" else rng.uniform(-_UNIFORM_RAD, _UNIFORM_RAD, size)
-        if _enough_seen(arm.pixels((home + draw)[None])):
-            kept.append(home + draw)
+        joints = _posture(arm, rng, law)
+        if _enough_seen(arm.pixels(joints[None])):
+            kept.append(joints)
     raise DenseVSError(f"only {len(kept)} of {samples} postures show {_LEAST_SEEN} features; move the cameras")
 
 
@@ -71,6 +80,7 @@ def observe(
     pose_noise: float | None = None,
     pixel_noise: float = PIXEL_NOISE,
     intrinsics: np.ndarray | None = None,
+    tolerances_known: bool = True,
 ) -> Evidence:
     """What is read and seen at true joints (T, n) [rad].
 
@@ -78,6 +88,7 @@ def observe(
         joint_noise: standard deviation of the joint readings [rad].
         pose_noise: of readings of the flange's pose [m, rad]; they take the place of joint readings. None for joints.
         intrinsics: guesses (c, 4) of fx, fy, cx, cy [px]; drawn when None, see :func:`guessed_intrinsics`.
+        tolerances_known: whether the observer knows how far off those may be.
     """
     poses = arm.chain.flange_pose(joints)
     read = joints + rng.normal(0.0, joint_noise, joints.shape) if joint_noise else joints.copy()
@@ -88,15 +99,18 @@ def observe(
         pixels=exact + rng.normal(0.0, pixel_noise, exact.shape),
         image_sizes=arm.image_sizes,
         intrinsics=guessed_intrinsics(arm, rng) if intrinsics is None else intrinsics,
+        intrinsics_sigma=INTRINSICS_SIGMA if tolerances_known else None,
     )
     return Evidence(observations, Truth(arm, joints, poses, exact))
 
 
-def act(arm: ObservedArm, samples: int, controller: NoisyController, rng: np.random.Generator) -> Evidence:
+def act(
+    arm: ObservedArm, samples: int, controller: NoisyController, rng: np.random.Generator, law: str = "normal"
+) -> Evidence:
     """Random joint steps through a noisy controller; only the commanded steps and the pixels are observed.
 
-    Steps lead from one random posture to the next, as far as the controller knows, so that the arm stays before the
-    cameras. Where they see too little it moves on, and the observed action is the sum of the commanded ones.
+    Steps lead from one random posture of the law to the next, as far as the controller knows, so that the arm stays
+    before the cameras. Where they see too little it moves on, and the observed action is the sum of the commanded ones.
     """
     home = arm.chain.home
     joints, actions = [home], []
@@ -104,16 +118,14 @@ def act(arm: ObservedArm, samples: int, controller: NoisyController, rng: np.ran
     for _ in range(_DRAWS):
         if len(joints) == samples:
             break
-        action = home + rng.normal(0.0, _ACTION_RAD, len(home)) - believed
+        action = _posture(arm, rng, law) - believed
         believed, since, present = believed + action, since + action, present + controller.joint_step(action)
         if _enough_seen(arm.pixels(present[None])):
             joints.append(present)
             actions.append(since)
             since = np.zeros(len(home))
     seen = observe(arm, np.array(joints), rng).observations
-    observations = Observations(
-        actions=np.array(actions), pixels=seen.pixels, image_sizes=seen.image_sizes, intrinsics=seen.intrinsics
-    )
+    observations = replace(seen, joints=None, actions=np.array(actions))
     poses = arm.chain.flange_pose(np.array(joints))
     return Evidence(observations, Truth(arm, np.array(joints), poses, arm.pixels_of_poses(poses)))
 
@@ -142,6 +154,7 @@ def act_cartesian(arm: ObservedArm, samples: int, controller: NoisyController, r
         pixels=exact + rng.normal(0.0, PIXEL_NOISE, exact.shape),
         image_sizes=arm.image_sizes,
         intrinsics=guessed_intrinsics(arm, rng),
+        intrinsics_sigma=INTRINSICS_SIGMA,
     )
     return Evidence(observations, Truth(arm, None, poses, exact))
 
@@ -169,8 +182,18 @@ def random_pose_near(pose: np.ndarray, rng: np.random.Generator) -> np.ndarray:
 def guessed_intrinsics(arm: ObservedArm, rng: np.random.Generator) -> np.ndarray:
     """(c, 4) as the cameras' maker gives them: focal lengths up to 1 %, principal points up to 8 px off."""
     true = np.array([camera.intrinsics for camera in arm.cameras])
-    off = np.hstack([true[:, :2] * rng.uniform(-0.01, 0.01, (len(true), 2)), rng.uniform(-8, 8, (len(true), 2))])
-    return true + off
+    focal = true[:, :2] * rng.uniform(-_FOCAL_TOLERANCE, _FOCAL_TOLERANCE, (len(true), 2))
+    centre = rng.uniform(-_CENTRE_TOLERANCE_PX, _CENTRE_TOLERANCE_PX, (len(true), 2))
+    return true + np.hstack([focal, centre])
+
+
+def _posture(arm: ObservedArm, rng: np.random.Generator, law: str) -> np.ndarray:
+    """Joints (n,) [rad], whatever is seen there."""
+    if law not in POSTURES:
+        raise DenseVSError(f"postures are {law!r}; expected one of {', '.join(repr(name) for name in POSTURES)}")
+    size = arm.chain.joints
+    draw = rng.normal(0, _NORMAL_RAD, size) if law == "normal" else rng.uniform(-_UNIFORM_RAD, _UNIFORM_RAD, size)
+    return arm.chain.home + draw
 
 
 def _enough_seen(pixels: np.ndarray) -> bool:

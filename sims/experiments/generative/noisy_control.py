@@ -3,10 +3,15 @@
 The state is never read, neither for learning (50 samples) nor for servoing. Fig. 10: a Cartesian controller, noise in m
 and rad. Fig. 11: a joint controller, noise in rad. Both laws of sims/generative/noise.py: with independent noise on
 every move, the paper's, no servo can end below what one move's noise makes, and that floor is given beside.
+
+The joint model's own error is that on exact pixels of other postures, once its joints' constant offsets, which actions
+leave open, are taken out. Beside it stand that of a model which takes the actions for exact, and under independent
+noise the Cramer-Rao bound, the error of a perfect fit to the same samples.
 """
 
 import argparse
-from typing import Any
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -20,6 +25,10 @@ from dense_vs.sims.experiments.generative.protocol import (
     trials,
 )
 from dense_vs.sims.experiments.rows import Row
+
+if TYPE_CHECKING:
+    from dense_vs.generative import GenerativeModel
+    from dense_vs.sims.generative.evidence import Evidence
 
 HELP = "Fig. 10, 11: learn from actions of a noisy controller, joint or Cartesian, and servo with it"
 CONTROLLERS = {"cartesian": "Fig. 10", "joint": "Fig. 11"}
@@ -57,7 +66,7 @@ def run(arguments: argparse.Namespace) -> list[Row]:
                     for trial in runs:
                         done.append(_servo(trial, controller, law, sigma, arguments))
                         bar.update()
-                    curves[f"{sigma:g}"] = np.concatenate([errors for errors, _, _ in done])
+                    curves[f"{sigma:g}"] = np.concatenate([servo.errors for servo in done])
                     rows += _rows(controller, law, sigma, done, tuple(arguments.seeds))
                 moves = range(arguments.moves + 1)
                 draw_lines(
@@ -70,10 +79,18 @@ def run(arguments: argparse.Namespace) -> list[Row]:
     return rows
 
 
-def _servo(
-    trial: Trial, controller: str, law: str, sigma: float, arguments: argparse.Namespace
-) -> tuple[np.ndarray, float, float]:
-    """Errors (targets, moves + 1), the joint model's own error, and the floor that a perfect move leaves, all px."""
+@dataclass
+class _Servo:
+    """What one trial of one controller gave, all px; NaN where it was not asked for."""
+
+    errors: np.ndarray  # (targets, moves + 1)
+    floor: float  # that a perfect move leaves
+    model: float = np.nan
+    unmodelled: float = np.nan
+    perfect: float = np.nan
+
+
+def _servo(trial: Trial, controller: str, law: str, sigma: float, arguments: argparse.Namespace) -> _Servo:
     from dense_vs.generative import GenerativeModel
     from dense_vs.sims.experiments.generative.servoing import (
         cartesian_tasks,
@@ -81,31 +98,40 @@ def _servo(
         servo_model,
         servo_model_cartesian,
     )
+    from dense_vs.sims.generative.cramer_rao import cramer_rao
     from dense_vs.sims.generative.evidence import act, act_cartesian
     from dense_vs.sims.generative.noise import NoisyController
 
     arm, rng = trial.observed_arm(), trial.rng(60)
     noisy = NoisyController(sigma, law, rng)
-    make = act if controller == "joint" else act_cartesian
-    learnt_from = make(arm, arguments.samples, noisy, rng)
     # The fit supposes noise of one size for all steps under either law; the servo's law is not known to it.
-    model = GenerativeModel.fit(learnt_from.observations, state="actions", controller=controller, seed=trial.seed)
-    own = float("nan")
-    if controller == "joint":
-        own = _aligned_error(model, learnt_from.truth, trial)
-        tasks = joint_tasks(arm, arguments.targets, rng, trial.postures)
-        errors = servo_model(model, arm, tasks, arguments.moves, rng, noisy, None)
-    else:
+    if controller == "cartesian":
+        observations = act_cartesian(arm, arguments.samples, noisy, rng).observations
+        model = GenerativeModel.fit(observations, state="actions", controller=controller, seed=trial.seed)
         tasks = cartesian_tasks(arm, arguments.targets, rng)
         errors = servo_model_cartesian(model, arm, tasks, arguments.moves, rng, noisy)
-    return errors, own, _floor(arm, noisy, controller, rng) if law == "independent" else 0.0
-
-
-def _aligned_error(model: Any, truth: Any, trial: Trial) -> float:
-    """Error [px] of a joint model on exact postures; actions leave a constant offset of each joint open, taken out."""
-    offset = np.mean(truth.joints - model.postures, axis=0)
+        return _Servo(errors, _floor(arm, noisy, controller, rng))
+    learnt_from = act(arm, arguments.samples, noisy, rng, trial.postures)
+    model = GenerativeModel.fit(learnt_from.observations, state="actions", seed=trial.seed)
+    tasks = joint_tasks(arm, arguments.targets, rng, trial.postures)
+    errors = servo_model(model, arm, tasks, arguments.moves, rng, noisy, None)
     held_out = trial.evidence(TEST_SAMPLES, 1)
-    return pixel_error(model.pixels(held_out.truth.joints - offset), held_out.observations.pixels)
+    done = _Servo(errors, _floor(arm, noisy, controller, rng), _aligned_error(model, learnt_from, held_out))
+    added = np.cumsum(learnt_from.observations.actions, axis=0)
+    believed = replace(learnt_from.observations, joints=np.concatenate([np.zeros((1, added.shape[1])), added]))
+    done.unmodelled = _aligned_error(GenerativeModel.fit(believed, seed=trial.seed), learnt_from, held_out)
+    if law == "independent" and sigma > 0:
+        perfect = cramer_rao(learnt_from, held_out, trial.rng(4), state="actions", sigma=sigma)
+        done.perfect = float(np.mean(perfect.exact))
+    return done
+
+
+def _aligned_error(model: "GenerativeModel", learnt_from: "Evidence", held_out: "Evidence") -> float:
+    """Error [px] on exact postures and pixels, the mean offset of each joint from the true one taken out."""
+    assert learnt_from.truth.joints is not None
+    assert held_out.truth.joints is not None
+    offset = np.mean(learnt_from.truth.joints - model.postures, axis=0)
+    return pixel_error(model.pixels(held_out.truth.joints - offset), held_out.truth.pixels)
 
 
 def _floor(arm: Any, noisy: Any, controller: str, rng: np.random.Generator) -> float:
@@ -123,10 +149,10 @@ def _floor(arm: Any, noisy: Any, controller: str, rng: np.random.Generator) -> f
     return float(np.median([pixel_error(a, e) for a, e in zip(after, exact, strict=True)]))
 
 
-def _rows(controller: str, law: str, sigma: float, done: list, seeds: tuple[int, ...]) -> list[Row]:
+def _rows(controller: str, law: str, sigma: float, done: list[_Servo], seeds: tuple[int, ...]) -> list[Row]:
     from dense_vs.sims.experiments.generative.servoing import moves_needed
 
-    errors = np.concatenate([table for table, _, _ in done])
+    errors = np.concatenate([servo.errors for servo in done])
     needed = moves_needed(errors)
     paper = PAPER_FINAL_PX.get((controller, sigma)) if law == "independent" else None
     start = f"{controller}, {law} noise {sigma:g}:"
@@ -136,9 +162,16 @@ def _rows(controller: str, law: str, sigma: float, done: list, seeds: tuple[int,
         Row(f"{start} moves to below 1 px, median", None, float(np.median(needed)), "", seeds),
     ]
     if controller == "joint":
-        own = float(np.mean([error for _, error, _ in done]))
-        rows.append(Row(f"{start} error of the model on other samples, mean", None, own, "px", seeds))
+        for name, values in (
+            ("", [servo.model for servo in done]),
+            (" that takes actions for exact", [servo.unmodelled for servo in done]),
+            (", bound (Cramer-Rao)", [servo.perfect for servo in done]),
+        ):
+            if np.isfinite(values).all():
+                mean, worst = float(np.mean(values)), float(np.max(values))
+                rows.append(Row(f"{start} error of the model{name}, mean", None, mean, "px", seeds))
+                rows.append(Row(f"{start} error of the model{name}, worst", None, worst, "px", seeds))
     if law == "independent":
-        floor = float(np.mean([least for _, _, least in done]))
+        floor = float(np.mean([servo.floor for servo in done]))
         rows.append(Row(f"{start} what one move's noise leaves, median", None, floor, "px", seeds))
     return rows

@@ -2,6 +2,8 @@
 
 Noise law: every reading is off by N(0, sigma) in every joint, independently. Training on noisy readings; test postures
 are exact, as in the paper. Lambda is the variance of the pixels over that of the joints, both estimated by the fit.
+How large an arm is in its images decides how many pixels a radian is: so the error that the readings alone would make
+with a perfect model stands beside, and the Cramer-Rao bound, the error of a perfect fit to the same samples.
 """
 
 import argparse
@@ -13,7 +15,9 @@ from dense_vs.sims.experiments.generative.chart import draw_lines
 from dense_vs.sims.experiments.generative.protocol import (
     TEST_SAMPLES,
     add_protocol_arguments,
+    bound_rows,
     held_out_error,
+    reading_error,
     spread_rows,
     trials,
 )
@@ -43,26 +47,35 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(arguments: argparse.Namespace) -> list[Row]:
     """Run the experiment."""
     from dense_vs.generative import GenerativeModel
+    from dense_vs.sims.generative.cramer_rao import cramer_rao
 
     runs = trials(arguments)
     errors = np.zeros((len(NAMES), len(runs), len(arguments.sigma)))
+    raw = np.zeros((len(runs), len(arguments.sigma)))
+    perfect: list[list[np.ndarray]] = [[] for _ in arguments.sigma]
     with progress("fits", errors.size, "fit") as bar:
         for r, trial in enumerate(runs):
-            held_out = trial.evidence(TEST_SAMPLES, 1).observations
+            held_out = trial.evidence(TEST_SAMPLES, 1)
             for s, sigma in enumerate(arguments.sigma):
-                observations = trial.evidence(arguments.samples, 0, joint_noise=sigma).observations
+                noisy = trial.evidence(arguments.samples, 0, joint_noise=sigma)
+                raw[r, s] = reading_error(held_out.truth, sigma, trial.rng(5))
+                perfect[s].append(cramer_rao(noisy, held_out, trial.rng(4), state="noisy", sigma=sigma).noisy)
                 for n, state in enumerate(NAMES):
-                    model = GenerativeModel.fit(observations, state=state, seed=trial.seed)
-                    errors[n, r, s] = held_out_error(model, held_out)
+                    model = GenerativeModel.fit(noisy.observations, state=state, seed=trial.seed)
+                    errors[n, r, s] = held_out_error(model, held_out.observations)
                     bar.update()
     rows = []
     for s, sigma in enumerate(arguments.sigma):
         for n, (state, name) in enumerate(NAMES.items()):
             paper = PAPER.get((sigma, state), (None, None))
             rows += spread_rows(f"test error, {sigma:g} rad, {name}", paper, errors[n, :, s], "px", arguments.seeds)
+        rows += bound_rows(f"test error, {sigma:g} rad, {NAMES['noisy']}", perfect[s], arguments.seeds)
+        name = f"what readings {sigma:g} rad off are in pixels, mean"
+        rows.append(Row(name, None, float(np.mean(raw[:, s])), "px", tuple(arguments.seeds)))
     draw_lines(
         arguments.out / "noisy_states.png",
-        {name: (arguments.sigma, errors[n]) for n, name in enumerate(NAMES.values())},
+        {name: (arguments.sigma, errors[n]) for n, name in enumerate(NAMES.values())}
+        | {"perfect fit": (arguments.sigma, np.mean(perfect, axis=2).T)},
         title=f"{arguments.samples} samples with noisy joint readings (Table 8), {len(runs)} models",
         x_label="standard deviation of the readings [rad]",
         y_label="test error [px]",

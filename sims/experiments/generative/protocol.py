@@ -16,7 +16,7 @@ from dense_vs.sims.experiments.rows import Row
 
 if TYPE_CHECKING:
     from dense_vs.generative import GenerativeModel, Observations
-    from dense_vs.sims.generative.evidence import Evidence
+    from dense_vs.sims.generative.evidence import Evidence, Truth
 
 ARMS = ("ur5", "baxter")
 TEST_SAMPLES = 100
@@ -104,3 +104,15 @@ def spread_rows(
         Row(f"{name}: standard deviation", paper[1], float(np.std(numbers)), unit, known),
         Row(f"{name}: worst", None, float(np.max(numbers)), unit, known),
     ]
+
+
+def bound_rows(name: str, perfect: Sequence[np.ndarray], seeds: Sequence[int]) -> list[Row]:
+    """The mean error of perfect fits, each trial's errors (draws,) [px]: the Cramer-Rao bound of the value ``name``."""
+    return [Row(f"{name}: bound (Cramer-Rao), mean", None, float(np.mean(perfect)), "px", tuple(seeds))]
+
+
+def reading_error(truth: "Truth", sigma: float, rng: np.random.Generator) -> float:
+    """Mean error [px] of a perfect model at joints read with noise of ``sigma`` [rad]: the arm's size in its images."""
+    joints = np.asarray(truth.joints)
+    read = joints + rng.normal(0.0, sigma, joints.shape)
+    return pixel_error(truth.arm.projections(truth.arm.chain.flange_pose(read)), truth.pixels)

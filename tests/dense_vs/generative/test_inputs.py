@@ -25,6 +25,8 @@ def assert_refused(match, call):
         ({"poses": np.ones((50, 4, 4))}, r"poses\[0\]"),
         ({"intrinsics": np.ones((2, 5))}, "rows fx, fy, cx, cy"),
         ({"intrinsics": -np.ones((2, 4))}, "fx, fy > 0"),
+        ({"intrinsics_sigma": (0.01, -8.0)}, "two numbers above 0"),
+        ({"intrinsics_sigma": (0.01, 8.0), "intrinsics": None}, "without intrinsics"),
         ({"image_sizes": [SIZE]}, r"expected 2 pairs \(h, w\)"),
         ({"feature_link": np.full(12, 7)}, "from 0 to 6"),
         ({"feature_link": np.full(12, 2.0)}, "whole numbers"),

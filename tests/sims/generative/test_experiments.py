@@ -26,7 +26,22 @@ def test_few_samples(tmp_path):
     assert rows["validation error, 50 samples: worst"]["ours"] < 0.75
     assert rows["validation error, 20 samples: worst"]["ours"] < 1.0
     assert rows["validation error, 20 samples: worst"]["seeds"] == [1]
+    assert 0.6 < rows["validation error, 20 samples: bound (Cramer-Rao), mean"]["ours"] < 1.0
+    assert rows["validation error, 50 samples: share below 1 px of perfect fits"]["ours"] == 1.0
     assert (tmp_path / "few_samples.png").stat().st_size > 10_000
+
+
+def test_noisy_states_and_actions_stand_beside_their_bounds(tmp_path):
+    common = ["--arm", "ur5", "--sigma", "0.01", "--seed", "1"]
+    rows = reproduce(tmp_path, "noisy-states", *common)
+    name = "test error, 0.01 rad, noise modelled"
+    assert rows[f"{name}: mean"]["ours"] < 1.4 * rows[f"{name}: bound (Cramer-Rao), mean"]["ours"]
+    assert rows["what readings 0.01 rad off are in pixels, mean"]["ours"] > 2.0
+    rows = reproduce(tmp_path, "noisy-control", "--controller", "joint", "--targets", "5", "--moves", "2", *common)
+    name = "joint, independent noise 0.01: error of the model"
+    bound = rows[f"{name}, bound (Cramer-Rao), mean"]["ours"]
+    assert rows[f"{name}, mean"]["ours"] < 1.5 * bound
+    assert rows[f"{name} that takes actions for exact, mean"]["ours"] > 2 * bound
 
 
 def test_camera_shift_is_named_and_no_other_camera_is(tmp_path):
