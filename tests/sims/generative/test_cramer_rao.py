@@ -45,7 +45,7 @@ def test_more_samples_and_known_lenses_lower_it_and_noisy_joints_raise_it():
 def test_what_has_no_bound_is_answered(trial):
     rng = np.random.default_rng(0)
     samples = trial.evidence(10)
-    with pytest.raises(DenseVSError, match="sigma 0.0 rad"):
+    with pytest.raises(DenseVSError, match=r"sigma 0\.0 rad"):
         cramer_rao(samples, samples, rng, state="noisy")
     moved = act_cartesian(trial.observed_arm(), 5, NoisyController(0.0, "independent", rng), rng)
     with pytest.raises(DenseVSError, match="Cartesian"):
