@@ -25,6 +25,7 @@ if TYPE_CHECKING:
     from dense_vs.generative.parameters import ModelParameters as ModelParameters
     from dense_vs.generative.parameters import link_poses as link_poses
     from dense_vs.generative.parameters import turn as turn
+    from dense_vs.generative.pixel_problem import Free as Free
     from dense_vs.generative.pixel_problem import NormalEquations as NormalEquations
     from dense_vs.generative.pixel_problem import PixelProblem as PixelProblem
     from dense_vs.generative.pixel_problem import State as State
@@ -41,6 +42,7 @@ _HOMES = {
     "project_points": "joint_inference",
     "PixelProblem": "pixel_problem",
     "State": "pixel_problem",
+    "Free": "pixel_problem",
     "NormalEquations": "pixel_problem",
     "JointReadings": "joint_priors",
     "JointActions": "joint_priors",

@@ -11,6 +11,7 @@ import numpy as np
 
 from dense_vs.errors import DenseVSError
 from dense_vs.generative import (
+    Free,
     JointActions,
     JointReadings,
     ModelParameters,
@@ -46,6 +47,7 @@ def cramer_rao(
     *,
     state: str = "observed",
     sigma: float = 0.0,
+    camera: int | None = None,
     draws: int = _DRAWS,
 ) -> Bound:
     """The errors of a perfect fit to these samples.
@@ -55,6 +57,7 @@ def cramer_rao(
         rng: draws the errors.
         state: ``"observed"``, ``"noisy"`` or ``"actions"``, as the fit's.
         sigma: noise of the joint readings, or of each joint step [rad].
+        camera: whose pose alone is to be learnt, all else being known; None where all is to be learnt.
         draws: how many.
 
     Raises:
@@ -68,7 +71,10 @@ def cramer_rao(
     parameters = true_parameters(truth.arm, truth.joints.mean(axis=0))
     observations = learnt_from.observations
     known = observations.seen.any(axis=(0, 1))
-    free = replace(all_shared(np.ones(len(truth.arm.cameras), dtype=bool)), features=known)
+    cameras = np.arange(len(truth.arm.cameras))
+    free = replace(all_shared(np.ones(len(cameras), dtype=bool)), features=known)
+    if camera is not None:
+        known, free = np.ones_like(known), Free(cameras=cameras == camera)
     prior = None
     if state == "noisy":
         prior = JointReadings(truth.joints, (PIXEL_NOISE / sigma) ** 2)

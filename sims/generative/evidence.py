@@ -19,6 +19,7 @@ POSTURES = ("normal", "uniform")
 PIXEL_NOISE = 0.5  # px, standard deviation in x and in y
 
 _LEAST_SEEN = 6
+_LEAST_FOR_A_CAMERA = 4  # points that tell a camera's pose
 _DRAWS = 2000
 _NORMAL_RAD = 0.3
 _UNIFORM_RAD = 1.0
@@ -55,8 +56,14 @@ class Evidence:
         return Evidence(self.observations[:samples], part)
 
 
-def draw_joints(arm: ObservedArm, samples: int, rng: np.random.Generator, law: str = "normal") -> np.ndarray:
+def draw_joints(
+    arm: ObservedArm, samples: int, rng: np.random.Generator, law: str = "normal", camera: int | None = None
+) -> np.ndarray:
     """Joints (T, n) [rad] of random postures.
+
+    Args:
+        arm, samples, rng, law: as above.
+        camera: one that must itself see 4 features, as where it is to be placed; None for no such camera.
 
     Raises:
         DenseVSError: unknown law, or the cameras see too few features in nearly every posture.
@@ -66,7 +73,8 @@ def draw_joints(arm: ObservedArm, samples: int, rng: np.random.Generator, law: s
         if len(kept) == samples:
             return np.array(kept)
         joints = _posture(arm, rng, law)
-        if _enough_seen(arm.pixels(joints[None])):
+        pixels = arm.pixels(joints[None])
+        if _enough_seen(pixels) and (camera is None or _count(pixels[:, camera]) >= _LEAST_FOR_A_CAMERA):
             kept.append(joints)
     raise DenseVSError(f"only {len(kept)} of {samples} postures show {_LEAST_SEEN} features; move the cameras")
 
@@ -197,4 +205,8 @@ def _posture(arm: ObservedArm, rng: np.random.Generator, law: str) -> np.ndarray
 
 
 def _enough_seen(pixels: np.ndarray) -> bool:
-    return int(np.isfinite(pixels[..., 0]).sum()) >= _LEAST_SEEN
+    return _count(pixels) >= _LEAST_SEEN
+
+
+def _count(pixels: np.ndarray) -> int:
+    return int(np.isfinite(pixels[..., 0]).sum())

@@ -3,7 +3,8 @@
 Fig. 4: one of two cameras was moved elsewhere, or a third was added. Fig. 5: the hand carries other features. Fig. 6:
 the base was moved by centimetres and degrees. Fig. 7: the kinematics are learnt again. The error is that on 100 samples
 of the new setup that were not learnt from; of a new structure, over the features that the samples showed. The paper's
-figures are drawn only, so no numbers stand beside.
+figures are drawn only, so no numbers stand beside. A sample counts for a camera if that camera sees 4 features in it;
+beside its errors stands the Cramer-Rao bound, what a perfect fit of its pose to the same samples would have.
 """
 
 import argparse
@@ -20,6 +21,7 @@ from dense_vs.sims.experiments.generative.protocol import (
     TEST_SAMPLES,
     Trial,
     add_protocol_arguments,
+    bound_rows,
     pixel_error,
     spread_rows,
     trials,
@@ -27,7 +29,8 @@ from dense_vs.sims.experiments.generative.protocol import (
 from dense_vs.sims.experiments.rows import Row
 
 if TYPE_CHECKING:
-    from dense_vs.generative import GenerativeModel
+    from dense_vs.generative import GenerativeModel, Observations
+    from dense_vs.sims.generative.evidence import Evidence
 
 HELP = "Fig. 4-7: relearn a camera, the structure, the base or the kinematics from few samples"
 PARTS = {
@@ -37,6 +40,7 @@ PARTS = {
     "base": "base",
     "kinematics": "kinematics",
 }
+CAMERAS = {"moved camera": 1, "added camera": 2}
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -56,17 +60,23 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(arguments: argparse.Namespace) -> list[Row]:
     """Run the experiment."""
     from dense_vs.generative import GenerativeModel
+    from dense_vs.sims.generative.cramer_rao import cramer_rao
 
     if arguments.cameras != 2:
         raise DenseVSError(f"--cameras is {arguments.cameras}; this experiment moves one of 2 and adds a third")
     runs, counts = trials(arguments), arguments.relearn_from
     errors = np.full((len(PARTS), len(runs), len(counts)), np.inf)
+    perfect: dict[tuple[str, int], list[np.ndarray]] = {}
     with progress("relearning", len(runs) * len(PARTS), "part") as bar:
         for r, trial in enumerate(runs):
             observations = trial.evidence(arguments.samples).observations
             model = GenerativeModel.fit(observations, seed=trial.seed)
             for p, part in enumerate(PARTS):
-                errors[p, r] = _errors(model, trial, observations.intrinsics[:, :4], part, counts)
+                seen, held_out = new_setup(trial, part, observations.intrinsics[:, :4], max(counts))
+                errors[p, r] = relearnt_errors(model, part, seen.observations, held_out.observations, counts)
+                for samples in counts if part in CAMERAS else ():
+                    bound = cramer_rao(seen.first(samples), held_out, trial.rng(4), camera=CAMERAS[part]).noisy
+                    perfect.setdefault((part, samples), []).append(bound)
                 bar.update()
     rows = []
     for p, part in enumerate(PARTS):
@@ -78,6 +88,8 @@ def run(arguments: argparse.Namespace) -> list[Row]:
             done = errors[p, np.isfinite(errors[p, :, s]), s]
             if len(done):
                 rows += spread_rows(name, (None, None), done, "px", arguments.seeds)
+            if (part, samples) in perfect:
+                rows += bound_rows(name, perfect[part, samples], arguments.seeds)
     draw_lines(
         arguments.out / "relearning.png",
         {part: (counts, errors[p]) for p, part in enumerate(PARTS)},
@@ -89,21 +101,31 @@ def run(arguments: argparse.Namespace) -> list[Row]:
     return rows
 
 
-def _errors(
-    model: "GenerativeModel", trial: Trial, intrinsics: np.ndarray, part: str, counts: list[int]
-) -> list[float]:
-    """Error [px] after relearning from each number of samples; infinite where the samples were refused."""
-    from dense_vs.generative import GenerativeModel
+def new_setup(trial: Trial, part: str, intrinsics: np.ndarray, samples: int) -> tuple["Evidence", "Evidence"]:
+    """Samples of the trial's arm after the change that makes the part wrong: to learn it from, and to test with.
+
+    Args:
+        trial: the arm before.
+        part: a name of ``PARTS``.
+        intrinsics: guesses (c, 4) of the cameras that there were.
+        samples: to learn from.
+    """
     from dense_vs.sims.generative.evidence import draw_joints, guessed_intrinsics, observe
 
     rng = trial.rng(20 + list(PARTS).index(part))
     arm = _changed(trial, part, rng)
     if len(arm.cameras) > len(intrinsics):
         intrinsics = np.concatenate([intrinsics, guessed_intrinsics(arm, rng)[len(intrinsics) :]])
-    seen, held_out = (
-        observe(arm, draw_joints(arm, samples, rng, trial.postures), rng, intrinsics=intrinsics).observations
-        for samples in (max(counts), TEST_SAMPLES)
-    )
+    seen = observe(arm, draw_joints(arm, samples, rng, trial.postures, CAMERAS.get(part)), rng, intrinsics=intrinsics)
+    return seen, observe(arm, draw_joints(arm, TEST_SAMPLES, rng, trial.postures), rng, intrinsics=intrinsics)
+
+
+def relearnt_errors(
+    model: "GenerativeModel", part: str, seen: "Observations", held_out: "Observations", counts: list[int]
+) -> list[float]:
+    """Error [px] after relearning from each number of samples; infinite where the samples were refused."""
+    from dense_vs.generative import GenerativeModel
+
     errors = []
     for samples in counts:
         report = replace(model.report)

@@ -12,6 +12,7 @@ from dense_vs.sims.generative.noise import NoisyController
 @pytest.mark.parametrize("arm", ["ur5", "baxter"])
 def test_true_parameters_make_the_true_pixels(arm):
     truth = Trial(arm, 2, 2, "normal").evidence(20).truth
+    assert truth.joints is not None
     generated = predict(true_parameters(truth.arm, truth.joints[0]), truth.joints)
     seen = np.isfinite(truth.pixels[..., 0])
     np.testing.assert_allclose(generated[seen], truth.pixels[seen], atol=1e-8)
@@ -39,6 +40,7 @@ def test_more_samples_and_known_lenses_lower_it_and_noisy_joints_raise_it():
     assert bound(many) < 0.5 * bound(few)
     assert bound(trial.evidence(10)) < 0.95 * bound(few)
     assert bound(many, state="noisy", sigma=0.01) > 2 * bound(many)
+    assert bound(few, camera=1) < bound(few)
     assert bound(many, state="actions", sigma=0.01) > bound(many)
 
 

@@ -28,6 +28,7 @@ def test_pixels_and_readings_have_the_noise_that_was_asked_for(arm):
 def test_actions_without_noise_lead_from_posture_to_posture(arm):
     rng = np.random.default_rng(1)
     evidence = act(arm, 12, NoisyController(0.0, "independent", rng), rng)
+    assert evidence.truth.joints is not None
     np.testing.assert_allclose(np.diff(evidence.truth.joints, axis=0), evidence.observations.actions, atol=1e-12)
     evidence = act_cartesian(arm, 12, NoisyController(0.0, "independent", rng), rng)
     poses = evidence.truth.poses

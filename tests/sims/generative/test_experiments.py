@@ -63,11 +63,12 @@ def test_the_model_reaches_targets_in_a_move_or_two(learnt, trial):
 
 def test_relearning_a_moved_camera_from_three_samples(learnt, trial):
     intrinsics = learnt.parameters.intrinsics[:, :4]
-    few, many = relearning._errors(learnt, trial, intrinsics, "moved camera", [3, 10])
+    seen, held_out = (e.observations for e in relearning.new_setup(trial, "moved camera", intrinsics, 10))
+    assert seen.seen[:, 1].sum(axis=1).min() >= 4
+    few, many = relearning.relearnt_errors(learnt, "moved camera", seen, held_out, [3, 10])
     assert few < 2.0
     assert many < 0.8
-    refused = relearning._errors(learnt, trial, intrinsics, "kinematics", [2])
-    assert refused == [np.inf]
+    assert relearning.relearnt_errors(learnt, "kinematics", seen, held_out, [2]) == [np.inf]
 
 
 def test_error_counts_only_what_was_seen_and_punishes_what_the_model_lacks():
