@@ -17,6 +17,7 @@ def draw_learning(learnt: list[Any], out: Path) -> None:
     from matplotlib.figure import Figure
 
     from dense_vs.sims.experiments.vosvs.learn import LABELS
+    from dense_vs.sims.experiments.vosvs.learning import INITIAL
 
     figure = Figure(figsize=(2.8 * len(learnt), 11.0), layout="constrained")
     FigureCanvasAgg(figure)
@@ -44,7 +45,7 @@ def draw_learning(learnt: list[Any], out: Path) -> None:
                     if coupled:
                         line.set_label(f"{joint} / s_{'xy'[feature]}")
                         panel.axhline(one.true[row, feature], color=f"C{row}", lw=0.8, ls="--")
-            reach = 2.5 * np.nanmax(np.abs(one.true))
+            reach = 2.5 * np.abs(one.true).max() if np.isfinite(one.true).all() else 5 * INITIAL
             panel.set_ylim(-reach, reach)
             panel.axhline(0.0, color="grey", lw=0.5)
         elements.legend(fontsize=6)

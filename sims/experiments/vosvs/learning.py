@@ -10,6 +10,7 @@ from dense_vs.mask_servo import MaskServo, ServoEnd, ServoLook
 from dense_vs.segmentation import Segmenter
 from dense_vs.sims.experiments.vosvs.configurations import Configuration
 from dense_vs.sims.experiments.vosvs.staging import put_in_view, start_posture
+from dense_vs.sims.experiments.vosvs.true_jacobian import true_pinv
 from dense_vs.sims.mobile_manipulator.adapters import ManipulatorCamera, ManipulatorRobot
 from dense_vs.sims.mobile_manipulator.world import MobileWorld
 
@@ -50,6 +51,7 @@ class Learning:
         pinv: the last J+.
         history: J+ after every update, ``(U, n, 2)``.
         episodes: all step responses.
+        true: J+ by the simulator where each converged, ``(R, n, 2)``: objects stand near and far. For scores.
     """
 
     converged: bool
@@ -60,6 +62,7 @@ class Learning:
     pinv: np.ndarray
     history: np.ndarray
     episodes: list[Episode]
+    true: list[np.ndarray] = field(default_factory=list)
 
 
 def learn(
@@ -118,6 +121,7 @@ def learn(
         result.episodes.append(Episode(run.end, centroids, run.looks, [i for i, _ in shown], [m for _, m in shown]))
         if run.end is ServoEnd.CONVERGED:
             reached += 1
+            result.true.append(true_pinv(world, one, name))
             if result.updates is None:
                 result.converged = True
                 result.updates = len(history) - 1

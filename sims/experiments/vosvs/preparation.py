@@ -13,6 +13,8 @@ from dense_vs.sims.mobile_manipulator.world import MobileWorld
 
 TEACHERS = {"base": "Plastic Chain", "base grasp": "Tuna"}  # the object that a configuration learns with
 TEACHER = "Mug"
+LOOKS = 150  # images that learning may take
+ATTEMPTS = 3  # each from the beginning, with the object elsewhere
 
 
 def require_cpu(device: str) -> None:
@@ -55,15 +57,18 @@ class Preparation:
         if config not in self._learnt:
             name = TEACHERS.get(config, TEACHER)
             segmenter = self.segmenter(name)
-            self.world.store()
-            rng = np.random.default_rng([self.seed, 51])
-            learning = learn(
-                self.world, configuration(config), name, segmenter, rng, update="featurewise", responses=3, looks=150
-            )
-            self.world.store()
-            if not learning.converged:
+            for attempt in range(ATTEMPTS):
+                self.world.store()
+                rng = np.random.default_rng([self.seed, 51, attempt])
+                one = configuration(config)
+                learning = learn(self.world, one, name, segmenter, rng, update="featurewise", looks=LOOKS)
+                self.world.store()
+                if learning.converged:
+                    break
+            else:
                 raise DenseVSError(
-                    f"J+ of {config!r} was not learnt in 150 looks; expected a step response to converge"
+                    f"J+ of {config!r} was not learnt in {ATTEMPTS} times {LOOKS} looks; "
+                    "expected a step response to converge"
                 )
             self._learnt[config] = learning
         return self._learnt[config]

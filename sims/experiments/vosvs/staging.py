@@ -9,6 +9,8 @@ from dense_vs.sims.mobile_manipulator.postures import posture
 from dense_vs.sims.mobile_manipulator.world import HEIGHT, WIDTH, MobileWorld
 
 MARGIN = 12  # px, at least, between a whole object and the image border
+# m from a camera to an object: the hand's images of objects reach no farther, nor does the arm's lift centre on more.
+FARTHEST = {"head": 2.2, "grasp": 1.2}
 CLEARANCE = 0.15  # m, more than from the middle of a part to its surface
 ROOM = (-3.0, 2.5)  # clear floor, away from bins [m]
 
@@ -28,7 +30,7 @@ def put_in_view(
     border: float = 90.0,
     tries: int = 200,
 ) -> np.ndarray:
-    """Put an object on the floor where the configuration's start shows it whole and off its target.
+    """Put an object on the floor where the configuration's start shows it whole, near enough, and off its target.
 
     Args:
         least: smallest offset from the target along both image axes [px].
@@ -47,7 +49,8 @@ def put_in_view(
         if np.any(np.abs(pixel - target) < least):
             continue
         ground = floor_point(world, one.camera, pixel, 0.5 * world.objects[name].height)
-        if ground is None or np.linalg.norm(ground - world.camera_pose(one.camera)[:3, 3]) > 2.2:
+        eye = world.camera_pose(one.camera)[:3, 3]
+        if ground is None or np.linalg.norm(ground - eye) > FARTHEST[one.camera]:
             continue
         x, y, _ = ground
         if world.objects[name].links:

@@ -16,8 +16,6 @@ if TYPE_CHECKING:
 HELP = "Fig. 13: a moving articulated object followed by the base and by the head gimbal"
 NAME = "Plastic Chain"
 SPEED = {"base": 0.2, "head": 0.25}  # m/s, of the hand that drags the chain
-JERK = 0.8  # m/s, for a fifth of every 4 seconds
-PERIOD = 120  # frames
 SETTLE = 3  # frames from the end of a motion to the next image
 
 
@@ -63,11 +61,11 @@ def follow(ready: "Preparation", config: str, looks: int, bar) -> Track:
     from dense_vs.mask_servo import MaskServo, ServoEnd
     from dense_vs.object_search import search_object
     from dense_vs.sims.experiments.vosvs.configurations import configuration
+    from dense_vs.sims.experiments.vosvs.dragging import DraggingHand
     from dense_vs.sims.experiments.vosvs.pictures import outlined
     from dense_vs.sims.experiments.vosvs.staging import floor_point, start_posture
     from dense_vs.sims.experiments.vosvs.true_jacobian import true_centroid
     from dense_vs.sims.mobile_manipulator.adapters import ManipulatorCamera, ManipulatorRobot
-    from dense_vs.sims.scene import FRAME_SECONDS
 
     one, world = configuration(config), ready.world
     bar.set_description(f"seed {ready.seed}, {config}")
@@ -78,24 +76,7 @@ def follow(ready: "Preparation", config: str, looks: int, bar) -> Track:
     ground = floor_point(world, one.camera, np.array([320.0, 340.0 if config == "head" else 240.0]))
     assert ground is not None
     world.lay_chain(NAME, ground, rng)
-    begin = world.frames
-    heading = rng.uniform(-np.pi, np.pi)
-    turn = np.zeros(1)
-    middle = ground[:2].copy()
-    hand = world.pull_chain(NAME, None)
-
-    def drag() -> None:
-        """Move the hand for a frame: on a winding way, now and then a jerk, back where it would leave the room."""
-        turn[0] += 0.05 * rng.standard_normal()
-        away = hand[:2] - middle
-        angle = heading + turn[0]
-        if np.hypot(*away) > 0.9:
-            angle = np.arctan2(-away[1], -away[0]) + 0.5 * np.sin(turn[0])
-        speed = JERK if (world.frames - begin) % PERIOD < PERIOD // 20 else SPEED[config]
-        hand[:2] += FRAME_SECONDS * speed * np.array([np.cos(angle), np.sin(angle)])
-        hand[2] = 0.012
-        world.pull_chain(NAME, hand)
-
+    hand = DraggingHand(world, NAME, SPEED[config], rng)
     centroids: list[np.ndarray] = []
     tiles: list[tuple[str, np.ndarray]] = []
     places = [world.object_position(NAME)[:2].copy()]
@@ -122,7 +103,7 @@ def follow(ready: "Preparation", config: str, looks: int, bar) -> Track:
         on_look=watch,
     )
     lost = 0
-    world.before_frame = drag
+    world.before_frame = hand
     try:
         while len(centroids) < looks:
             run = servo.run(looks - len(centroids))
@@ -133,7 +114,7 @@ def follow(ready: "Preparation", config: str, looks: int, bar) -> Track:
                     break
     finally:
         world.before_frame = None
-        world.pull_chain(NAME, None)
+        hand.let_go()
     way = float(np.sum(np.hypot(*np.diff(np.array(places), axis=0).T)))
     return Track(config, ready.seed, np.array(centroids), np.array(one.target), lost, way, tiles)
 
