@@ -12,6 +12,7 @@ from dense_vs.grasp_loop import GraspAttempt, GraspRun
 from dense_vs.mask_servo import ServoEnd
 from dense_vs.sims.experiments.vosvs import learn, pick_place, step_response, track, trial
 from dense_vs.sims.experiments.vosvs.configurations import CONFIGURATIONS
+from dense_vs.sims.experiments.vosvs.learning import Learning
 from dense_vs.sims.experiments.vosvs.learning import learn as learn_configuration
 from dense_vs.sims.experiments.vosvs.picking import Pick, pick_and_place
 from dense_vs.sims.experiments.vosvs.trials import HEIGHT, ObjectTrial, locate
@@ -100,3 +101,19 @@ def test_other_devices_are_refused(experiment, tmp_path):
     arguments.device, arguments.seeds, arguments.out, arguments.threads = "cuda:0", [0], tmp_path, 1
     with pytest.raises(DenseVSError, match="expected 'cpu'"):
         experiment.run(arguments)
+
+
+def test_learn_rows():
+    def learning(pinv, converged=True):
+        pinv = np.array(pinv)
+        return Learning(converged, 9 if converged else None, 20, 1, 3, pinv, pinv[None], [])
+
+    one = next(config for config in CONFIGURATIONS if config.name == "arm both")
+    pinv, true = [[-0.0004, 0], [-0.001, 0], [0, 0.003]], np.array([[-0.0008, 0], [-0.002, 0], [0, 0.004]])
+    outcomes = {"hadamard": learning(pinv), "featurewise": learning(pinv), "original": learning(pinv, False)}
+    rows = {row.name: row.ours for row in learn.table_rows([learn.Learnt(one, 4, outcomes, true)], (4,))}
+    assert rows["converged of 7, (11)"] == 1
+    assert rows["converged of 7, original Broyden"] == 0
+    assert rows["steps taken back, (11)"] == 3
+    assert rows["arm both: part of the error in s_x that a step (10) removes, (11)"] == pytest.approx(1.0)
+    assert rows["arm both: part of the error in s_y that a step (10) removes, (11)"] == pytest.approx(0.75)

@@ -116,6 +116,11 @@ def table_rows(learnt: list[Learnt], seeds: tuple[int, ...]) -> "list[Row]":
             paper = 14 if (one.one.name, update) == ("base", "hadamard") else None
             count = float(np.median(known)) if known else float("nan")
             rows.append(Row(f"{one.one.name}: updates until s*, {LABELS[update]}", paper, count, "", seeds))
+        for update in ("hadamard", "featurewise"):
+            parts = np.median([removed(other, update) for other in same], axis=0)
+            for feature, part in zip("xy", parts, strict=True):
+                name = f"{one.one.name}: part of the error in s_{feature} that a step (10) removes, {LABELS[update]}"
+                rows.append(Row(name, None, float(part), "", seeds))
         for row, joint in enumerate(one.one.joints):
             feature = int(np.argmax(one.one.coupling[row]))
             by = {u: np.median([other.outcomes[u].pinv[row, feature] for other in same]) for u in LABELS}
@@ -126,3 +131,15 @@ def table_rows(learnt: list[Learnt], seeds: tuple[int, ...]) -> "list[Row]":
             rows.append(Row(f"  {LABELS['featurewise']}", None, by["featurewise"], unit, seeds))
             rows.append(Row("  by the simulator, the joint alone", None, true, unit, seeds))
     return rows
+
+
+def removed(one: Learnt, update: str) -> "np.ndarray":
+    """Part ``(2,)`` of the error in s_x and s_y that a step (10) of gain 1 truly removes: 1 where J+ has its true size.
+
+    That of a feature's joints together: which share each of several takes is free.
+    """
+    import numpy as np
+
+    coupled = one.one.coupling > 0
+    shares = np.divide(one.outcomes[update].pinv, one.true, out=np.zeros_like(one.true), where=coupled)
+    return shares.sum(axis=0)
