@@ -23,7 +23,7 @@ class ApproachEnd(Enum):
     """Why an approach ended."""
 
     NEAR = "near"  # at the wanted distance, by the estimate
-    BORDER = "border"  # the object reaches over the image border
+    BORDER = "border"  # the object reaches over the image border or behind what is known to hide the scene
     LIMIT = "limit"  # the joint that carries the camera is at its limit
     LOST = "lost"  # not seen for several looks
     EXHAUSTED = "exhausted"  # the allowed number of views was not enough
@@ -66,6 +66,7 @@ class DepthApproach:
         near: distance at which to stop [m].
         steps: smallest and largest step [m].
         views: most views.
+        hidden: bool ``(H, W)``, where the robot's own gripper stands in the image: a mask that reaches there is a part.
         on_view: called with index, image and mask of every view.
 
     Raises:
@@ -83,6 +84,7 @@ class DepthApproach:
         near: float = 0.2,
         steps: tuple[float, float] = (0.01, 0.05),
         views: int = 40,
+        hidden: np.ndarray | None = None,
         on_view: Any = None,
     ):
         names = list(robot.joint_names)
@@ -94,6 +96,7 @@ class DepthApproach:
         self.column = names.index(joint)
         self.method: Method = method
         self.near, self.steps, self.views, self.on_view = near, steps, views, on_view
+        self.hidden = hidden
 
     def run(self) -> Approach:
         """Approach from the present place, the object centred in the image."""
@@ -105,7 +108,7 @@ class DepthApproach:
             image, _ = self.camera.read()
             getattr(self.segmenter, "reset", lambda: None)()  # views are far apart
             masks.append(self.segmenter.segment(image))
-            qualities.append(assess_mask(masks[-1]))
+            qualities.append(assess_mask(masks[-1], hidden=self.hidden))
             positions.append(float(np.asarray(self.robot.joints()[0])[self.column]))
             if self.on_view is not None:
                 self.on_view(len(masks) - 1, image, masks[-1])

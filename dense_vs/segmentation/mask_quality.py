@@ -19,7 +19,7 @@ class MaskVerdict(Enum):
     """What a mask is good for; the worst that applies."""
 
     GOOD = "good"  # one region inside the image
-    CUT = "cut"  # touches the image border: centroid and area are of a part
+    CUT = "cut"  # touches the image border or what hides the scene: centroid and area are of a part
     SPLIT = "split"  # a large share lies outside the largest region
     JUMPED = "jumped"  # area or place changed more than a moving camera explains
     FLOODED = "flooded"  # covers almost the whole image
@@ -65,6 +65,7 @@ def assess_mask(
     mask: Any,
     previous: Any = None,
     *,
+    hidden: Any = None,
     min_area: int = 16,
     max_fraction: float = 0.9,
     min_largest_share: float = 0.75,
@@ -75,6 +76,7 @@ def assess_mask(
     Args:
         mask: bool ``(H, W)``.
         previous: mask of the frame before, same shape.
+        hidden: bool ``(H, W)``, where something known stands before the scene, as the robot's own gripper does.
         min_area: fewer pixels count as no object.
         max_fraction: a larger share of the image counts as flooded.
         min_largest_share: a smaller share in the largest region counts as split.
@@ -112,7 +114,7 @@ def assess_mask(
         verdict = MaskVerdict.JUMPED
     elif largest_share < min_largest_share:
         verdict = MaskVerdict.SPLIT
-    elif border:
+    elif border or _touches(mask, hidden):
         verdict = MaskVerdict.CUT
     else:
         verdict = MaskVerdict.GOOD
@@ -126,3 +128,13 @@ def assess_mask(
         border_share,
         overlap,
     )
+
+
+def _touches(mask: np.ndarray, hidden: Any) -> bool:
+    """Whether a mask comes within three pixels of what is hidden, as outlines err by as much."""
+    if hidden is None:
+        return False
+    hidden = check_mask(hidden, "hidden")
+    if hidden.shape != mask.shape:
+        raise DenseVSError(f"hidden has shape {hidden.shape}; expected the mask's, {mask.shape}")
+    return bool((cv2.dilate(hidden.astype(np.uint8), np.ones((7, 7), np.uint8)) > 0)[mask].any())

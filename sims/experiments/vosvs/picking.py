@@ -5,14 +5,14 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from dense_vs.depth.mask_fit import Method
-from dense_vs.grasp import GripperModel
-from dense_vs.grasp_loop import GraspAttempt, GraspLoop, GraspRun, HandGeometry
+from dense_vs.grasp_loop import GraspAttempt, GraspLoop, GraspRun
 from dense_vs.segmentation import Segmenter
-from dense_vs.sims.experiments.vosvs.configurations import CENTRE, GRASP_CENTRE, configuration
+from dense_vs.sims.experiments.vosvs.configurations import configuration
+from dense_vs.sims.experiments.vosvs.hand import hand_geometry
 from dense_vs.sims.experiments.vosvs.trials import ObjectTrial, locate
 from dense_vs.sims.mobile_manipulator.adapters import ManipulatorCamera, ManipulatorGripper, ManipulatorRobot
-from dense_vs.sims.mobile_manipulator.postures import GRIPPER_BEHIND, Z_GRIPPER, above
-from dense_vs.sims.mobile_manipulator.world import OPENING, MobileWorld
+from dense_vs.sims.mobile_manipulator.postures import GRIPPER_BEHIND, above
+from dense_vs.sims.mobile_manipulator.world import MobileWorld
 
 BIN = (1.0, -1.4)  # m, middle of the bin on the floor
 BIN_HALF = (0.246, 0.306)
@@ -38,14 +38,6 @@ class Pick:
     truly_held: list[bool] = field(default_factory=list)
     placed: bool = False
     cause: str = ""
-
-
-def hand_geometry(world: MobileWorld) -> HandGeometry:
-    """The gripper as its own camera sees it."""
-    # Hand x, the closing motion, is image y; hand y is image -x; z is the optical axis.
-    pose = np.array([[0, -1, 0, -GRIPPER_BEHIND], [1, 0, 0, 0], [0, 0, 1, Z_GRIPPER], [0, 0, 0, 1]], dtype=float)
-    model = GripperModel(opening=OPENING, width=0.022, thickness=0.012, length=0.036, T_camera_hand=pose)
-    return HandGeometry(Z_GRIPPER, GRASP_CENTRE, CENTRE, world.intrinsics("grasp"), model)
 
 
 def pick_and_place(

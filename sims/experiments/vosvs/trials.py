@@ -16,6 +16,7 @@ from dense_vs.mask_servo import MaskServo, ServoEnd, ServoLook
 from dense_vs.object_search import search_object
 from dense_vs.segmentation import Segmenter
 from dense_vs.sims.experiments.vosvs.configurations import configuration
+from dense_vs.sims.experiments.vosvs.hand import fingers_in_view
 from dense_vs.sims.experiments.vosvs.true_jacobian import true_centroid
 from dense_vs.sims.mobile_manipulator.adapters import ManipulatorCamera, ManipulatorRobot
 from dense_vs.sims.mobile_manipulator.annotations import SUPPORTS
@@ -133,7 +134,9 @@ def locate(
         if on_view is not None:
             on_view(number, image, mask)
 
-    approach = DepthApproach(camera, robot, segmenter, joint="arm_lift", method=method, on_view=score).run()
+    approach = DepthApproach(
+        camera, robot, segmenter, joint="arm_lift", method=method, hidden=fingers_in_view(world), on_view=score
+    ).run()
     result.approach = approach
     if approach.nearest < 0 or approach.z_object is None:
         result.iou = (first_iou, float("nan"))
