@@ -2,8 +2,9 @@
 
 Inference in the generative model of Gothoskar et al., there PnP followed by inverse kinematics; here both at once, as
 the least reprojection error over the joints, from starts that the caller chooses. The chain and the derivatives are
-those of ``kinematics.py``. Damping follows Nielsen; a floor under it holds joints that the pixels do not tell, as the
-free motion of a redundant arm, where they started.
+those of ``kinematics.py``, and joints may slide as well: three that slide and three that turn make a free body, whose
+pose is inferred in the same way. Damping follows Nielsen; a floor under it holds joints that the pixels do not tell, as
+the free motion of a redundant arm, where they started.
 """
 
 from typing import Any
@@ -24,9 +25,19 @@ class JointSolver:
         links: ``(m,)`` link that each feature stands on.
         joints, cameras: how many.
         device: Warp device.
+        sliding: ``(n,)`` which joints slide along their axis; all turn about it unless given.
     """
 
-    def __init__(self, images: int, starts: int, links: np.ndarray, joints: int, cameras: int, device: Any = "cpu"):
+    def __init__(
+        self,
+        images: int,
+        starts: int,
+        links: np.ndarray,
+        joints: int,
+        cameras: int,
+        device: Any = "cpu",
+        sliding: np.ndarray | None = None,
+    ):
         self.device = wp.get_device(device)
         self.images, self.starts, features = images, starts, len(links)
 
@@ -34,8 +45,8 @@ class JointSolver:
             return wp.zeros(shape, dtype=dtype, device=self.device)
 
         self._model = {
-            "base_rotation": zeros((1,), wp.mat33d),
-            "base_translation": zeros((1,), wp.vec3d),
+            "base_rotation": zeros((images, starts), wp.mat33d),
+            "base_translation": zeros((images, starts), wp.vec3d),
             "axes": zeros((joints,), wp.vec3d),
             "points": zeros((joints,), wp.vec3d),
             "features": zeros((features,), wp.vec3d),
@@ -44,6 +55,8 @@ class JointSolver:
             "intrinsics": zeros((cameras, 6)),
         }
         self._links = wp.array(np.asarray(links, dtype=np.int32), dtype=wp.int32, device=self.device)
+        slides = np.zeros(joints, dtype=np.int32) if sliding is None else np.asarray(sliding, dtype=np.int32)
+        self._sliding = wp.array(slides, dtype=wp.int32, device=self.device)
         self._pixels = zeros((images, cameras, features), wp.vec2d)
         self._weights = zeros((images, cameras, features))
         grid = (images, starts)
@@ -60,9 +73,14 @@ class JointSolver:
         ]
 
     def set_model(self, **values: np.ndarray) -> None:
-        """Assign parts of the model by name; shapes as :class:`FeatureProjection` without ``runs``."""
+        """Assign parts of the model by name; shapes as :class:`FeatureProjection` without ``runs``.
+
+        ``base_rotation`` ``(3, 3)`` and ``base_translation`` ``(3,)`` may also be those of every image and start,
+        ``(B, S, 3, 3)`` and ``(B, S, 3)``.
+        """
         for name, value in values.items():
-            _assign(self._model[name], value)
+            rows = len(value) if name.startswith("base") and np.ndim(value) > 2 else None
+            _assign(self._model[name], value, rows)
 
     def solve(
         self,
@@ -101,6 +119,7 @@ class JointSolver:
                 self._weights,
                 *self._model.values(),
                 self._links,
+                self._sliding,
                 max_iterations,
                 wp.float64(tolerance),
                 wp.float64(floor),
@@ -130,22 +149,26 @@ def place_links(
     image: int,
     start: int,
     joints: wp.array3d[wp.float64],
-    base_rotation: wp.array[wp.mat33d],
-    base_translation: wp.array[wp.vec3d],
+    base_rotation: wp.array2d[wp.mat33d],
+    base_translation: wp.array2d[wp.vec3d],
     axes: wp.array[wp.vec3d],
     points: wp.array[wp.vec3d],
+    sliding: wp.array[int],
     rotation: wp.array3d[wp.mat33d],
     translation: wp.array3d[wp.vec3d],
 ):
     """Poses of all links at the joints of one start."""
-    r = base_rotation[0]
-    t = base_translation[0]
+    r = base_rotation[image, start]
+    t = base_translation[image, start]
     rotation[image, start, 0] = r
     translation[image, start, 0] = t
     for i in range(joints.shape[2]):
-        turn = turn_about(axes[i], joints[image, start, i])
-        t = t + r @ (points[i] - turn @ points[i])
-        r = r @ turn
+        if sliding[i] == 1:
+            t = t + joints[image, start, i] * (r @ axes[i])
+        else:
+            turn = turn_about(axes[i], joints[image, start, i])
+            t = t + r @ (points[i] - turn @ points[i])
+            r = r @ turn
         rotation[image, start, i + 1] = r
         translation[image, start, i + 1] = t
 
@@ -196,8 +219,8 @@ def joint_inference_kernel(
     # In:
     pixels_in: wp.array3d[wp.vec2d],  # (B, c, m)
     weights_in: wp.array3d[wp.float64],  # 0 where not seen
-    base_rotation_in: wp.array[wp.mat33d],
-    base_translation_in: wp.array[wp.vec3d],
+    base_rotation_in: wp.array2d[wp.mat33d],  # (B, S)
+    base_translation_in: wp.array2d[wp.vec3d],
     axes_in: wp.array[wp.vec3d],
     points_in: wp.array[wp.vec3d],
     features_in: wp.array[wp.vec3d],
@@ -205,6 +228,7 @@ def joint_inference_kernel(
     camera_translation_in: wp.array[wp.vec3d],
     intrinsics_in: wp.array2d[wp.float64],
     links_in: wp.array[int],
+    sliding_in: wp.array[int],  # (n,)
     max_iterations: int,
     tolerance: wp.float64,
     floor: wp.float64,
@@ -225,7 +249,16 @@ def joint_inference_kernel(
     image, start = wp.tid()
     n = joints_out.shape[2]
     place_links(
-        image, start, joints_out, base_rotation_in, base_translation_in, axes_in, points_in, rotation, translation
+        image,
+        start,
+        joints_out,
+        base_rotation_in,
+        base_translation_in,
+        axes_in,
+        points_in,
+        sliding_in,
+        rotation,
+        translation,
     )
     cost = image_cost(
         image,
@@ -281,6 +314,8 @@ def joint_inference_kernel(
                                     axis = rotation[image, start, i] @ axes_in[i]
                                     anchor = rotation[image, start, i] @ points_in[i] + translation[image, start, i]
                                     by_i = wp.dot(axis, moment - wp.cross(anchor, g))
+                                    if sliding_in[i] == 1:
+                                        by_i = wp.dot(axis, g)
                                     trial[image, start, i] = by_i
                                 for i in range(link):
                                     by_i = weight * trial[image, start, i]
@@ -323,7 +358,16 @@ def joint_inference_kernel(
             step = trial[image, start, i]
             trial[image, start, i] = joints_out[image, start, i] + step
         place_links(
-            image, start, trial, base_rotation_in, base_translation_in, axes_in, points_in, rotation, translation
+            image,
+            start,
+            trial,
+            base_rotation_in,
+            base_translation_in,
+            axes_in,
+            points_in,
+            sliding_in,
+            rotation,
+            translation,
         )
         new_cost = image_cost(
             image,

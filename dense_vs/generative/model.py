@@ -16,7 +16,7 @@ from dense_vs.generative.joint_inference import JointInference, predict, project
 from dense_vs.generative.observations import Observations
 from dense_vs.generative.online import OnlineLearner
 from dense_vs.generative.parameters import ModelParameters, finite_rows, link_poses
-from dense_vs.generative.pose_inference import infer_poses
+from dense_vs.generative.pose_inference import PoseInference
 from dense_vs.generative.relearning import relearn
 from dense_vs.generative.report import FitReport
 
@@ -63,6 +63,7 @@ class GenerativeModel:
         self.image_sizes = [] if image_sizes is None else image_sizes
         self._dh = dh
         self._inference: JointInference | None = None
+        self._pose_inference: PoseInference | None = None
 
     @classmethod
     def fit(
@@ -204,13 +205,9 @@ class GenerativeModel:
         fewer than four features of the hand to each camera.
         """
         images, single = self._images(pixels)
-        if self.controller == "cartesian":
-            assert self.poses is not None
-            known = self.poses[:, :3, :3], self.poses[:, :3, 3]
-        else:
-            turns, shifts = link_poses(self.parameters, self.postures)
-            known = turns[:, -1], shifts[:, -1]
-        rotation, translation, _ = infer_poses(self.parameters, images, self._hand(), known)
+        if self._pose_inference is None:
+            self._pose_inference = PoseInference(self.parameters, self._hand(), self._known_poses())
+        rotation, translation, _ = self._pose_inference(images)
         poses = np.tile(np.eye(4), (len(images), 1, 1))
         poses[:, :3, :3], poses[:, :3, 3] = rotation, translation
         poses[np.isnan(translation[:, 0])] = np.nan
@@ -257,7 +254,7 @@ class GenerativeModel:
             self.postures, self.report.still_joints = obs.joints, []
             self._dh = from_lines(parameters.axes, parameters.points, parameters.centre) if self._dh else None
         self.image_sizes = list(obs.image_sizes) if len(obs.image_sizes) >= len(self.image_sizes) else self.image_sizes
-        self.parameters, self._inference = parameters, None
+        self.parameters, self._inference, self._pose_inference = parameters, None, None
         return report
 
     def online(self, capacity: int = 50, relearn_after: int = 0) -> OnlineLearner:
@@ -326,6 +323,13 @@ class GenerativeModel:
             image_sizes=sizes,
             dh=dh,
         )
+
+    def _known_poses(self) -> tuple[np.ndarray, np.ndarray]:
+        """Rotations ``(K, 3, 3)`` and translations ``(K, 3)`` of the hand in the samples."""
+        if self.poses is not None:
+            return self.poses[:, :3, :3], self.poses[:, :3, 3]
+        turns, shifts = link_poses(self.parameters, self.postures)
+        return turns[:, -1], shifts[:, -1]
 
     def _hand(self) -> np.ndarray:
         return self.parameters.links == self.parameters.joint_count

@@ -243,6 +243,34 @@ def test_a_mistaken_feature_hardly_pulls_robust_joints():
     assert off[1] < 0.05 * off[0]
 
 
+def test_a_free_body_is_three_joints_that_slide_and_three_that_turn():
+    from scipy.optimize import least_squares
+
+    model, rng = random_model(1), np.random.default_rng(3)
+    bases = Rotation.from_rotvec(rng.normal(0, 0.3, (4, 3))).as_matrix()
+    shifts = rng.normal(0, 0.05, (4, 3))
+    solver = JointSolver(4, 1, np.full(len(LINKS), 6), 6, CAMERAS, sliding=np.arange(6) < 3)
+    known = {k: model[k] for k in ("features", "camera_rotation", "camera_translation", "intrinsics")}
+    solver.set_model(axes=np.tile(np.eye(3), (2, 1)), points=np.zeros((6, 3)), **known)
+    solver.set_model(base_rotation=bases[:, None], base_translation=shifts[:, None])
+
+    still = model | {"links": np.zeros(len(LINKS), int)}
+
+    def pixels_at(image, q):
+        pose = np.eye(4)
+        pose[:3, :3] = bases[image] @ Rotation.from_euler("XYZ", q[3:]).as_matrix()
+        pose[:3, 3] = shifts[image] + bases[image] @ q[:3]
+        return chain_pixels(still, np.zeros(JOINTS), pose)
+
+    truth = rng.normal(0, 0.1, (4, 6))
+    pixels = np.array([pixels_at(k, q) for k, q in enumerate(truth)]) + rng.normal(0, 0.5, (4, CAMERAS, len(LINKS), 2))
+    found, costs, _ = solver.solve(pixels, np.zeros((4, 1, 6)), tolerance=1e-12)
+    for image in range(4):
+        expected = least_squares(lambda q: (pixels_at(image, q) - pixels[image]).ravel(), truth[image])  # noqa: B023
+        np.testing.assert_allclose(found[image, 0], expected.x, atol=1e-5)
+        assert costs[image, 0] == pytest.approx(2 * expected.cost, rel=1e-6)
+
+
 @pytest.mark.gpu
 def test_the_same_on_a_gpu():
     if not wp.is_cuda_available():
