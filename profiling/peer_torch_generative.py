@@ -1,17 +1,40 @@
 """The generative model's three stages in plain PyTorch: autograd and torch.optim.LBFGS, as the paper says it was done.
 
-Vectorised over samples, cameras and features, float64. The start is the same triangulated reconstruction that ours
-begins with; a stage is 200 iterations, minibatches in the second and third as published.
+Losses (2), (4) and (6), DH parameters with a base and no tool transform, poses of the samples free in the first stage,
+minibatches before the whole data in the second and third, all as published. Vectorised over samples, cameras and
+features, float64, strong Wolfe line search. The start is the same triangulated reconstruction that ours begins with.
+
+The paper gives each stage 200 iterations. Whoever counts quasi-Newton steps reads that as :data:`STEPS`, whoever counts
+calls of ``optimizer.step``, which in PyTorch are up to 20 of them, as :data:`CALLS`; both stop early at PyTorch's
+default tolerances.
 """
 
 import time
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 import torch
 from scipy.spatial.transform import Rotation
 
-ITERATIONS = 200
+from dense_vs.generative import Reconstruction
+
+
+@dataclass(frozen=True)
+class Budget:
+    """Quasi-Newton steps of a stage: ``each`` on every one of ``batches`` random halves of the samples, then ``last``.
+
+    Without minibatches all of them are on all samples. A step's line search takes ``evaluations`` at most, on average.
+    """
+
+    batches: int
+    each: int
+    last: int
+    evaluations: float
+
+
+STEPS = Budget(batches=10, each=10, last=100, evaluations=25)
+CALLS = Budget(batches=100, each=20, last=2000, evaluations=1.25)  # PyTorch's default
 
 
 def rotation_matrices(vectors: torch.Tensor) -> torch.Tensor:
@@ -70,15 +93,23 @@ def project(
 
 
 def minimise(
-    parameters: list[torch.Tensor], loss_of, samples: int, minibatches: bool, generator: torch.Generator
-) -> float:
-    """200 iterations of L-BFGS with strong Wolfe line search; the loss on all samples."""
+    parameters: list[torch.Tensor],
+    loss_of: Callable[[torch.Tensor], torch.Tensor],
+    samples: int,
+    budget: Budget,
+    generator: torch.Generator | None = None,
+) -> None:
+    """One stage of L-BFGS, with minibatches if there is a ``generator`` to draw them."""
     for parameter in parameters:
         parameter.requires_grad_(True)
 
-    def run(batch: torch.Tensor, iterations: int) -> None:
+    def run(batch: torch.Tensor, steps: int) -> None:
         optimiser = torch.optim.LBFGS(
-            parameters, max_iter=iterations, max_eval=25 * iterations, history_size=10, line_search_fn="strong_wolfe"
+            parameters,
+            max_iter=steps,
+            max_eval=int(budget.evaluations * steps),
+            history_size=10,
+            line_search_fn="strong_wolfe",
         )
 
         def closure() -> torch.Tensor:
@@ -89,13 +120,13 @@ def minimise(
 
         optimiser.step(closure)
 
-    everything = torch.arange(samples)
-    if minibatches:
-        for _ in range(10):
-            run(torch.randperm(samples, generator=generator)[: samples // 2], ITERATIONS // 20)
-    run(everything, ITERATIONS // 2 if minibatches else ITERATIONS)
-    with torch.no_grad():
-        return float(loss_of(everything))
+    last = budget.last
+    if generator is None:
+        last += budget.batches * budget.each
+    else:
+        for _ in range(budget.batches):
+            run(torch.randperm(samples, generator=generator)[: samples // 2], budget.each)
+    run(torch.arange(samples), last)
 
 
 @dataclass
@@ -116,7 +147,14 @@ class TorchFit:
 
 
 def fit(
-    joints: np.ndarray, pixels: np.ndarray, intrinsics: np.ndarray, found, seed: int, goal_px: float, patience_s: float
+    joints: np.ndarray,
+    pixels: np.ndarray,
+    intrinsics: np.ndarray,
+    found: Reconstruction,
+    seed: int,
+    budget: Budget,
+    goal_px: float,
+    patience_s: float,
 ) -> TorchFit:
     """All three stages, then the third until the mean error is ``goal_px`` or ``patience_s`` of CPU time are spent.
 
@@ -150,7 +188,7 @@ def fit(
 
     samples = len(joints)
     shared = [features, turns, shifts, inner]
-    minimise([pose_turn, pose_shift, *shared], lambda b: pixel_loss(poses_of(b), b), samples, False, generator)
+    minimise([pose_turn, pose_shift, *shared], lambda b: pixel_loss(poses_of(b), b), samples, budget)
     with torch.no_grad():
         targets = poses_of(torch.arange(samples))
     base_turn = tensor(rng.normal(size=3))
@@ -166,12 +204,12 @@ def fit(
         difference = chain(base_turn, base_shift, table, angles[batch]) - targets[batch]
         return (difference.square().sum((1, 2)) + 1e-18).sqrt().sum()
 
-    minimise(kinematics, pose_loss, samples, True, generator)
+    minimise(kinematics, pose_loss, samples, budget, generator)
 
     def end_to_end(batch: torch.Tensor) -> torch.Tensor:
         return pixel_loss(chain(base_turn, base_shift, table, angles[batch]), batch)
 
-    minimise([*kinematics, *shared], end_to_end, samples, True, generator)
+    minimise([*kinematics, *shared], end_to_end, samples, budget, generator)
 
     def mean_error() -> float:
         with torch.no_grad():
@@ -182,6 +220,6 @@ def fit(
     seconds, error = time.process_time() - started, mean_error()
     spent, reached = seconds, error
     while reached > goal_px and spent < patience_s:
-        minimise([*kinematics, *shared], end_to_end, samples, False, generator)
+        minimise([*kinematics, *shared], end_to_end, samples, STEPS)
         spent, reached = time.process_time() - started, mean_error()
     return TorchFit(seconds, error, spent, reached <= goal_px)
