@@ -11,7 +11,7 @@ noise the Cramer-Rao bound, the error of a perfect fit to the same samples.
 
 import argparse
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -29,6 +29,7 @@ from dense_vs.sims.experiments.rows import Row
 if TYPE_CHECKING:
     from dense_vs.generative import GenerativeModel
     from dense_vs.sims.generative.evidence import Evidence
+    from dense_vs.sims.generative.noise import NoisyController
 
 HELP = "Fig. 10, 11: learn from actions of a noisy controller, joint or Cartesian, and servo with it"
 CONTROLLERS = {"cartesian": "Fig. 10", "joint": "Fig. 11"}
@@ -110,13 +111,13 @@ def _servo(trial: Trial, controller: str, law: str, sigma: float, arguments: arg
         model = GenerativeModel.fit(observations, state="actions", controller=controller, seed=trial.seed)
         tasks = cartesian_tasks(arm, arguments.targets, rng)
         errors = servo_model_cartesian(model, arm, tasks, arguments.moves, rng, noisy)
-        return _Servo(errors, _floor(arm, noisy, controller, rng))
+        return _Servo(errors, _floor(trial, noisy, controller, rng))
     learnt_from = act(arm, arguments.samples, noisy, rng, trial.postures)
     model = GenerativeModel.fit(learnt_from.observations, state="actions", seed=trial.seed)
     tasks = joint_tasks(arm, arguments.targets, rng, trial.postures)
     errors = servo_model(model, arm, tasks, arguments.moves, rng, noisy, None)
     held_out = trial.evidence(TEST_SAMPLES, 1)
-    done = _Servo(errors, _floor(arm, noisy, controller, rng), _aligned_error(model, learnt_from, held_out))
+    done = _Servo(errors, _floor(trial, noisy, controller, rng), _aligned_error(model, learnt_from, held_out))
     added = np.cumsum(learnt_from.observations.actions, axis=0)
     believed = replace(learnt_from.observations, joints=np.concatenate([np.zeros((1, added.shape[1])), added]))
     done.unmodelled = _aligned_error(GenerativeModel.fit(believed, seed=trial.seed), learnt_from, held_out)
@@ -134,11 +135,12 @@ def _aligned_error(model: "GenerativeModel", learnt_from: "Evidence", held_out: 
     return pixel_error(model.pixels(held_out.truth.joints - offset), held_out.truth.pixels)
 
 
-def _floor(arm: Any, noisy: Any, controller: str, rng: np.random.Generator) -> float:
+def _floor(trial: Trial, noisy: "NoisyController", controller: str, rng: np.random.Generator) -> float:
     """Median error [px] of perfect commands of no motion: what independent noise leaves."""
     from dense_vs.sims.generative.evidence import draw_joints, executed
 
-    joints = draw_joints(arm, 100, rng)
+    arm = trial.observed_arm()
+    joints = draw_joints(arm, 100, rng, trial.postures)
     poses = arm.chain.flange_pose(joints)
     if controller == "joint":
         moved = arm.chain.flange_pose(np.stack([q + noisy.joint_step(np.zeros_like(q)) for q in joints]))

@@ -100,11 +100,14 @@ def _from_random(trial: Trial, observations: "Observations", *, reconstructed: b
     Args:
         reconstructed: whether cameras and structure are learnt first; random too if not.
     """
-    from dense_vs.generative.bundle_adjustment import adjust_bundle
-    from dense_vs.generative.end_to_end import all_shared, fit_pixels
-    from dense_vs.generative.initialization import guessed_intrinsics
-    from dense_vs.generative.pixel_problem import PixelProblem
-    from dense_vs.generative.stereo import reconstruct
+    from dense_vs.generative import (
+        PixelProblem,
+        adjust_bundle,
+        all_shared,
+        fit_pixels,
+        guessed_intrinsics,
+        reconstruct,
+    )
 
     rng = trial.rng(3)
     joints, pixels = observations.joints, observations.pixels
@@ -123,8 +126,7 @@ def _from_random(trial: Trial, observations: "Observations", *, reconstructed: b
 def _random_start(
     found: Any, joints: np.ndarray, intrinsics: np.ndarray, rng: np.random.Generator, reconstructed: bool
 ) -> Any:
-    from dense_vs.generative.end_to_end import KinematicFit, initial_parameters
-    from dense_vs.generative.parameters import turn
+    from dense_vs.generative import KinematicFit, initial_parameters, turn
 
     count = joints.shape[1]
     axes = rng.normal(size=(count, 3))
