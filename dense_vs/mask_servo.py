@@ -28,7 +28,7 @@ class ServoEnd(Enum):
 
     CONVERGED = "converged"  # the feature error is within the tolerance
     LOST = "lost"  # the object was not seen for as many looks as patience allows
-    LEAVING = "leaving"  # while learning: only a part of the object is seen, though its last motions were taken back
+    LEAVING = "leaving"  # while learning: a part of the object is seen or a joint is held, the last motions taken back
     AT_LIMIT = "at limit"  # joint limits hold the robot and the error no longer falls
     EXHAUSTED = "exhausted"  # the allowed number of looks was not enough
 

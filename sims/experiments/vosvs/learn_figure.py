@@ -28,13 +28,14 @@ def draw_learning(learnt: list[Any], out: Path) -> None:
         for update, outcome in one.outcomes.items():
             state = "" if outcome.converged else ", not converged"
             put_back = f", put back {outcome.restarts}x" if outcome.restarts else ""
-            said.append(f"{LABELS[update]}{state}{put_back}")
+            back = f", {outcome.retreats} steps back" if outcome.retreats else ""
+            said.append(f"{LABELS[update]}: {outcome.looks} looks{state}{back}{put_back}")
             for number, episode in enumerate(until_converged(outcome.episodes)):
                 label = LABELS[update] if number == 0 and column == 0 else None
                 image.plot(*episode.centroids.T, ".-", ms=3, lw=1, color=COLOURS[update], label=label, alpha=0.8)
         image.plot(*one.one.target, "k+", ms=12)
         image.set(xlim=(0, 640), ylim=(480, 0), title=f"H {one.one.name}", aspect="equal")
-        image.set_xlabel("\n".join(said), fontsize=7)
+        image.set_xlabel("\n".join(said), fontsize=6)
         for panel, update in ((elements, "hadamard"), (apart, "featurewise"), (others, "original")):
             history = one.outcomes[update].history
             for row, joint in enumerate(one.one.joints):
