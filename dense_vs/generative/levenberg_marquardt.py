@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from scipy.linalg import cho_factor, cho_solve, solveh_banded
+from scipy.linalg import solveh_banded
 from scipy.linalg.lapack import dposv
 
 from dense_vs.generative.pixel_problem import NormalEquations, PixelProblem, State
@@ -149,9 +149,3 @@ def _solve_blocks(blocks: np.ndarray, chained: np.ndarray | None, right: np.ndar
     except np.linalg.LinAlgError:
         return None
     return solved.reshape(right.shape)
-
-
-def covariance(equations: NormalEquations, variance: float) -> np.ndarray:
-    """Covariance of the shared unknowns when there are no others, for pixel noise of ``variance`` [px^2]."""
-    factor = cho_factor(equations.shared)
-    return variance * cho_solve(factor, np.eye(len(equations.shared)))

@@ -15,6 +15,7 @@ from dense_vs.errors import DenseVSError
 from dense_vs.generative.observations import Observations
 from dense_vs.generative.parameters import finite_rows
 from dense_vs.generative.pixel_problem import Free, PixelProblem, State
+from dense_vs.generative.placement import CAMERA_POINTS
 
 if TYPE_CHECKING:
     from dense_vs.generative.model import GenerativeModel
@@ -51,7 +52,8 @@ class OnlineLearner:
     Args:
         model: is changed by :meth:`relearn`.
         capacity: observations that the buffer holds.
-        relearn_after: samples of a moved camera that :meth:`add` collects before it relearns it; 0 for never.
+        relearn_after: samples of a moved camera that :meth:`add` collects before it relearns it, those in which it sees
+            enough to place it by; 0 for never.
     """
 
     def __init__(self, model: "GenerativeModel", capacity: int = 50, relearn_after: int = 0):
@@ -89,7 +91,7 @@ class OnlineLearner:
             self.ignored.add(camera)
             self._since[camera] = self._since.get(camera, 0) + 1
         for camera in sorted(self.ignored):
-            if self.relearn_after and self._since[camera] >= self.relearn_after:
+            if self.relearn_after and self._useful(camera) >= self.relearn_after:
                 self.relearn(camera)
         norms, ratios = self.gradient_norms()
         return Change(float(np.linalg.norm(norms)), norms[: len(medians)], ratios, medians, moved, everything)
@@ -121,6 +123,12 @@ class OnlineLearner:
             ratios.append(half @ step / (variance * len(own)))
             rest[own] = False
         return np.array([*norms, np.linalg.norm(gradient[rest])]), np.array(ratios)
+
+    def _useful(self, camera: int) -> int:
+        """Samples since it moved in which a camera sees enough of the model's features to be placed by."""
+        known = finite_rows(self.model.parameters.features)
+        latest = list(self.buffer)[-self._since[camera] :]
+        return sum(np.isfinite(x[camera, known, 0]).sum() >= CAMERA_POINTS for _, x in latest)
 
     def _pixel_sigma(self) -> float:
         return max(self.model.report.pixel_sigma or 0.5, 0.05)
