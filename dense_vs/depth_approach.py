@@ -18,6 +18,8 @@ from dense_vs.errors import DenseVSError
 from dense_vs.robot import Camera, Robot
 from dense_vs.segmentation import MaskQuality, MaskVerdict, Segmenter, assess_mask
 
+DOUBT = 1.5  # the distance may be so many times what it should be before an approach ends
+
 
 class ApproachEnd(Enum):
     """Why an approach ended."""
@@ -67,6 +69,7 @@ class DepthApproach:
         steps: smallest and largest step [m].
         views: most views.
         hidden: bool ``(H, W)``, where the robot's own gripper stands in the image: a mask that reaches there is a part.
+        exact_outlines: of the masks, see :func:`dense_vs.depth.depth_from_masks`.
         on_view: called with index, image and mask of every view.
 
     Raises:
@@ -85,6 +88,7 @@ class DepthApproach:
         steps: tuple[float, float] = (0.01, 0.05),
         views: int = 40,
         hidden: np.ndarray | None = None,
+        exact_outlines: bool = False,
         on_view: Any = None,
     ):
         names = list(robot.joint_names)
@@ -96,7 +100,7 @@ class DepthApproach:
         self.column = names.index(joint)
         self.method: Method = method
         self.near, self.steps, self.views, self.on_view = near, steps, views, on_view
-        self.hidden = hidden
+        self.hidden, self.exact_outlines = hidden, exact_outlines
 
     def run(self) -> Approach:
         """Approach from the present place, the object centred in the image."""
@@ -118,7 +122,7 @@ class DepthApproach:
             if _last(qualities, (MaskVerdict.CUT,), 3):
                 end = ApproachEnd.BORDER
                 break
-            step = self._step(qualities, positions)
+            step = self._step(masks, qualities, np.array(positions))
             if step is None:
                 end = ApproachEnd.NEAR
                 break
@@ -127,20 +131,24 @@ class DepthApproach:
                 break
         return self._answer(end, masks, qualities, np.array(positions))
 
-    def _step(self, qualities: list[MaskQuality], positions: list[float]) -> float | None:
+    def _step(self, masks: list[np.ndarray], qualities: list[MaskQuality], positions: np.ndarray) -> float | None:
         """How far to go on [m]; None when near enough."""
-        whole = np.array([quality.measurable for quality in qualities])
+        whole = np.flatnonzero([quality.measurable for quality in qualities])
         least, most = self.steps
-        if whole.sum() < 4 or np.ptp(np.array(positions)[whole]) < 3 * least:
+        if len(whole) < 4 or np.ptp(positions[whole]) < 3 * least:
             return most
-        areas = np.array([quality.area for quality in qualities], dtype=float)
+        areas = np.array([qualities[k].area for k in whole], dtype=float)
         try:
-            estimate = depth_from_areas(areas[whole], np.array(positions)[whole])
+            left = positions[-1] - depth_from_areas(areas, positions[whole]).z_object - self.near
+            if left < 0.3 * least:
+                # Least squares on a few far masks of parts puts an object anywhere, and knows no better.
+                found = depth_from_masks(np.stack([masks[k] for k in whole]), positions[whole])
+                beyond = float(positions[-1] - positions[whole].min())
+                if found.interval[1] + beyond < DOUBT * self.near:
+                    return None
+                left = found.distance + beyond - self.near
         except DepthUnobservableError:
             return most
-        left = positions[-1] - estimate.z_object - self.near
-        if left < 0.3 * least:
-            return None
         return float(np.clip(left / 4.0, least, most))
 
     def _advance(self, step: float) -> bool:
@@ -174,7 +182,8 @@ class DepthApproach:
             else:
                 order = used[np.argsort(camera_z[used])]
                 back = camera_z[order] - camera_z[nearest]
-                fit = depth_from_masks(np.stack([masks[k] for k in order]), back, method=self.method)
+                seen = np.stack([masks[k] for k in order])
+                fit = depth_from_masks(seen, back, self.method, exact_outlines=self.exact_outlines)
                 if not fit.observable:
                     why = f"the distance is uncertain by {100 * fit.log_std:.0f} %"
                     return Approach(end, None, None, np.inf, camera_z, areas, whole, nearest, why)

@@ -205,9 +205,8 @@ class GraspLoop:
         area = self._area()
         self._move(self._lift, self._raise_by)
         raised = self._area()
-        return GraspAttempt(
-            end.end, choice.verdict, choice.angle, contact, opening, check_grasp(area, raised), (area, raised)
-        )
+        check = check_grasp(area, raised, opening=self.gripper.close().opening)
+        return GraspAttempt(end.end, choice.verdict, choice.angle, contact, opening, check, (area, raised))
 
     def _descend(self, z_object: float, deeper: float) -> bool:
         """To (21) and the bite below it, in small steps, ending where something is in the way; whether it was."""

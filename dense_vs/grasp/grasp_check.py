@@ -1,7 +1,8 @@
 """Whether the object came along, VOS-VS (23): held if s_A,raised > 0.5 s_A,grasp.
 
 The camera rises with the hand. An object in the gripper keeps its size in the image; one that was left behind gets
-smaller. Beyond the paper the two areas may be missing or too small to compare, which is an answer of its own.
+smaller. Beyond the paper the two areas may be missing or too small to compare; then the fingers tell, where they say
+how far they closed, and else that is an answer of its own.
 """
 
 from dataclasses import dataclass
@@ -35,26 +36,41 @@ class GraspCheck:
         return self.outcome is GraspOutcome.HELD
 
 
-def check_grasp(area_grasp: float, area_raised: float, *, share: float = 0.5, min_area: float = 16) -> GraspCheck:
+def check_grasp(
+    area_grasp: float,
+    area_raised: float,
+    *,
+    opening: float | None = None,
+    share: float = 0.5,
+    min_area: float = 16,
+    closed: float = 0.0015,
+) -> GraspCheck:
     """Compare the object's area before and after lifting, (23).
 
     Args:
         area_grasp: s_A [px] at the grasp, fingers closed.
         area_raised: s_A [px] after lifting.
+        opening: between the fingers after lifting [m]; asked only where an area is missing.
         share: what must be left for a held object, above 0 and below 1.
         min_area: a smaller area [px] counts as not seen.
+        closed: at most so far open [m], fingers hold nothing.
 
     Raises:
-        DenseVSError: negative or non-finite areas, or a share out of range.
+        DenseVSError: negative or non-finite areas, an opening that is not a number, or a share out of range.
     """
     for name, value in (("area_grasp", area_grasp), ("area_raised", area_raised), ("min_area", min_area)):
         if not isinstance(value, (int, float, np.number)) or not 0 <= value < np.inf:
             raise DenseVSError(f"{name} is {value!r}; expected an area of at least 0 px")
     if not 0 < share < 1:
         raise DenseVSError(f"share is {share!r}; expected a number between 0 and 1")
-    if area_grasp < max(min_area, 1):
-        return GraspCheck(GraspOutcome.UNKNOWN, float("nan"))
-    left = float(area_raised) / float(area_grasp)
-    if area_raised < min_area:
+    if opening is not None and not np.isfinite(opening):
+        raise DenseVSError(f"opening is {opening!r}; expected a length [m] or None")
+    least = max(min_area, 1)
+    left = float(area_raised) / float(area_grasp) if area_grasp >= least else float("nan")
+    if min(area_grasp, area_raised) < least and opening is not None and opening > closed:
+        return GraspCheck(GraspOutcome.HELD, left)
+    if area_grasp < least:
+        return GraspCheck(GraspOutcome.UNKNOWN if opening is None else GraspOutcome.MISSED, left)
+    if area_raised < least:
         return GraspCheck(GraspOutcome.LOST, left)
     return GraspCheck(GraspOutcome.HELD if left > share else GraspOutcome.MISSED, left)

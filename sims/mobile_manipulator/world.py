@@ -252,9 +252,16 @@ class MobileWorld:
 
     def highest_point(self, name: str) -> float:
         """Height of the highest of an object's bodies [m]; of a chain, of its highest link."""
+        return float(self._body_heights(name).max())
+
+    def lowest_point(self, name: str) -> float:
+        """Height of the lowest of an object's bodies [m]; of a chain, of its lowest link."""
+        return float(self._body_heights(name).min())
+
+    def _body_heights(self, name: str) -> np.ndarray:
         thing = self.objects[name]
         bodies = [thing.body, *[f"{thing.body}_{link}" for link in range(1, thing.links)]]
-        return max(float(self.state.body(body).xpos[2]) for body in bodies)
+        return np.array([self.state.body(body).xpos[2] for body in bodies])
 
     def _advance(self, step: np.ndarray) -> None:
         if self.before_frame is not None:

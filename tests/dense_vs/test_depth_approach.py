@@ -67,3 +67,33 @@ def test_bad_options(options):
 def test_unknown_joint():
     with pytest.raises(DenseVSError, match="expected one of forward"):
         DepthApproach(FlatRoom(None), FlatRoom(None), FlatRoom(None), joint="arm")
+
+
+def test_gripper_that_hides_a_part():
+    room = FlatRoom(Disc(np.zeros(2), radius=0.05))
+    fingers = np.zeros((240, 320), bool)
+    fingers[:, 230:] = True  # the disc grows behind it from a distance of 0.16 m
+    seen = room.segment
+    room.segment = lambda image: seen(image) & ~fingers
+    result = approach(room, near=0.1, hidden=fingers)
+    assert result.end is ApproachEnd.BORDER
+    assert result.z_object == pytest.approx(0.0, abs=0.005)
+    assert result.distance > 0.15
+
+
+def test_masks_of_parts_at_first_do_not_end_it():
+    room = FlatRoom(Disc(np.zeros(2), radius=0.05))
+    rng = np.random.default_rng(0)
+    seen = room.segment
+
+    def part(image):
+        mask = seen(image)
+        if room.q[2] > 0.5:
+            mask[:, : 160 + int(rng.integers(-8, 8))] = False
+        return mask
+
+    room.segment = part
+    result = approach(room)
+    assert result.end is ApproachEnd.NEAR
+    assert room.q[2] < 0.3
+    assert result.z_object == pytest.approx(0.0, abs=0.01)

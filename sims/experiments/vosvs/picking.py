@@ -18,6 +18,7 @@ BIN = (1.0, -1.4)  # m, middle of the bin on the floor
 BIN_HALF = (0.246, 0.306)
 BIN_FLOOR = 0.008  # m; what has slipped under the bin lies lower
 FITS = 0.125  # m, widest grip that leaves the fingers room
+DROP = (0.92, -1.4)  # m, above the bin: as near to its front as long objects allow, which keeps the base away from it
 CARRY = 0.72  # m, of the lift while carrying
 
 
@@ -98,7 +99,7 @@ def carry_to_bin(world: MobileWorld, robot: ManipulatorRobot) -> None:
     """Raise, drive above the bin, go down to its rim."""
     lift = robot.joint_names.index("arm_lift")
     _lift_to(robot, lift, CARRY)
-    goal = above(BIN[0] + GRIPPER_BEHIND, BIN[1], 0.5)
+    goal = above(DROP[0] + GRIPPER_BEHIND, DROP[1], 0.5)
     delta = goal - robot.joints()[0]
     for column, name in enumerate(robot.joint_names):
         if name not in ("base_forward", "base_lateral"):

@@ -11,6 +11,7 @@ import numpy as np
 
 from dense_vs.depth.mask_fit import Method
 from dense_vs.depth_approach import Approach, ApproachEnd, DepthApproach
+from dense_vs.errors import DenseVSError
 from dense_vs.grasp import grasp_camera_position
 from dense_vs.mask_servo import MaskServo, ServoEnd, ServoLook
 from dense_vs.object_search import search_object
@@ -75,9 +76,24 @@ def place_objects(world: MobileWorld, names: tuple[str, ...], rng: np.random.Gen
     for name, (x, y, z) in zip(names, PLACES, strict=True):
         place = (x + rng.uniform(-0.06, 0.06), y + rng.uniform(-0.06, 0.06), z)
         if world.objects[name].links:
-            world.lay_chain(name, (x, y, z), rng)
+            _heap_chain(world, name, (x, y, z), rng)
         else:
             world.place(name, place, rng.uniform(-np.pi, np.pi))
+
+
+def _heap_chain(
+    world: MobileWorld, name: str, place: tuple[float, float, float], rng: np.random.Generator, tries: int = 100
+) -> None:
+    """Lay a chain so that all of it rests on its support: it has one depth then, as the other objects have.
+
+    Raises:
+        DenseVSError: no such heap found.
+    """
+    for _ in range(tries):
+        world.lay_chain(name, place, rng)
+        if world.lowest_point(name) > place[2] - 0.005:
+            return
+    raise DenseVSError(f"{name!r} hung over the edge of its support in {tries} tries; expected a wider support")
 
 
 def drive_to(robot: ManipulatorRobot, place: tuple[float, float, float], rng: np.random.Generator) -> None:

@@ -1,0 +1,31 @@
+"""(23) and what is said where an area is missing."""
+
+import pytest
+
+from dense_vs.errors import DenseVSError
+from dense_vs.grasp import GraspOutcome, check_grasp
+
+
+@pytest.mark.parametrize(
+    ("grasp", "raised", "opening", "outcome"),
+    [
+        (1000, 900, None, GraspOutcome.HELD),
+        (1000, 400, None, GraspOutcome.MISSED),
+        (1000, 400, 0.05, GraspOutcome.MISSED),  # both areas are known: the fingers are not asked
+        (1000, 0, None, GraspOutcome.LOST),
+        (1000, 0, 0.0, GraspOutcome.LOST),
+        (1000, 0, 0.05, GraspOutcome.HELD),
+        (0, 900, None, GraspOutcome.UNKNOWN),
+        (0, 900, 0.0, GraspOutcome.MISSED),
+        (0, 0, 0.05, GraspOutcome.HELD),
+    ],
+)
+def test_outcome(grasp, raised, opening, outcome):
+    assert check_grasp(grasp, raised, opening=opening).outcome is outcome
+
+
+def test_bad_input():
+    with pytest.raises(DenseVSError, match="area_grasp"):
+        check_grasp(-1, 5)
+    with pytest.raises(DenseVSError, match="opening is nan"):
+        check_grasp(5, 5, opening=float("nan"))
