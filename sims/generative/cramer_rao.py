@@ -108,6 +108,38 @@ def cramer_rao(
     return Bound(*errors)
 
 
+def perfect_inference(test: Evidence, cameras: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Errors (T,) that the joints of single images have with a perfect model and an estimator that reaches the bound.
+
+    That is the least-squares estimate linearised at the truth, with the images' own noise.
+
+    Args:
+        test: images with their truth.
+        cameras: (c,) whose images are looked at.
+
+    Returns:
+        The norm of the joints' error [rad], which of more than 6 joints leaves out the motion that no image shows; and
+        the mean distance [px] between the pixels at those joints and the measured ones, over all cameras.
+
+    Raises:
+        DenseVSError: no joints are behind the images.
+    """
+    truth = test.truth
+    if truth.joints is None:
+        raise DenseVSError("the images are of a Cartesian controller; the bound is computed for joints")
+    parameters = true_parameters(truth.arm, truth.joints.mean(axis=0))
+    measured = test.observations.pixels
+    pixels = np.where(cameras[:, None, None], measured, np.nan)
+    problem = PixelProblem(pixels, parameters.links, truth.joints.shape[1], Free(), "joints")
+    equations = problem.linearize(State(parameters, truth.joints))
+    assert equations.local is not None
+    assert equations.local_gradient is not None
+    roots = [_inverse_root(own) for own in equations.local]
+    off = -np.array([root @ root.T @ pull for root, pull in zip(roots, equations.local_gradient, strict=True)])
+    distance = np.linalg.norm(predict(parameters, truth.joints + off) - measured, axis=-1)
+    return np.linalg.norm(off, axis=1), np.nanmean(distance, axis=(1, 2))
+
+
 def true_parameters(arm: ObservedArm, centre: np.ndarray) -> ModelParameters:
     """What a perfect model of the arm has, in the robot's frame and in metres, with the home pose ``centre`` [rad]."""
     poses = arm.chain.link_poses(centre)

@@ -3,8 +3,9 @@ import pytest
 
 from dense_vs.errors import DenseVSError
 from dense_vs.generative import GenerativeModel, predict
+from dense_vs.generative.report import FitReport
 from dense_vs.sims.experiments.generative.protocol import Trial, held_out_error
-from dense_vs.sims.generative.cramer_rao import cramer_rao, true_parameters
+from dense_vs.sims.generative.cramer_rao import cramer_rao, perfect_inference, true_parameters
 from dense_vs.sims.generative.evidence import act_cartesian
 from dense_vs.sims.generative.noise import NoisyController
 
@@ -42,6 +43,22 @@ def test_more_samples_and_known_lenses_lower_it_and_noisy_joints_raise_it():
     assert bound(many, state="noisy", sigma=0.01) > 2 * bound(many)
     assert bound(few, camera=1) < bound(few)
     assert bound(many, state="actions", sigma=0.01) > bound(many)
+
+
+def test_inference_with_the_true_model_is_perfect():
+    trial = Trial("ur5", 3, 2, "normal")
+    test = trial.evidence(60, 1)
+    truth = test.truth
+    assert truth.joints is not None
+    joints, pixels = perfect_inference(test, np.array([True, True]))
+    model = GenerativeModel(true_parameters(truth.arm, truth.joints.mean(axis=0)), truth.joints, FitReport())
+    found = model.infer_joints(test.observations.pixels, near=truth.joints)
+    off = np.linalg.norm(found - truth.joints, axis=1)
+    # Linearised or not makes some percent where an image tells a joint to a tenth of a radian.
+    assert np.median(off) == pytest.approx(np.median(joints), rel=0.1)
+    distance = np.linalg.norm(model.pixels(found) - test.observations.pixels, axis=-1)
+    assert np.nanmean(distance) == pytest.approx(np.mean(pixels), rel=0.05)
+    assert np.median(perfect_inference(test, np.array([True, False]))[0]) > 2 * np.median(joints)
 
 
 def test_what_has_no_bound_is_answered(trial):
