@@ -87,7 +87,7 @@ def draw_bars(
     axes.set_xticks(range(len(labels)), labels, rotation=20, ha="right", fontsize="small")
     axes.set(title=title, ylabel=y_label)
     axes.grid(alpha=0.3, axis="y")
-    axes.legend(fontsize="small")
+    axes.legend(fontsize="small", loc="upper left", bbox_to_anchor=(1.0, 1.0))
     save(figure, path)
 
 

@@ -88,10 +88,10 @@ def run(arguments: argparse.Namespace) -> list[Row]:
             paper = PAPER.get(name, (None, None))[0]
             rows.append(Row(f"{arm}: {name}: mean", paper, float(np.mean(pooled)), unit, seeds))
             rows.append(Row(f"{arm}: {name}: median", None, float(np.median(pooled)), unit, seeds))
-            if name not in PAPER:
-                continue
-            bars.setdefault(f"{arm}, mean", []).append(float(np.mean(pooled)))
-            bars.setdefault(f"{arm}, median", []).append(float(np.median(pooled)))
+        bars[f"{arm}, mean"] = [float(np.mean(np.concatenate(figures[name]))) for name in PAPER]
+        bars[f"{arm}, perfect, mean"] = [
+            float(np.mean(np.concatenate(figures.get(f"{name}, perfect", [np.array([np.nan])])))) for name in PAPER
+        ]
     for samples, errors in learnt.items():
         paper = PAPER_LEARNT if samples == 50 else (None, None)
         rows += spread_rows(f"learnt from one camera, {samples} samples", paper, errors, "px", arguments.seeds)
