@@ -15,8 +15,8 @@ if TYPE_CHECKING:
     from dense_vs.sims.experiments.vosvs.learning import Learning
 
 HELP = "Table 1, Figs. 8, 9, 18: seven configurations learnt from 0.001 H, with Broyden's original update beside"
-OBJECTS = {"base": "Plastic Chain", "base grasp": "Tuna"}
-OTHER = "Mug"
+
+
 LABELS = {"hadamard": "(11)", "featurewise": "(11) a feature at a time", "original": "original Broyden"}
 
 
@@ -59,15 +59,16 @@ def learn_all(seed: int, responses: int, looks: int, threads: int | None, bar) -
 
     from dense_vs.sims.experiments.vosvs.configurations import CONFIGURATIONS
     from dense_vs.sims.experiments.vosvs.learning import UPDATES, learn
+    from dense_vs.sims.experiments.vosvs.preparation import TEACHER, TEACHERS
     from dense_vs.sims.mobile_manipulator.annotations import learn_segmenter
     from dense_vs.sims.mobile_manipulator.world import MobileWorld
 
-    names = [*dict.fromkeys([*OBJECTS.values(), OTHER])]
+    names = [*dict.fromkeys([*TEACHERS.values(), TEACHER])]
     world = MobileWorld(names, seed=seed, threads=threads)
     segmenters = {name: learn_segmenter(world, name, seed) for name in names}
     learnt = []
     for number, one in enumerate(CONFIGURATIONS):
-        name = OBJECTS.get(one.name, OTHER)
+        name = TEACHERS.get(one.name, TEACHER)
         outcomes = {}
         for update in UPDATES:
             bar.set_description(f"seed {seed}, {one.name}, {update}")
