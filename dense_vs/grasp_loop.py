@@ -204,7 +204,7 @@ class GraspLoop:
         opening = self.gripper.close().opening
         area = self._area()
         self._move(self._lift, self._raise_by)
-        raised = self._area()
+        raised = self._area(remember=True)
         check = check_grasp(area, raised, opening=self.gripper.close().opening)
         return GraspAttempt(end.end, choice.verdict, choice.angle, contact, opening, check, (area, raised))
 
@@ -227,8 +227,10 @@ class GraspLoop:
                 return True
         return False
 
-    def _area(self) -> float:
-        getattr(self.segmenter, "reset", lambda: None)()
+    def _area(self, remember: bool = False) -> float:
+        """Area of the object's mask now; the segmenter may remember the last one, as what is held keeps its place."""
+        if not remember:
+            getattr(self.segmenter, "reset", lambda: None)()
         image, _ = self.camera.read()
         return float(assess_mask(self.segmenter.segment(image)).area)
 

@@ -23,6 +23,7 @@ CAMERAS = ("head", "grasp")
 FINGERS = ("left_finger", "right_finger")
 OPENING = 0.135  # m, largest
 BASE = slice(7, 10)
+_CHAIN_SLOPE = 0.05  # rad, of a chain that is dropped; its loops are of some six links
 _BACK_OFF = 0.015  # m or rad, of the base from what it touched
 # Joint speeds [rad/s, m/s]; a motion takes as long as its slowest joint.
 SPEEDS = np.array([1.0, 1.0, 0.25, 0.8, 1.2, 1.2, 1.5, 0.3, 0.3, 0.6])
@@ -212,16 +213,29 @@ class MobileWorld:
         self.wait(settle_frames)
 
     def lay_chain(self, name: str, position: Any, rng: np.random.Generator, step: float = 1.0) -> None:
-        """Lay a chain out in a random heap around a position (3,): each link turned against the one before it."""
+        """Drop a chain in a random heap around a position (3,): each link turned against the one before it.
+
+        It falls from a slope that lifts every link over those that it crosses: links inside one another would burst
+        apart, faster than the engine can follow.
+        """
         self._place(name, position, rng.uniform(-np.pi, np.pi))
         body = self.objects[name].body
+        column = self.model.joint(body).qposadr[0]
+        sloped = np.zeros(4)
+        mujoco.mju_mulQuat(
+            sloped,
+            self.state.qpos[column + 3 : column + 7],
+            np.array([np.cos(_CHAIN_SLOPE / 2), 0.0, -np.sin(_CHAIN_SLOPE / 2), 0.0]),
+        )
+        self.state.qpos[column + 3 : column + 7] = sloped
+        upright = np.array([np.sin(_CHAIN_SLOPE), 0.0, np.cos(_CHAIN_SLOPE)])  # the vertical in every link's frame
         turn = rng.choice([-1.0, 1.0])
         for link in range(1, self.objects[name].links):
             if rng.random() < 0.25:
                 turn = -turn
             joint = self.model.joint(f"{body}_{link}").qposadr[0]
             angle = turn * rng.uniform(0.5, 1.1) * step
-            self.state.qpos[joint : joint + 4] = [np.cos(angle / 2), 0, 0, np.sin(angle / 2)]
+            self.state.qpos[joint : joint + 4] = [np.cos(angle / 2), *(np.sin(angle / 2) * upright)]
         self.wait(30)
 
     def store(self, names: Sequence[str] | None = None) -> None:
@@ -239,6 +253,10 @@ class MobileWorld:
         thing = self.objects[name]
         bodies = [thing.body, *[f"{thing.body}_{link}" for link in range(1, thing.links)]]
         return np.mean([self.state.body(body).xpos for body in bodies], axis=0)
+
+    def object_centre(self, name: str) -> np.ndarray:
+        """Centre of mass (3,) of an object, all links of a chain."""
+        return self.state.subtree_com[self.model.body(self.objects[name].body).id].copy()
 
     def pull_chain(self, name: str, place: Any | None) -> np.ndarray:
         """Hold the end of a chain at a place (3,) [m] from now on, or let it go; where the end is."""

@@ -16,7 +16,7 @@ from dense_vs.sims.mobile_manipulator.world import MobileWorld
 
 BIN = (1.0, -1.4)  # m, middle of the bin on the floor
 BIN_HALF = (0.246, 0.306)
-BIN_FLOOR = 0.008  # m; what has slipped under the bin lies lower
+BIN_FLOOR = 0.012  # m; the centre of what lies in the bin is higher
 FITS = 0.125  # m, widest grip that leaves the fingers room
 DROP = (0.92, -1.4)  # m, above the bin: as near to its front as long objects allow, which keeps the base away from it
 CARRY = 0.72  # m, of the lift while carrying
@@ -88,7 +88,7 @@ def pick_and_place(
     held = world.highest_point(name) > 0.3
     gripper.open()
     world.wait(20)
-    x, y, z = world.object_position(name)
+    x, y, z = world.object_centre(name)
     pick.placed = abs(x - BIN[0]) < BIN_HALF[0] and abs(y - BIN[1]) < BIN_HALF[1] and BIN_FLOOR < z < 0.3
     if not pick.placed:
         pick.cause = "fell beside the bin" if held else "slipped out on the way"
