@@ -106,8 +106,8 @@ def spread_rows(
     ]
 
 
-def bound_rows(name: str, perfect: Sequence[np.ndarray], seeds: Sequence[int]) -> list[Row]:
-    """The mean error of perfect fits, each trial's errors (draws,) [px]: the Cramer-Rao bound of the value ``name``."""
+def bound_rows(name: str, perfect: Sequence[np.ndarray] | np.ndarray, seeds: Sequence[int]) -> list[Row]:
+    """The mean error [px] of perfect fits, the Cramer-Rao bound of the value ``name``, from every trial's errors."""
     return [Row(f"{name}: bound (Cramer-Rao), mean", None, float(np.mean(perfect)), "px", tuple(seeds))]
 
 

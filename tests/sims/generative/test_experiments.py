@@ -37,6 +37,7 @@ def test_noisy_states_and_actions_stand_beside_their_bounds(tmp_path):
     name = "test error, 0.01 rad, noise modelled"
     assert rows[f"{name}: mean"]["ours"] < 1.4 * rows[f"{name}: bound (Cramer-Rao), mean"]["ours"]
     assert rows["what readings 0.01 rad off are in pixels, mean"]["ours"] > 2.0
+    assert rows["test error, 0.01 m and rad, noise modelled: mean"]["ours"] < 1.6
     rows = reproduce(tmp_path, "noisy-control", "--controller", "joint", "--targets", "5", "--moves", "2", *common)
     name = "joint, independent noise 0.01: error of the model"
     bound = rows[f"{name}, bound (Cramer-Rao), mean"]["ours"]
