@@ -205,7 +205,8 @@ class GraspLoop:
         area = self._area()
         self._move(self._lift, self._raise_by)
         raised = self._area(remember=True)
-        check = check_grasp(area, raised, opening=self.gripper.close().opening)
+        behind = (self.hand.z_gripper / (self.hand.z_gripper + self._raise_by)) ** 2
+        check = check_grasp(area, raised, opening=self.gripper.close().opening, behind=behind)
         return GraspAttempt(end.end, choice.verdict, choice.angle, contact, opening, check, (area, raised))
 
     def _descend(self, z_object: float, deeper: float) -> bool:

@@ -1,8 +1,9 @@
 """Whether the object came along, VOS-VS (23): held if s_A,raised > 0.5 s_A,grasp.
 
 The camera rises with the hand. An object in the gripper keeps its size in the image; one that was left behind gets
-smaller. Beyond the paper the two areas may be missing or too small to compare; then the fingers tell, where they say
-how far they closed, and else that is an answer of its own.
+smaller. Beyond the paper, where the fingers say how far they closed, they are asked too: closed fingers hold nothing,
+and they decide where an area is missing or less is left than of a held object but more than of one left behind, as of
+a chain of which a part hangs down. Without them a missing area is an answer of its own.
 """
 
 from dataclasses import dataclass
@@ -11,6 +12,8 @@ from enum import Enum
 import numpy as np
 
 from dense_vs.errors import DenseVSError
+
+_BEHIND_MARGIN = 1.2  # of masks that err
 
 
 class GraspOutcome(Enum):
@@ -41,6 +44,7 @@ def check_grasp(
     area_raised: float,
     *,
     opening: float | None = None,
+    behind: float = 1.0,
     share: float = 0.5,
     min_area: float = 16,
     closed: float = 0.0015,
@@ -50,7 +54,8 @@ def check_grasp(
     Args:
         area_grasp: s_A [px] at the grasp, fingers closed.
         area_raised: s_A [px] after lifting.
-        opening: between the fingers after lifting [m]; asked only where an area is missing.
+        opening: between the fingers after lifting [m]; None where they do not tell.
+        behind: s_A,raised / s_A,grasp of an object that was left behind, by perspective (14); 1 where it is not known.
         share: what must be left for a held object, above 0 and below 1.
         min_area: a smaller area [px] counts as not seen.
         closed: at most so far open [m], fingers hold nothing.
@@ -67,8 +72,12 @@ def check_grasp(
         raise DenseVSError(f"opening is {opening!r}; expected a length [m] or None")
     least = max(min_area, 1)
     left = float(area_raised) / float(area_grasp) if area_grasp >= least else float("nan")
-    if min(area_grasp, area_raised) < least and opening is not None and opening > closed:
-        return GraspCheck(GraspOutcome.HELD, left)
+    if opening is not None:
+        in_doubt = min(area_grasp, area_raised) < least or _BEHIND_MARGIN * behind < left <= share
+        if in_doubt and opening > closed:
+            return GraspCheck(GraspOutcome.HELD, left)
+        if left > share and opening <= closed:
+            return GraspCheck(GraspOutcome.MISSED, left)
     if area_grasp < least:
         return GraspCheck(GraspOutcome.UNKNOWN if opening is None else GraspOutcome.MISSED, left)
     if area_raised < least:

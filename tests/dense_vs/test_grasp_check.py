@@ -11,7 +11,10 @@ from dense_vs.grasp import GraspOutcome, check_grasp
     [
         (1000, 900, None, GraspOutcome.HELD),
         (1000, 400, None, GraspOutcome.MISSED),
-        (1000, 400, 0.05, GraspOutcome.MISSED),  # both areas are known: the fingers are not asked
+        (1000, 400, 0.05, GraspOutcome.HELD),  # more than is left of an object left behind: the fingers are asked
+        (1000, 400, 0.0, GraspOutcome.MISSED),
+        (1000, 300, 0.05, GraspOutcome.MISSED),
+        (1000, 900, 0.0, GraspOutcome.MISSED),  # closed fingers hold nothing
         (1000, 0, None, GraspOutcome.LOST),
         (1000, 0, 0.0, GraspOutcome.LOST),
         (1000, 0, 0.05, GraspOutcome.HELD),
@@ -21,7 +24,7 @@ from dense_vs.grasp import GraspOutcome, check_grasp
     ],
 )
 def test_outcome(grasp, raised, opening, outcome):
-    assert check_grasp(grasp, raised, opening=opening).outcome is outcome
+    assert check_grasp(grasp, raised, opening=opening, behind=0.28).outcome is outcome
 
 
 def test_bad_input():

@@ -68,7 +68,7 @@ class FlatRoom:
     def close(self):
         tips = self.q[2] - self.grip
         near = np.hypot(*(self.disc.place - self.q[:2] - self.axis)) <= self.slack
-        self.held = bool(near and tips <= self.disc.height + 1e-6)
+        self.held = self.held or bool(near and tips <= self.disc.height + 1e-6)
         return Said(2 * self.disc.radius if self.held else 0.0, False)
 
 

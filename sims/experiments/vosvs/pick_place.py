@@ -92,20 +92,23 @@ def table_rows(results: "dict[int, list[Pick]]") -> "list[Row]":
     seeds = tuple(results)
     right = [answer for picks in results.values() for one in picks for answer in checks_right(one)]
     rows.append(Row("grasp check right", None, 100 * float(np.mean(right)) if right else np.nan, "%", seeds))
+    alone = [answer for picks in results.values() for one in picks for answer in checks_right(one, areas_alone=True)]
+    rows.append(Row("(23) alone right", None, 100 * float(np.mean(alone)) if alone else np.nan, "%", seeds))
     rows.append(Row("grasp checks", None, len(right), "", seeds))
     errors = [abs(one.trial.depth_error) for picks in results.values() for one in picks]
     rows.append(Row("depth error, median", None, 100 * finite_percentile(errors), "%", seeds))
     return rows
 
 
-def checks_right(pick: "Pick") -> list[bool]:
-    """Of every attempt that closed the gripper: whether (23) said what the simulator knows."""
-    from dense_vs.grasp import GraspOutcome
+def checks_right(pick: "Pick", *, areas_alone: bool = False) -> list[bool]:
+    """Of every attempt that closed the gripper: whether the check, or (23) alone, said what the simulator knows."""
+    from dense_vs.grasp import GraspOutcome, check_grasp
 
     closed = (
         [] if pick.grasp is None else [a for a in pick.grasp.attempts if a.check.outcome is not GraspOutcome.JAMMED]
     )
-    return [attempt.check.held == held for attempt, held in zip(closed, pick.truly_held, strict=True)]
+    said = [check_grasp(*attempt.areas).held if areas_alone else attempt.check.held for attempt in closed]
+    return [one == held for one, held in zip(said, pick.truly_held, strict=True)]
 
 
 def _line(seed: int, one: "Pick") -> list[str]:
