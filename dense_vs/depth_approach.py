@@ -69,7 +69,6 @@ class DepthApproach:
         steps: smallest and largest step [m].
         views: most views.
         hidden: bool ``(H, W)``, where the robot's own gripper stands in the image: a mask that reaches there is a part.
-        exact_outlines: of the masks, see :func:`dense_vs.depth.depth_from_masks`.
         on_view: called with index, image and mask of every view.
 
     Raises:
@@ -88,7 +87,6 @@ class DepthApproach:
         steps: tuple[float, float] = (0.01, 0.05),
         views: int = 40,
         hidden: np.ndarray | None = None,
-        exact_outlines: bool = False,
         on_view: Any = None,
     ):
         names = list(robot.joint_names)
@@ -100,7 +98,7 @@ class DepthApproach:
         self.column = names.index(joint)
         self.method: Method = method
         self.near, self.steps, self.views, self.on_view = near, steps, views, on_view
-        self.hidden, self.exact_outlines = hidden, exact_outlines
+        self.hidden = hidden
 
     def run(self) -> Approach:
         """Approach from the present place, the object centred in the image."""
@@ -182,8 +180,7 @@ class DepthApproach:
             else:
                 order = used[np.argsort(camera_z[used])]
                 back = camera_z[order] - camera_z[nearest]
-                seen = np.stack([masks[k] for k in order])
-                fit = depth_from_masks(seen, back, self.method, exact_outlines=self.exact_outlines)
+                fit = depth_from_masks(np.stack([masks[k] for k in order]), back, method=self.method)
                 if not fit.observable:
                     why = f"the distance is uncertain by {100 * fit.log_std:.0f} %"
                     return Approach(end, None, None, np.inf, camera_z, areas, whole, nearest, why)

@@ -15,7 +15,7 @@ import numpy as np
 from dense_vs.depth.area_fit import check_motion, checked_positions, depth_from_areas
 from dense_vs.depth.region_shape import RegionShape, checked_masks, mask_regions
 from dense_vs.depth.region_track import follow_region
-from dense_vs.depth.scale_posterior import EXACT_OUTLINES, DistancePosterior, ScaleModel, distance_posterior
+from dense_vs.depth.scale_posterior import DistancePosterior, ScaleModel, distance_posterior
 from dense_vs.errors import DenseVSError
 
 Method = Literal["vos-de", "robust", "learned"]
@@ -52,25 +52,20 @@ class MaskDepth:
     method: str
 
 
-def depth_from_masks(
-    masks: Any, camera_back: Any, method: Method = "robust", *, exact_outlines: bool = False
-) -> MaskDepth:
+def depth_from_masks(masks: Any, camera_back: Any, method: Method = "robust") -> MaskDepth:
     """The distance from the nearest view to the object.
 
     Args:
         masks: ``(m, H, W)``, anything but 0 belongs to the object; views in any order, empty masks allowed.
         camera_back: ``(m,)`` [m], how far the camera stands behind any fixed position, along its optical axis.
         method: see the module's docstring.
-        exact_outlines: the outlines are right to a pixel in the mean, as those of a segmenter that works at the full
-            resolution and was shown such ones; ``"robust"`` otherwise expects them to be grown by some pixels.
 
     Raises:
         DepthUnobservableError: fewer than two views show the object, or the camera does not move between them.
         DenseVSError: another shape, values that are not finite, an unknown method.
     """
     masks = checked_masks(masks)
-    size = (masks.shape[1], masks.shape[2])
-    return depth_from_regions(mask_regions(masks), camera_back, size, method, exact_outlines=exact_outlines)
+    return depth_from_regions(mask_regions(masks), camera_back, (masks.shape[1], masks.shape[2]), method)
 
 
 def depth_from_regions(
@@ -78,8 +73,6 @@ def depth_from_regions(
     camera_back: Any,
     image_size: tuple[int, int],
     method: Method = "robust",
-    *,
-    exact_outlines: bool = False,
 ) -> MaskDepth:
     """As :func:`depth_from_masks`, from the regions that :func:`mask_regions` found; ``image_size`` is (H, W)."""
     if method not in METHODS:
@@ -92,7 +85,7 @@ def depth_from_regions(
         return _largest_region(views, back)
     if method == "robust":
         evidence = gather_evidence(views, back, image_size)
-        posterior = evidence.posterior(EXACT_OUTLINES if exact_outlines else None)
+        posterior = evidence.posterior()
         return evidence.result(posterior, "robust", posterior.least_relative_error())
     from dense_vs.depth.learned_depth import LearnedDepth
 

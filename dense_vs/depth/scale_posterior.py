@@ -53,11 +53,6 @@ class ScaleModel:
     lengths: tuple[int, ...] | None = None
 
 
-# Masks whose outlines are known to be right to a pixel. Area and moments are integrals over many pixels and hold
-# fractions of one; widths hang on single pixels at the ends, and are for masks that leak or have holes.
-EXACT_OUTLINES = ScaleModel(exact=1.0, lengths=tuple(range(len(WIDTH_AXES[0]), 13)))
-
-
 @dataclass(frozen=True)
 class DistancePosterior:
     """Distances at the nearest view and how probable they are.
