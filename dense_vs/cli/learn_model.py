@@ -84,6 +84,8 @@ def run(arguments: argparse.Namespace) -> None:
     ]
     print(table(["stage", "loss", "RMS", "iterations", "seconds"], rows))
     print(f"mean error {report.mean_error_px:.3f} px; {'converged' if report.converged else 'not converged'}")
+    if report.expected_error_px is not None:
+        print(f"mean error to be expected on other postures, without noise {report.expected_error_px:.3f} px")
     summary = report.as_dict() | {"samples": kept, "versions": versions()}
     if report.joint_sigma is not None:
         print(f"noise of the state {report.joint_sigma:.4g} rad")

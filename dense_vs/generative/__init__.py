@@ -14,6 +14,7 @@ if TYPE_CHECKING:
     from dense_vs.generative.end_to_end import all_shared as all_shared
     from dense_vs.generative.end_to_end import fit_pixels as fit_pixels
     from dense_vs.generative.end_to_end import initial_parameters as initial_parameters
+    from dense_vs.generative.expected_error import inverse_root as inverse_root
     from dense_vs.generative.initialization import guessed_intrinsics as guessed_intrinsics
     from dense_vs.generative.initialization import intrinsics_prior as intrinsics_prior
     from dense_vs.generative.joint_inference import predict as predict
@@ -47,6 +48,7 @@ _HOMES = {
     "JointReadings": "joint_priors",
     "JointActions": "joint_priors",
     "guessed_intrinsics": "initialization",
+    "inverse_root": "expected_error",
     "intrinsics_prior": "initialization",
     "Reconstruction": "stereo",
     "reconstruct": "stereo",

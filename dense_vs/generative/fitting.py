@@ -8,6 +8,7 @@ import numpy as np
 from dense_vs.errors import DenseVSError
 from dense_vs.generative.denavit_hartenberg import DenavitHartenberg, DHProblem, DHState, from_lines, with_dh
 from dense_vs.generative.end_to_end import all_shared, coordinate_rms, fit_kinematics, fit_pixels, initial_parameters
+from dense_vs.generative.expected_error import expected_error
 from dense_vs.generative.initialization import Candidate, candidates, guessed_intrinsics, intrinsics_prior
 from dense_vs.generative.levenberg_marquardt import Solution, minimize
 from dense_vs.generative.observability import describe_unobservable
@@ -91,6 +92,9 @@ def fit_joint_model(obs: Observations, seed: int, options: FitOptions) -> Fit:
         best, report.joint_sigma, problem = _with_noise(obs, links, best, options, guess, pixel_sigma, problem.weights)
         report.stages.append(_stage("noise of the state", best, problem, clock))
     _finish(report, obs, problem, best, options)
+    if options.state != "actions":
+        state = best.state
+        report.expected_error_px = expected_error(problem, state, obs.pixels, state.joints, pixel_sigma)
     report.seconds = time.perf_counter() - started
     dh = best.state.dh if isinstance(best.state, DHState) else None
     return Fit(_without_unseen(best.state.parameters, problem), best.state.joints, report, dh)

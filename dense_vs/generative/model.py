@@ -249,7 +249,7 @@ class GenerativeModel:
             DenseVSError: no such part, or observations that cannot tell it; the model stays as it was.
         """
         self._need_joints()
-        parameters, report = relearn(self.parameters, obs, what, self.report.pixel_sigma or 0.5, seed)
+        parameters, report = relearn(self.parameters, obs, what, self.report.pixel_sigma or 0.5, self.postures, seed)
         if what == "kinematics":
             self.postures, self.report.still_joints = obs.joints, []
             self._dh = from_lines(parameters.axes, parameters.points, parameters.centre) if self._dh else None

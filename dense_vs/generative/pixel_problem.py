@@ -151,14 +151,22 @@ class PixelProblem:
             cost += self.prior.cost(state)
         return cost if np.isfinite(cost) and (state.parameters.intrinsics[:, :2] > 0).all() else np.inf
 
+    def pixel_changes(self, state: State, shared: np.ndarray) -> np.ndarray:
+        """By how much pixels change [px], to first order, ``(T, c, m, 2, k)`` for k steps ``(unknowns, k)``."""
+        self._load(state)
+        self.kernel.evaluate()
+        jacobian = self._with_base(self.kernel.jacobian[0])
+        cameras, features, samples, _, width = jacobian.shape
+        steps = np.vstack([shared, np.zeros((1, shared.shape[1]))])[self._places]
+        changes = jacobian.reshape(cameras * features, samples * 2, width) @ steps
+        return changes.reshape(cameras, features, samples, 2, -1).transpose(2, 0, 1, 3, 4)
+
     def linearize(self, state: State) -> NormalEquations:
         """Normal equations at ``state``."""
         self._load(state)
         self.kernel.evaluate()
         residuals = self.kernel.residuals[0]
-        jacobian, local = self.kernel.jacobian[0], self.kernel.local_jacobian[0]
-        if self.free.base:
-            jacobian = np.concatenate([jacobian, local], axis=-1)
+        jacobian, local = self._with_base(self.kernel.jacobian[0]), self.kernel.local_jacobian[0]
         cameras, features, samples, _, width = jacobian.shape
         # A pair of camera and feature shares its columns, so its rows make one small dense product.
         rows = jacobian.reshape(cameras * features, samples * 2, width)
@@ -244,6 +252,10 @@ class PixelProblem:
             moved.rotation = turn(local[:, :3]) @ state.rotation
             moved.translation = state.translation + local[:, 3:]
         return moved
+
+    def _with_base(self, jacobian: np.ndarray) -> np.ndarray:
+        """The kernel's rows, with those by the base's pose, which to the kernel is every sample's."""
+        return np.concatenate([jacobian, self.kernel.local_jacobian[0]], axis=-1) if self.free.base else jacobian
 
     def _load(self, state: State) -> None:
         p = state.parameters

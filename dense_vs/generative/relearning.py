@@ -11,6 +11,7 @@ import numpy as np
 
 from dense_vs.errors import DenseVSError
 from dense_vs.generative.end_to_end import fit_kinematics, fit_pixels, initial_parameters
+from dense_vs.generative.expected_error import expected_error
 from dense_vs.generative.initialization import guessed_intrinsics, intrinsics_prior
 from dense_vs.generative.levenberg_marquardt import Solution, minimize
 from dense_vs.generative.observations import Observations
@@ -29,9 +30,16 @@ KEPT_CENTRE = 1.0  # px
 
 
 def relearn(
-    parameters: ModelParameters, obs: Observations, what: str, pixel_sigma: float, seed: int = 0
+    parameters: ModelParameters,
+    obs: Observations,
+    what: str,
+    pixel_sigma: float,
+    postures: np.ndarray,
+    seed: int = 0,
 ) -> tuple[ModelParameters, FitReport]:
     """New parameters in which only ``what`` differs, from joints and pixels of ``obs``.
+
+    ``postures`` ``(K, n)`` [rad] are those that the model was learnt from: the report says what to expect there.
 
     Raises:
         DenseVSError: ``what`` is no part of the model, or ``obs`` cannot tell it.
@@ -57,6 +65,8 @@ def relearn(
     rms = float(np.sqrt(np.mean(errors[used] ** 2) / 2))
     stage = Stage(what, solution.initial_cost, solution.cost, rms, solution.iterations, solution.converged, seconds)
     report = FitReport([stage], rms, float(np.mean(errors[used])), seconds, solution.converged, pixel_sigma=pixel_sigma)
+    seen = np.where(problem.seen[..., None], obs.pixels[:, : problem.seen.shape[1]], np.nan)
+    report.expected_error_px = expected_error(problem, solution.state, seen, postures, pixel_sigma)
     return parameters, report
 
 

@@ -53,6 +53,8 @@ class FitReport:
         unused_samples: samples that no stage could use.
         joint_sigma: estimated noise of joints or of joint actions [rad], where the state is not exact.
         pixel_sigma: estimated noise of a pixel coordinate [px].
+        expected_error_px: mean error to be expected on other postures, spread like those learnt from, without the noise
+            of measuring there; None where it was not computed (actions, Cartesian controllers, method "paper").
         pose_sigma: estimated noise of rotation [rad] and translation [m], with a Cartesian controller.
     """
 
@@ -69,6 +71,7 @@ class FitReport:
     joint_sigma: float | None = None
     pixel_sigma: float | None = None
     pose_sigma: tuple[float, float] | None = None
+    expected_error_px: float | None = None
 
     @property
     def losses(self) -> list[float]:

@@ -20,13 +20,13 @@ from dense_vs.generative import (
     State,
     all_shared,
     intrinsics_prior,
+    inverse_root,
     predict,
 )
 from dense_vs.sims.generative.evidence import PIXEL_NOISE, Evidence
 from dense_vs.sims.generative.observed_arm import ObservedArm
 
 _DRAWS = 100
-_OPEN = 1e-11  # eigenvalue of the information with a unit diagonal: below, the direction is open, as the scale is
 
 
 @dataclass(frozen=True)
@@ -90,7 +90,7 @@ def cramer_rao(
         intrinsics_prior(observations, parameters.intrinsics, PIXEL_NOISE),
     )
     start = State(parameters, truth.joints)
-    root = PIXEL_NOISE * _inverse_root(_information(problem.linearize(start)))
+    root = PIXEL_NOISE * inverse_root(_information(problem.linearize(start)))
     exact = test.truth.pixels
     seen = np.isfinite(exact[..., 0]) & known
     measured = exact + rng.normal(0.0, PIXEL_NOISE, exact.shape)
@@ -134,7 +134,7 @@ def perfect_inference(test: Evidence, cameras: np.ndarray) -> tuple[np.ndarray, 
     equations = problem.linearize(State(parameters, truth.joints))
     assert equations.local is not None
     assert equations.local_gradient is not None
-    roots = [_inverse_root(own) for own in equations.local]
+    roots = [inverse_root(own) for own in equations.local]
     off = -np.array([root @ root.T @ pull for root, pull in zip(roots, equations.local_gradient, strict=True)])
     distance = np.linalg.norm(predict(parameters, truth.joints + off) - measured, axis=-1)
     return np.linalg.norm(off, axis=1), np.nanmean(distance, axis=(1, 2))
@@ -175,11 +175,3 @@ def _information(equations: NormalEquations) -> np.ndarray:
             following = slice(at.stop, at.stop + own)
             matrix[following, at], matrix[at, following] = equations.chained[t], equations.chained[t].T
     return matrix
-
-
-def _inverse_root(information: np.ndarray) -> np.ndarray:
-    """R (k, r) with R R^T the inverse, over the directions that are not open."""
-    scale = 1 / np.sqrt(np.maximum(information.diagonal(), 1e-300))
-    values, vectors = np.linalg.eigh(scale[:, None] * information * scale)
-    told = values > _OPEN
-    return scale[:, None] * vectors[:, told] / np.sqrt(values[told])
