@@ -14,6 +14,7 @@ from dense_vs.sims.mobile_manipulator.postures import above, posture
 from dense_vs.sims.mobile_manipulator.world import MobileWorld
 
 IMAGES = 10
+GRASP_DISTANCE = 0.21  # m, from the camera to the object's top where the gripper is just above it
 SUPPORTS = ((1.0, -0.55, 0.0), (1.0, 0.0, 0.125), (1.0, 0.55, 0.25))  # floor, green bin, blue bin [m]
 
 
@@ -28,13 +29,14 @@ class AnnotatedImages:
 def annotate(world: MobileWorld, name: str, rng: np.random.Generator, count: int = IMAGES) -> AnnotatedImages:
     """Images of an object by the grasp camera, in various poses, on various backgrounds, from near and far.
 
-    Most look down on it, every third from the side.
+    Most look down on it, every third from the side. The last shows it as it is seen from above before a grasp, large
+    objects in part.
 
     The object is taken out of storage for them and put back; the robot is left at the last view.
     """
     thing = world.objects[name]
     images, masks = [], []
-    distances = np.geomspace(0.8, _nearest(world, name), count)
+    distances = np.append(np.geomspace(0.8, _nearest(world, name), count - 1), GRASP_DISTANCE)
     for number, distance in enumerate(distances):
         x, y, z = SUPPORTS[(number + number // 3 + 1) % len(SUPPORTS)]
         place = np.array([x, y, z]) + np.append(rng.uniform(-0.05, 0.05, 2), 0.0)
