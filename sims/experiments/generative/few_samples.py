@@ -16,6 +16,7 @@ from dense_vs.sims.experiments.generative.protocol import (
     add_protocol_arguments,
     bound_rows,
     held_out_error,
+    share_rows,
     spread_rows,
     trials,
 )
@@ -65,25 +66,13 @@ def run(arguments: argparse.Namespace) -> list[Row]:
                 model = GenerativeModel.fit(part, kinematics=arguments.kinematics, seed=trial.seed)
                 train[r, s], test[r, s] = held_out_error(model, part), held_out_error(model, held_out.observations)
                 bar.update()
-    rows, known_seeds = [], tuple(arguments.seeds)
+    rows: list[Row] = []
     for s, samples in enumerate(arguments.samples):
         name = f"validation error, {samples} samples"
         rows += spread_rows(name, PAPER.get(samples, (None, None)), test[:, s], "px", arguments.seeds)
         rows += bound_rows(name, perfect[s], arguments.seeds)
-        rows += [
-            row
-            for limit in LIMITS_PX
-            for row in (
-                Row(f"{name}: share below {limit:g} px", None, float(np.mean(test[:, s] < limit)), "", known_seeds),
-                Row(
-                    f"{name}: share below {limit:g} px of perfect fits",
-                    None,
-                    float(np.mean(np.array(perfect[s]) < limit)),
-                    "",
-                    known_seeds,
-                ),
-            )
-        ]
+        for limit in LIMITS_PX:
+            rows += share_rows(name, limit, test[:, s], perfect[s], arguments.seeds)
     draw_lines(
         arguments.out / "few_samples.png",
         {

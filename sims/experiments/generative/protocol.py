@@ -111,6 +111,17 @@ def bound_rows(name: str, perfect: Sequence[np.ndarray] | np.ndarray, seeds: Seq
     return [Row(f"{name}: bound (Cramer-Rao), mean", None, float(np.mean(perfect)), "px", tuple(seeds))]
 
 
+def share_rows(
+    name: str, limit: float, values: np.ndarray, perfect: Sequence[np.ndarray], seeds: Sequence[int]
+) -> list[Row]:
+    """How many of the values, and of the errors that perfect fits would have, are below ``limit`` px."""
+    start, known = f"{name}: share below {limit:g} px", tuple(seeds)
+    return [
+        Row(start, None, float(np.mean(np.asarray(values) < limit)), "", known),
+        Row(f"{start} of perfect fits", None, float(np.mean(np.asarray(perfect) < limit)), "", known),
+    ]
+
+
 def reading_error(truth: "Truth", sigma: float, rng: np.random.Generator) -> float:
     """Mean error [px] of a perfect model at joints read with noise of ``sigma`` [rad]: the arm's size in its images."""
     joints = np.asarray(truth.joints)

@@ -23,6 +23,7 @@ from dense_vs.sims.experiments.generative.protocol import (
     add_protocol_arguments,
     bound_rows,
     pixel_error,
+    share_rows,
     spread_rows,
     trials,
 )
@@ -40,6 +41,7 @@ PARTS = {
     "base": "base",
     "kinematics": "kinematics",
 }
+LIMIT_PX = 2.0
 CAMERAS = {"moved camera": 1, "added camera": 2}
 
 
@@ -90,6 +92,7 @@ def run(arguments: argparse.Namespace) -> list[Row]:
                 rows += spread_rows(name, (None, None), done, "px", arguments.seeds)
             if (part, samples) in perfect:
                 rows += bound_rows(name, perfect[part, samples], arguments.seeds)
+                rows += share_rows(name, LIMIT_PX, errors[p, :, s], perfect[part, samples], arguments.seeds)
     draw_lines(
         arguments.out / "relearning.png",
         {part: (counts, errors[p]) for p, part in enumerate(PARTS)},
