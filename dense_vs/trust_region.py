@@ -74,6 +74,7 @@ class TrustRegion:
         self._in_turn = 0  # retreats since the last whole look
         self._alone: int | None = None  # the feature that is moved alone
         self._commanded: np.ndarray | None = None
+        self._blocked: np.ndarray | None = None  # joints that something stopped at the last look
 
     def command(self, dq: np.ndarray) -> None:
         """Note the step ``(n,)`` that the robot now gets."""
@@ -86,9 +87,12 @@ class TrustRegion:
         """
         if quality.verdict is not MaskVerdict.GOOD:
             return View.PART
+        self._blocked = None
         if before is not None and self._commanded is not None:
             wanted = np.abs(self._commanded)
-            if np.any((wanted > LEAST_STEP) & (np.abs(positions - before) < FOLLOWED * wanted)):
+            stopped = (wanted > 0.5 * LEAST_STEP) & (np.abs(positions - before) < FOLLOWED * wanted)
+            if stopped.any():
+                self._blocked = stopped
                 return View.BLOCKED
         if self._whole is None:
             return View.ANEW
@@ -115,7 +119,8 @@ class TrustRegion:
 
         Back to where the object was last seen whole. The first time also beyond, with the joints of those features
         whose error grew, so far that the object moves as it should at a step and stays in the image; where none grew,
-        something is in the way of the feature that moved most, and another moves first.
+        something is in the way of the feature that moved most, and another moves first. A joint that was stopped goes
+        the other way with those that share its feature, as far as it takes to learn from.
 
         Args:
             error: ``(k,)`` [px], nan where nothing is seen.
@@ -126,7 +131,9 @@ class TrustRegion:
             return None
         back = whole.positions - positions
         beyond = np.zeros_like(back)
-        if self._in_turn == 0:
+        if self._in_turn == 0 and self._blocked is not None:
+            beyond = self._away(self._blocked)
+        elif self._in_turn == 0:
             moved = self._moved(back, len(error))
             growth = np.where(moved, np.abs(error) - np.abs(whole.error), -np.inf)
             # The centroid of what the border leaves moves less than the object.
@@ -169,6 +176,17 @@ class TrustRegion:
             if abs(error[feature]) > 2 * self._tolerance and 0.0 < size < 0.25 * self._min_motion:
                 return np.where(joints, dq, 0.0) * (1.25 * self._min_motion / size)
         return dq
+
+    def _away(self, stopped: np.ndarray) -> np.ndarray:
+        """The step ``(n,)`` away from what stopped some joints ``(n,)``, large enough to learn from."""
+        assert self._commanded is not None
+        joints = np.ones(len(stopped), dtype=bool)
+        if self._coupling is not None:
+            sizes = (self._coupling * np.where(stopped, np.abs(self._commanded), 0.0)[:, None]).sum(axis=0)
+            self._alone = int(np.argmax(sizes))
+            joints = self._coupling[:, self._alone]
+        away = np.where(joints, -self._commanded, 0.0)
+        return away * max(1.0, 2.5 * self._min_motion / np.abs(away).sum())
 
     def _blame(self, dq: np.ndarray, growth: np.ndarray, error: np.ndarray) -> None:
         """Whether a feature is to be moved alone from now on, from the growth ``(k,)`` of its error [px]."""

@@ -102,3 +102,17 @@ def test_small_commands_are_made_large_enough_to_learn_from():
     trust = region()
     np.testing.assert_allclose(trust.enough(np.array([1e-5, 0.02]), np.array([50.0, 5.0])), [0.0125, 0.0])
     np.testing.assert_allclose(trust.enough(np.array([0.02, 1e-5]), np.array([50.0, 5.0])), [0.02, 1e-5])
+
+
+@pytest.mark.parametrize("command", [0.02, LEAST_STEP])
+def test_a_stopped_joint_goes_the_other_way_alone(command):
+    trust = region()
+    look(trust, square(60, 50), [0.0, 0.0])
+    trust.command(np.array([command, 0.002]))
+    assert look(trust, square(60, 50), [0.0, 0.002], np.zeros(2)) is View.BLOCKED
+    error = np.array(assess_mask(square(60, 50)).centroid) - [160.0, 120.0]
+    step = trust.retreat(np.array([0.0, 0.002]), error, square(60, 50))
+    assert step is not None
+    assert step[0] < -0.02  # more than min_motion, so that it is learnt from
+    assert step[1] == pytest.approx(-0.002)  # back
+    np.testing.assert_array_equal(trust.active(np.ones((2, 2))), [[1, 1], [0, 0]])
