@@ -10,6 +10,8 @@ import json
 import sys
 from pathlib import Path
 
+from readme_experiments import experiment_lines, summary_lines
+
 ROOT = Path(__file__).parent.parent
 BEGIN, END = "<!-- measured: begin -->", "<!-- measured: end -->"
 
@@ -122,6 +124,15 @@ def measured() -> str:
         "|---|---|",
     ]
     lines += [f"| {text} | {form.format(load(file)[1][name])} |" for file, name, text, form in BATCH]
+    lines += [
+        "",
+        "Arms and objects, on seeds that nothing was tuned on; one figure a seed or that of all (`dense-vs reproduce "
+        "... --json`, gathered by `profiling/experiments.py`):",
+        "",
+        *experiment_lines(),
+        "",
+        *summary_lines(*(load(name)[1] for name in ("segmentation", "reducers", "generative"))),
+    ]
     return "\n".join(lines)
 
 

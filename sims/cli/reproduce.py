@@ -60,7 +60,14 @@ def run(arguments: argparse.Namespace) -> None:
             "experiment": arguments.experiment,
             "rows": rows_json(rows),
             "seeds": arguments.seeds,
+            "arguments": _own_arguments(arguments),
             "seconds": seconds,
             "versions": versions(),
         }
         write_json(arguments.json, content)
+
+
+def _own_arguments(arguments: argparse.Namespace) -> dict[str, object]:
+    """What an experiment was told beside seeds and files."""
+    common = ("command", "paper", "experiment", "experiment_home", "run", "seeds", "out", "json")
+    return {name: value for name, value in vars(arguments).items() if name not in common}
