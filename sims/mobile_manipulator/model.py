@@ -7,14 +7,9 @@ import mujoco
 import numpy as np
 
 from dense_vs.errors import DenseVSError
-from dense_vs.sims.mobile_manipulator.objects import (
-    CHAIN_DIAMETER,
-    CHAIN_LENGTH,
-    HouseholdObject,
-    Paint,
-    household_objects,
-)
-from dense_vs.sims.mobile_manipulator.paint import add_material, painted_texture
+from dense_vs.sims.mobile_manipulator.household_object import HouseholdObject
+from dense_vs.sims.mobile_manipulator.objects import CHAIN_DIAMETER, CHAIN_LENGTH, household_objects
+from dense_vs.sims.mobile_manipulator.paint import Paint, add_material, painted_texture
 from dense_vs.sims.mobile_manipulator.parts import Part
 
 JOINTS = (  # the order of (1)

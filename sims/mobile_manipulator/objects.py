@@ -5,60 +5,11 @@ Magazine 22(3), 2015); colours follow the originals, prints are noise and patche
 lie.
 """
 
-from dataclasses import dataclass, field
-
 import numpy as np
 
-from dense_vs.sims.mobile_manipulator.parts import Part, ball, box, cylinder, ring, rod
-
-
-@dataclass(frozen=True)
-class Paint:
-    """How a part looks: a colour with fine noise and patches of an accent.
-
-    Attributes:
-        colour, accent: RGB in 0 to 1.
-        patches: share of the surface that the accent covers.
-        specular, shininess: of MuJoCo's material; metal and varnish reflect the lamps.
-    """
-
-    colour: tuple[float, float, float]
-    accent: tuple[float, float, float] | None = None
-    patches: float = 0.3
-    specular: float = 0.1
-    shininess: float = 0.3
-
-
-@dataclass(frozen=True)
-class HouseholdObject:
-    """One object.
-
-    Attributes:
-        name: as in Table 2.
-        category: Tool, Food, Kitchen or Shape.
-        mass: [kg].
-        parts: its geoms.
-        paints: paint of each name that the parts use.
-        grip: smallest width across it that a gripper from above has to span [m].
-        height: above what it rests on [m].
-        rolls: whether it needs rolling friction to rest.
-    """
-
-    name: str
-    category: str
-    mass: float
-    parts: list[Part]
-    paints: dict[str, Paint]
-    grip: float
-    height: float
-    rolls: bool = False
-    links: int = field(default=0)  # of a chain, whose parts are made link by link
-
-    @property
-    def body(self) -> str:
-        """Name of its body in the model."""
-        return self.name.lower().replace(" ", "_")
-
+from dense_vs.sims.mobile_manipulator.household_object import HouseholdObject
+from dense_vs.sims.mobile_manipulator.paint import Paint
+from dense_vs.sims.mobile_manipulator.parts import ball, box, cylinder, dish_rim, ring, rod
 
 STEEL = Paint((0.62, 0.63, 0.66), (0.45, 0.46, 0.5), 0.2, 0.9, 0.7)
 CHAIN_LENGTH, CHAIN_LINKS, CHAIN_DIAMETER = 1.149, 18, 0.014
@@ -276,7 +227,7 @@ def _kitchen() -> list[HouseholdObject]:
         cylinder(0.035, 0.022, at=(-0.1, 0.0, 0.035), paint="knob"),
         box(0.2, 0.028, 0.014, at=(0.135, 0.0, 0.014), paint="knob"),
     ]
-    plate = [cylinder(0.16, 0.006), *_dish_rim(), cylinder(0.15, 0.0065, paint="inside")]
+    plate = [cylinder(0.16, 0.006), *dish_rim(), cylinder(0.15, 0.0065, paint="inside")]
     spatula = [
         rod((-0.165, 0.0, 0.027), (0.08, 0.0, 0.012), 0.016, paint="handle"),
         box(0.1, 0.083, 0.004, at=(0.125, 0.0, 0.003)),
@@ -437,29 +388,3 @@ def _shapes() -> list[HouseholdObject]:
             0.051,
         ),
     ]
-
-
-def _dish_rim(sides: int = 24) -> list[Part]:
-    """The flared rim of a plate of 258 mm: flat bars that rise outward to 24 mm."""
-    from dataclasses import replace
-
-    slope = np.arctan2(0.018, 0.049)
-    parts = []
-    for angle in 2 * np.pi * np.arange(sides) / sides:
-        place = (0.104 * np.cos(angle), 0.104 * np.sin(angle), 0.01)
-        part = box(0.053, 2 * 0.13 * np.tan(np.pi / sides), 0.005, at=place)
-        normal = (-np.sin(slope) * np.cos(angle), -np.sin(slope) * np.sin(angle), np.cos(slope))
-        parts.append(replace(part, zaxis=normal, twist=_twist_towards(normal, angle)))
-    return parts
-
-
-def _twist_towards(normal: tuple[float, float, float], angle: float) -> float:
-    """Turn about the normal that makes the part's x axis point radially."""
-    import mujoco
-
-    quaternion, matrix = np.zeros(4), np.zeros(9)
-    mujoco.mju_quatZ2Vec(quaternion, np.array(normal))
-    mujoco.mju_quat2Mat(matrix, quaternion)
-    axes = matrix.reshape(3, 3)
-    radial = np.array([np.cos(angle), np.sin(angle), 0.0])
-    return float(np.arctan2(radial @ axes[:, 1], radial @ axes[:, 0]))

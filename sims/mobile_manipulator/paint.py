@@ -1,12 +1,30 @@
 """Textures of the household objects and of the scenery: noise and patches drawn from a seed around given colours."""
 
+from dataclasses import dataclass
+
 import mujoco
 import numpy as np
 
-from dense_vs.sims.mobile_manipulator.objects import Paint
 from dense_vs.sims.textures import band_noise
 
 TEXTURE_SIZE = 96  # texels a side; a face of 0.1 m seen from 0.5 m is about as many pixels
+
+
+@dataclass(frozen=True)
+class Paint:
+    """How a part looks: a colour with fine noise and patches of an accent.
+
+    Attributes:
+        colour, accent: RGB in 0 to 1.
+        patches: share of the surface that the accent covers.
+        specular, shininess: of MuJoCo's material; metal and varnish reflect the lamps.
+    """
+
+    colour: tuple[float, float, float]
+    accent: tuple[float, float, float] | None = None
+    patches: float = 0.3
+    specular: float = 0.1
+    shininess: float = 0.3
 
 
 def painted_texture(rng: np.random.Generator, paint: Paint, size: int = TEXTURE_SIZE) -> np.ndarray:

@@ -83,3 +83,25 @@ def ring(outer: float, inner: float, height: float, *, at=(0.0, 0.0, 0.0), sides
         part = box(wall, chord, height, at=place, paint=paint)
         parts.append(replace(part, twist=float(angle)))
     return parts
+
+
+def dish_rim(sides: int = 24) -> list[Part]:
+    """The flared rim of a plate of 258 mm: flat bars that rise outward to 24 mm."""
+    slope = np.arctan2(0.018, 0.049)
+    parts = []
+    for angle in 2 * np.pi * np.arange(sides) / sides:
+        place = (0.104 * np.cos(angle), 0.104 * np.sin(angle), 0.01)
+        part = box(0.053, 2 * 0.13 * np.tan(np.pi / sides), 0.005, at=place)
+        normal = (-np.sin(slope) * np.cos(angle), -np.sin(slope) * np.sin(angle), np.cos(slope))
+        parts.append(replace(part, zaxis=normal, twist=_twist_towards(normal, angle)))
+    return parts
+
+
+def _twist_towards(normal: tuple[float, float, float], angle: float) -> float:
+    """Turn about the normal that makes the part's x axis point radially."""
+    quaternion, matrix = np.zeros(4), np.zeros(9)
+    mujoco.mju_quatZ2Vec(quaternion, np.array(normal))
+    mujoco.mju_quat2Mat(matrix, quaternion)
+    axes = matrix.reshape(3, 3)
+    radial = np.array([np.cos(angle), np.sin(angle), 0.0])
+    return float(np.arctan2(radial @ axes[:, 1], radial @ axes[:, 0]))
