@@ -68,6 +68,8 @@ def run(arguments: argparse.Namespace) -> None:
 
 
 def _own_arguments(arguments: argparse.Namespace) -> dict[str, object]:
-    """What an experiment was told beside seeds and files."""
+    """What an experiment was told beside seeds and files to write."""
     common = ("command", "paper", "experiment", "experiment_home", "run", "seeds", "out", "json")
-    return {name: value for name, value in vars(arguments).items() if name not in common}
+    told = {name: value for name, value in vars(arguments).items() if name not in common}
+    told = {name: str(value) if isinstance(value, Path) else value for name, value in told.items()}
+    return {name: value for name, value in told.items() if isinstance(value, str | int | float | list | None)}
