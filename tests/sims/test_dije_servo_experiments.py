@@ -29,7 +29,7 @@ def test_rows_say_what_was_asked_and_what_came(vacuumed):
     rows = {row["name"]: row for row in content["rows"]}
     assert content["seeds"] == [21]
     told = content["arguments"]
-    assert (told["targets"], told["compliance"], told["device"]) == (1, True, "cpu")
+    assert (told["targets"], told["compliance"], told["device"]) == (["1"], True, "cpu")
     assert rows["seconds between commands"]["paper"] == rows["seconds between commands"]["ours"] == 0.7
     assert rows["gain of a command"]["paper"] == 0.034
     assert rows["vacuum-head: targets within 5 px"]["unit"] == "of 1"
