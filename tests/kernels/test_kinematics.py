@@ -229,7 +229,9 @@ def test_joints_from_noisy_pixels_are_the_least_squares():
     joints, costs, _ = solver_for(model).solve(pixels, starts, tolerance=1e-12)
     for image in range(len(truth)):
         seen = np.isfinite(pixels[image])
-        expected = least_squares(lambda q: (chain_pixels(model, q) - pixels[image])[seen], starts[image, 0])  # noqa: B023
+        expected = least_squares(
+            lambda q, seen=seen, image=image: (chain_pixels(model, q) - pixels[image])[seen], starts[image, 0]
+        )
         np.testing.assert_allclose(joints[image, 0], expected.x, atol=1e-5)
         assert costs[image, 0] == pytest.approx(2 * expected.cost, rel=1e-6)
 
@@ -266,7 +268,7 @@ def test_a_free_body_is_three_joints_that_slide_and_three_that_turn():
     pixels = np.array([pixels_at(k, q) for k, q in enumerate(truth)]) + rng.normal(0, 0.5, (4, CAMERAS, len(LINKS), 2))
     found, costs, _ = solver.solve(pixels, np.zeros((4, 1, 6)), tolerance=1e-12)
     for image in range(4):
-        expected = least_squares(lambda q: (pixels_at(image, q) - pixels[image]).ravel(), truth[image])  # noqa: B023
+        expected = least_squares(lambda q, image=image: (pixels_at(image, q) - pixels[image]).ravel(), truth[image])
         np.testing.assert_allclose(found[image, 0], expected.x, atol=1e-5)
         assert costs[image, 0] == pytest.approx(2 * expected.cost, rel=1e-6)
 
