@@ -116,3 +116,35 @@ def test_the_order_of_rooms_has_no_cycle():
         for room, below in table.items():
             assert below <= done, f"{room} stands before what it imports"
             done.add(room)
+
+
+# Inside the generative model, from the ground up; a part imports itself and those above it in this list.
+GENERATIVE_PARTS = [
+    "report",
+    "observations",
+    "rotations",
+    "parameters",
+    "prediction",
+    "least_squares",
+    "reconstruction",
+    "kinematics",
+    "inference",
+    "learning",
+    "model_file",
+    "model",
+]
+
+
+def test_the_parts_of_the_generative_model_import_downward_only():
+    home, wrong = "dense_vs.generative", []
+    for module, file in FILES:
+        part = module.removeprefix(f"{home}.").split(".")[0]
+        if not module.startswith(f"{home}."):
+            continue
+        below = GENERATIVE_PARTS[: GENERATIVE_PARTS.index(part) + 1]
+        for name in imports(file):
+            if name.startswith(f"{home}.") and name.split(".")[2] not in below:
+                wrong.append(f"{module} imports {name}")
+            if name == home:
+                wrong.append(f"{module} imports the face of its own room")
+    assert not wrong

@@ -9,7 +9,7 @@ joints (T, n) [rad], read exactly or with noise, or actions (T - 1, n) [rad], th
 with a Cartesian controller poses (T, 4, 4) or actions (T - 1, 4, 4);
 
 where known, intrinsics (c, 4): fx, fy, cx, cy [px], roughly right; intrinsics_sigma (2,): standard deviations of the
-focal lengths, as a share, and of the centres [px]; and feature_link (m,): the joint, counted from 1, behind which each
+focal lengths, as a share, and of the centers [px]; and feature_link (m,): the joint, counted from 1, behind which each
 feature stands.
 """
 

@@ -47,15 +47,15 @@ def ibvs_step(arm: ObservedArm, joints: np.ndarray, pixels: np.ndarray, target: 
     shared = np.isfinite(pixels[..., 0]) & np.isfinite(target[..., 0])
     if not shared.any():
         raise DenseVSError("no feature is seen both now and at the target; expected at least one")
-    jacobian = image_jacobian(arm, joints)[shared].reshape(-1, arm.chain.joints)
+    jacobian = image_jacobian(arm, joints)[shared].reshape(-1, arm.chain.joint_count)
     return gain * np.linalg.pinv(jacobian, rcond=1e-4) @ (target - pixels)[shared].ravel()
 
 
 def _of_camera(camera: PinholeCamera, points: np.ndarray, flange: np.ndarray, origin: np.ndarray) -> np.ndarray:
     rotation = camera.T_camera_world[:3, :3]
     depths = (points @ rotation.T + camera.T_camera_world[:3, 3])[:, 2]
-    # The flange's twist at the camera's centre, in camera axes; the camera's twist against the hand is its negative.
-    linear = flange[:3] + np.cross(flange[3:].T, camera.centre - origin).T
+    # The flange's twist at the camera's center, in camera axes; the camera's twist against the hand is its negative.
+    linear = flange[:3] + np.cross(flange[3:].T, camera.center - origin).T
     twist = np.concatenate([rotation @ linear, rotation @ flange[3:]])
     matrix = interaction_matrix(camera.project(points), depths, camera.intrinsics)
     return -(matrix @ twist).reshape(len(points), 2, -1)

@@ -23,7 +23,7 @@ class DHChain:
     home: np.ndarray  # joints [rad] at which the tool points down at a work place before the arm
 
     @property
-    def joints(self) -> int:
+    def joint_count(self) -> int:
         """n."""
         return len(self.d)
 
@@ -34,11 +34,11 @@ class DHChain:
             DenseVSError: another number of joints than the chain has.
         """
         joints = np.asarray(joints, dtype=np.float64)
-        if joints.shape[-1:] != (self.joints,):
-            raise DenseVSError(f"joints has shape {joints.shape}; expected (..., {self.joints}) for {self.name!r}")
+        if joints.shape[-1:] != (self.joint_count,):
+            raise DenseVSError(f"joints has shape {joints.shape}; expected (..., {self.joint_count}) for {self.name!r}")
         poses = np.empty((*joints.shape, 4, 4))
         pose = np.eye(4)
-        for i in range(self.joints):
+        for i in range(self.joint_count):
             pose = pose @ self._joint_transform(i, joints[..., i])
             poses[..., i, :, :] = pose
         return poses

@@ -24,10 +24,10 @@ _DRAWS = 2000
 _NORMAL_RAD = 0.3
 _UNIFORM_RAD = 1.0
 _ACTION_M, _ACTION_RAD = 0.06, 0.25  # standard deviations of a random Cartesian step
-_FOCAL_TOLERANCE, _CENTRE_TOLERANCE_PX = 0.01, 8.0  # uniform, either way; the first as a share
+_FOCAL_TOLERANCE, _CENTER_TOLERANCE_PX = 0.01, 8.0  # uniform, either way; the first as a share
 
 # Standard deviations of those tolerances, as :class:`Observations` takes them.
-INTRINSICS_SIGMA = (_FOCAL_TOLERANCE / np.sqrt(3.0), _CENTRE_TOLERANCE_PX / np.sqrt(3.0))
+INTRINSICS_SIGMA = (_FOCAL_TOLERANCE / np.sqrt(3.0), _CENTER_TOLERANCE_PX / np.sqrt(3.0))
 
 
 @dataclass(frozen=True)
@@ -180,7 +180,7 @@ def executed(controller: NoisyController, action: np.ndarray, pose: np.ndarray) 
 
 
 def random_pose_near(pose: np.ndarray, rng: np.random.Generator) -> np.ndarray:
-    """A pose (4, 4) some centimetres and a fraction of a radian away."""
+    """A pose (4, 4) some centimeters and a fraction of a radian away."""
     moved = pose.copy()
     moved[:3, 3] += _ACTION_M * rng.normal(size=3)
     moved[:3, :3] = Rotation.from_rotvec(_ACTION_RAD * rng.normal(size=3)).as_matrix() @ pose[:3, :3]
@@ -191,15 +191,15 @@ def guessed_intrinsics(arm: ObservedArm, rng: np.random.Generator) -> np.ndarray
     """(c, 4) as the cameras' maker gives them: focal lengths up to 1 %, principal points up to 8 px off."""
     true = np.array([camera.intrinsics for camera in arm.cameras])
     focal = true[:, :2] * rng.uniform(-_FOCAL_TOLERANCE, _FOCAL_TOLERANCE, (len(true), 2))
-    centre = rng.uniform(-_CENTRE_TOLERANCE_PX, _CENTRE_TOLERANCE_PX, (len(true), 2))
-    return true + np.hstack([focal, centre])
+    center = rng.uniform(-_CENTER_TOLERANCE_PX, _CENTER_TOLERANCE_PX, (len(true), 2))
+    return true + np.hstack([focal, center])
 
 
 def _posture(arm: ObservedArm, rng: np.random.Generator, law: str) -> np.ndarray:
     """Joints (n,) [rad], whatever is seen there."""
     if law not in POSTURES:
         raise DenseVSError(f"postures are {law!r}; expected one of {', '.join(repr(name) for name in POSTURES)}")
-    size = arm.chain.joints
+    size = arm.chain.joint_count
     draw = rng.normal(0, _NORMAL_RAD, size) if law == "normal" else rng.uniform(-_UNIFORM_RAD, _UNIFORM_RAD, size)
     return arm.chain.home + draw
 

@@ -12,13 +12,13 @@ from dataclasses import replace
 import numpy as np
 
 from dense_vs.errors import DenseVSError
-from dense_vs.generative.learning.state_noise import neighbour_covariance
+from dense_vs.generative.learning.state_noise import neighbor_covariance
 from dense_vs.generative.least_squares.levenberg_marquardt import Solution, minimize
 from dense_vs.generative.least_squares.outliers import list_outliers, mistaken, robust_sigma
-from dense_vs.generative.least_squares.parameters import ModelParameters, finite_rows, rotation_vector
 from dense_vs.generative.least_squares.pixel_problem import Free, PixelProblem, State
 from dense_vs.generative.least_squares.pose_priors import PoseActions, PoseReadings
 from dense_vs.generative.observations import Observations
+from dense_vs.generative.parameters import ModelParameters, finite_rows
 from dense_vs.generative.reconstruction.initialization import (
     Candidate,
     candidates,
@@ -27,6 +27,7 @@ from dense_vs.generative.reconstruction.initialization import (
 )
 from dense_vs.generative.reconstruction.stereo import Reconstruction
 from dense_vs.generative.report import FitReport, Stage
+from dense_vs.generative.rotations import rotation_vectors
 
 ROUNDS = 10
 FIRST_SIGMAS = (0.02, 0.02)  # rad, m
@@ -132,18 +133,18 @@ def fit_cartesian(
     poses = np.tile(np.eye(4), (len(obs), 1, 1))
     poses[:, :3, :3], poses[:, :3, 3] = final.rotation, final.translation
     problem.reweight(np.ones(used.shape))
-    modelled = obs.pixels + np.where(problem.seen[..., None], problem.residuals(final), np.nan)
-    report.outliers, report.swapped = list_outliers(obs.pixels, modelled, problem.seen & ~used, report.pixel_sigma)
+    modeled = obs.pixels + np.where(problem.seen[..., None], problem.residuals(final), np.nan)
+    report.outliers, report.swapped = list_outliers(obs.pixels, modeled, problem.seen & ~used, report.pixel_sigma)
     counts = used.sum(axis=(0, 1))
     report.unobservable = [
         f"feature {k} was seen in {counts[k]} usable images: its place is unknown"
         for k in range(len(counts))
         if not placed[k] or counts[k] < 2
     ]
-    learnt = final.parameters.copy()
-    learnt.features[~placed | (counts < 2)] = np.nan
+    learned = final.parameters.copy()
+    learned.features[~placed | (counts < 2)] = np.nan
     report.seconds = time.perf_counter() - started
-    return learnt, poses, report
+    return learned, poses, report
 
 
 def align_frames(
@@ -162,7 +163,7 @@ def align_frames(
     sound = found.posed[first] & found.posed[second]
     first, second, motions = first[sound], second[sound], motions[sound]
     relative = found.rotation[second] @ found.rotation[first].swapaxes(1, 2)
-    seen, done = rotation_vector(relative), rotation_vector(motions[:, :3, :3])
+    seen, done = rotation_vectors(relative), rotation_vectors(motions[:, :3, :3])
     spread = np.linalg.svd(done, compute_uv=False) if len(done) > 1 else np.zeros(3)
     if len(spread) < 2 or spread[1] < 0.02 * np.sqrt(len(done)):
         raise DenseVSError(
@@ -215,21 +216,21 @@ def _aligned(candidate: Candidate, obs: Observations, state: str) -> tuple[tuple
         translation = translation + rotation @ place
         rotation = rotation @ grip
         features = (features - place) @ grip
-        off = rotation_vector(rotation[posed] @ obs.poses[posed][:, :3, :3].swapaxes(1, 2))
+        off = rotation_vectors(rotation[posed] @ obs.poses[posed][:, :3, :3].swapaxes(1, 2))
         lost = ~posed
         rotation[lost], translation[lost] = obs.poses[lost][:, :3, :3], obs.poses[lost][:, :3, 3]
     else:
         relative = rotation[1:] @ rotation[:-1].swapaxes(1, 2)
-        off = rotation_vector(relative @ obs.actions[:, :3, :3].swapaxes(1, 2))
+        off = rotation_vectors(relative @ obs.actions[:, :3, :3].swapaxes(1, 2))
         _carry_on(found.posed, obs.actions, rotation, translation)
     turns = found.camera_rotation @ turn.T
     shifts = scale * found.camera_translation - turns @ shift
-    error, before = (np.median(np.linalg.norm(v, axis=1)) for v in (off, rotation_vector(motions[:, :3, :3])))
+    error, before = (np.median(np.linalg.norm(v, axis=1)) for v in (off, rotation_vectors(motions[:, :3, :3])))
     return (rotation, translation, features, turns, shifts), float(error), float(before)
 
 
 def _carry_on(posed: np.ndarray, actions: np.ndarray, rotation: np.ndarray, translation: np.ndarray) -> None:
-    """Poses of samples without one from a neighbour's and the action between, in place."""
+    """Poses of samples without one from a neighbor's and the action between, in place."""
     known = posed.copy()
     for _ in range(len(known)):
         fresh = np.flatnonzero(~known)
@@ -254,7 +255,7 @@ def _with_noise(
     pixel_sigma: float,
     given: tuple[float, float] | None,
 ) -> tuple[Solution, tuple[float, float]]:
-    """Least squares with the poses tied to readings or actions, their noise by expectation maximisation."""
+    """Least squares with the poses tied to readings or actions, their noise by expectation maximization."""
     make: Callable[[tuple[float, float]], PoseReadings | PoseActions]
     if kind == "actions":
         make = lambda information: PoseActions(obs.actions, information)  # noqa: E731
@@ -272,7 +273,7 @@ def _with_noise(
         equations = problem.linearize(state)
         assert equations.local is not None
         chained = np.zeros((len(obs) - 1, 6, 6)) if equations.chained is None else equations.chained
-        own, across = neighbour_covariance(equations.local, chained)
+        own, across = neighbor_covariance(equations.local, chained)
         mean_square = prior.deviations(state) ** 2 + pixel_sigma**2 * prior.spread(state, own, across)
         fresh = (
             max(float(np.sqrt(mean_square[:, :3].mean())), 1e-6),

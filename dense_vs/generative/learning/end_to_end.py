@@ -13,8 +13,8 @@ import numpy as np
 from dense_vs.generative.kinematics.axis_points import fit_axis_points
 from dense_vs.generative.kinematics.rotation_fit import fit_rotations_robustly, rotation_errors
 from dense_vs.generative.least_squares.levenberg_marquardt import Solution, minimize
-from dense_vs.generative.least_squares.parameters import ModelParameters
 from dense_vs.generative.least_squares.pixel_problem import Free, PixelProblem, State
+from dense_vs.generative.parameters import ModelParameters
 from dense_vs.generative.reconstruction.stereo import Reconstruction
 from dense_vs.generative.report import Stage
 
@@ -60,14 +60,14 @@ def fit_kinematics(
 
 
 def initial_parameters(
-    fit: KinematicFit, found: Reconstruction, centre: np.ndarray, intrinsics: np.ndarray
+    fit: KinematicFit, found: Reconstruction, home: np.ndarray, intrinsics: np.ndarray
 ) -> ModelParameters:
     """Model parameters put together from a reconstruction and a chain."""
     features = np.nan_to_num(found.structure) @ fit.home_rotation.T + fit.home_translation
     return ModelParameters(
         fit.axes,
         fit.points,
-        centre,
+        home,
         features,
         np.full(len(features), len(fit.axes)),
         found.camera_rotation,
@@ -92,7 +92,7 @@ def fit_pixels(
 
 
 def start_state(problem: PixelProblem, parameters: ModelParameters, joints: np.ndarray) -> State:
-    """A state whose features stand in front of their cameras: what would not is left out of the first linearisation."""
+    """A state whose features stand in front of their cameras: what would not is left out of the first linearization."""
     return State(parameters, joints)
 
 

@@ -20,9 +20,9 @@ from dense_vs.generative.learning.state_noise import fit_noisy_actions, fit_nois
 from dense_vs.generative.least_squares.levenberg_marquardt import Solution, minimize
 from dense_vs.generative.least_squares.observability import describe_unobservable
 from dense_vs.generative.least_squares.outliers import list_outliers, mistaken, robust_sigma
-from dense_vs.generative.least_squares.parameters import ModelParameters, finite_rows
 from dense_vs.generative.least_squares.pixel_problem import Free, PixelProblem, State
 from dense_vs.generative.observations import Observations
+from dense_vs.generative.parameters import ModelParameters, finite_rows
 from dense_vs.generative.reconstruction.initialization import (
     Candidate,
     candidates,
@@ -83,8 +83,8 @@ def fit_joint_model(obs: Observations, seed: int, options: FitOptions) -> Fit:
         )
     )
     clock = time.perf_counter()
-    centre = joints.mean(axis=0)
-    starts, stage = _assemble(found, joints, centre, rng)
+    home = joints.mean(axis=0)
+    starts, stage = _assemble(found, joints, home, rng)
     report.stages.append(replace(stage, seconds=time.perf_counter() - clock))
     clock = time.perf_counter()
     guess = guessed_intrinsics(obs)
@@ -93,7 +93,7 @@ def fit_joint_model(obs: Observations, seed: int, options: FitOptions) -> Fit:
     problem = _problem(obs, links, parameters, joints, options, guess, pixel_sigma)
     start = State(parameters, joints)
     if options.kinematics == "dh":
-        start = with_dh(start, from_lines(parameters.axes, parameters.points, parameters.centre))
+        start = with_dh(start, from_lines(parameters.axes, parameters.points, parameters.home))
     best = minimize(_in_coordinates(problem, options), start, 60)
     if options.state == "observed":
         best = _reject(problem, best, options)
@@ -167,16 +167,16 @@ def _bundle_sigma(candidate: Candidate) -> float:
 
 
 def _assemble(
-    found: list[Candidate], joints: np.ndarray, centre: np.ndarray, rng: np.random.Generator
+    found: list[Candidate], joints: np.ndarray, home: np.ndarray, rng: np.random.Generator
 ) -> tuple[list, Stage]:
     """Starts of the end-to-end stage, (parameters, weights, cameras, features), best kinematics first; their report."""
     starts = []
     for candidate in found:
         if candidate.found.posed.sum() < 3:
             continue
-        chains, stage = fit_kinematics(joints - centre, candidate.found, rng)
+        chains, stage = fit_kinematics(joints - home, candidate.found, rng)
         for chain in chains:
-            start = initial_parameters(chain, candidate.found, centre, candidate.intrinsics)
+            start = initial_parameters(chain, candidate.found, home, candidate.intrinsics)
             placed = candidate.found.placed_cameras
             features = np.isfinite(candidate.found.structure[:, 0])
             starts.append((chain.rms, start, candidate.weights, placed, features, stage))
@@ -319,10 +319,10 @@ def _finish(report: FitReport, obs: Observations, problem: PixelProblem, best: S
     report.converged = best.converged
     sigma = robust_sigma(np.where(used, errors, np.nan))
     report.pixel_sigma = sigma
-    from dense_vs.generative.inference.joint_inference import predict
+    from dense_vs.generative.prediction import predict
 
-    modelled = predict(best.state.parameters, best.state.joints)
-    report.outliers, report.swapped = list_outliers(obs.pixels, modelled, problem.seen & ~used, sigma)
+    modeled = predict(best.state.parameters, best.state.joints)
+    report.outliers, report.swapped = list_outliers(obs.pixels, modeled, problem.seen & ~used, sigma)
     report.unobservable = describe_unobservable(problem, best.state, options.state == "actions", report.still_joints)
 
 

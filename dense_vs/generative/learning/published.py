@@ -1,10 +1,10 @@
 """Learning as the paper published it: three stages of L-BFGS over DH parameters, for comparison with the default.
 
-Stage 1, eq. (3): poses, structure and cameras from the initialisation by triangulation, 200 iterations. Stage 2, eq.
+Stage 1, eq. (3): poses, structure and cameras from the initialization by triangulation, 200 iterations. Stage 2, eq.
 (5): DH parameters from a random start to the poses, sum of Frobenius distances, minibatches first, 200 iterations.
 Stage 3, eq. (7): everything from the pixels, minibatches first, 200 iterations. With noisy joints or actions a fourth
 stage frees the joints, eqs. (11), (15). Gradients are analytic where the paper differentiates automatically; the
-optimiser is SciPy's L-BFGS-B. The chain has no tool transform, as printed.
+optimizer is SciPy's L-BFGS-B. The chain has no tool transform, as printed.
 """
 
 import time
@@ -18,11 +18,12 @@ from dense_vs.errors import DenseVSError
 from dense_vs.generative.kinematics.denavit_hartenberg import DenavitHartenberg, to_lines
 from dense_vs.generative.learning.fitting import Fit, first_joints
 from dense_vs.generative.least_squares.outliers import robust_sigma
-from dense_vs.generative.least_squares.parameters import ModelParameters, finite_rows, turn
 from dense_vs.generative.observations import Observations
+from dense_vs.generative.parameters import ModelParameters, finite_rows
 from dense_vs.generative.reconstruction.initialization import guessed_intrinsics
 from dense_vs.generative.reconstruction.stereo import Reconstruction, reconstruct
 from dense_vs.generative.report import FitReport, Stage
+from dense_vs.generative.rotations import rotation_matrices
 from dense_vs.kernels.arm.kinematics import FeatureProjection
 
 ITERATIONS = 200
@@ -99,10 +100,10 @@ def _cameras_and_structure(
         intrinsics = guess.copy()
         intrinsics[:, :4] += inner.reshape(-1, 4)
         return (
-            turn(pose[:, :3]) @ found.rotation,
+            rotation_matrices(pose[:, :3]) @ found.rotation,
             found.translation + pose[:, 3:],
             structure + shape.reshape(-1, 3),
-            turn(camera[:, :3]) @ found.camera_rotation,
+            rotation_matrices(camera[:, :3]) @ found.camera_rotation,
             found.camera_translation + camera[:, 3:],
             intrinsics,
             pose[:, :3],
@@ -137,7 +138,7 @@ def _kinematics(joints: np.ndarray, poses: np.ndarray, rng: np.random.Generator)
     clock = time.perf_counter()
     count = joints.shape[1]
     start_base = np.eye(4)
-    start_base[:3, :3] = turn(rng.normal(size=3))
+    start_base[:3, :3] = rotation_matrices(rng.normal(size=3))
     start_base[:3, 3] = poses[:, :3, 3].mean(axis=0) + rng.normal(0, 0.3, 3)
     start_table = np.column_stack(
         [rng.uniform(-np.pi, np.pi, count), *rng.uniform(0, 0.3, (2, count)), rng.uniform(-np.pi, np.pi, count)]
@@ -145,7 +146,7 @@ def _kinematics(joints: np.ndarray, poses: np.ndarray, rng: np.random.Generator)
 
     def unpack(x: np.ndarray) -> DenavitHartenberg:
         base = start_base.copy()
-        base[:3, :3] = turn(x[:3]) @ start_base[:3, :3]
+        base[:3, :3] = rotation_matrices(x[:3]) @ start_base[:3, :3]
         base[:3, 3] += x[3:6]
         return DenavitHartenberg(base, start_table + x[6:].reshape(-1, 4))
 
@@ -192,7 +193,7 @@ def _everything(
         base, table, shape, camera, inner, angle = np.split(x * scales, np.cumsum(sizes)[:-1])
         camera = camera.reshape(-1, 6)
         placed = start.base.copy()
-        placed[:3, :3] = turn(base[:3]) @ start.base[:3, :3]
+        placed[:3, :3] = rotation_matrices(base[:3]) @ start.base[:3, :3]
         placed[:3, 3] += base[3:]
         intrinsics = start.intrinsics.copy()
         intrinsics[:, :4] += inner.reshape(-1, 4)
@@ -200,7 +201,7 @@ def _everything(
             placed,
             start.table + table.reshape(-1, 4),
             start.features + shape.reshape(-1, 3),
-            turn(camera[:, :3]) @ start.turns,
+            rotation_matrices(camera[:, :3]) @ start.turns,
             start.shifts + camera[:, 3:],
             intrinsics,
             start.joints + angle.reshape(-1, count) if free_joints else start.joints,
@@ -331,12 +332,12 @@ def _l_bfgs(
 def _as_lines(u: _Unknowns) -> ModelParameters:
     """The published parameters as lines and features in the home pose."""
     dh = DenavitHartenberg(u.base, u.table)
-    centre = u.joints.mean(axis=0)
-    hand = dh.frames(centre[None])[0, -1]
+    home = u.joints.mean(axis=0)
+    hand = dh.frames(home[None])[0, -1]
     features = u.features @ hand[:3, :3].T + hand[:3, 3]
-    axes, points = to_lines(dh, centre, np.nanmean(features, axis=0))
+    axes, points = to_lines(dh, home, np.nanmean(features, axis=0))
     links = np.full(len(features), len(axes))
-    return ModelParameters(axes, points, centre, features, links, u.turns, u.shifts, u.intrinsics)
+    return ModelParameters(axes, points, home, features, links, u.turns, u.shifts, u.intrinsics)
 
 
 def _pixel_errors(
@@ -345,7 +346,7 @@ def _pixel_errors(
     kernel.set(
         pixels=np.nan_to_num(obs.pixels),
         weights=obs.seen.astype(float),
-        joints=joints - parameters.centre,
+        joints=joints - parameters.home,
         axes=parameters.axes,
         points=parameters.points,
         features=np.nan_to_num(parameters.features),

@@ -1,7 +1,7 @@
 """Stage 4: states that are not exact, eqs. (10), (11) and (14), (15), with their noise estimated from the data.
 
 The paper picks lambda on a validation set. It is the ratio of two variances, so here both are estimated: that of the
-pixels from the bundle adjustment, which uses no joints, and that of the joints by expectation maximisation between
+pixels from the bundle adjustment, which uses no joints, and that of the joints by expectation maximization between
 solutions, sigma^2 = mean(deviation^2 + posterior variance).
 """
 
@@ -96,12 +96,12 @@ def _posterior_variance(problem: Any, state: State, pixel_sigma: float, chained:
         inverse = np.linalg.inv(equations.local)
         return pixel_sigma**2 * np.einsum("tii->ti", inverse)
     assert equations.chained is not None
-    own, across = neighbour_covariance(equations.local, equations.chained)
+    own, across = neighbor_covariance(equations.local, equations.chained)
     variance = np.einsum("tii->ti", own)
     return pixel_sigma**2 * (variance[1:] + variance[:-1] - 2 * np.einsum("tii->ti", across))
 
 
-def neighbour_covariance(local: np.ndarray, chained: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def neighbor_covariance(local: np.ndarray, chained: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Blocks of the inverse of a block-tridiagonal matrix: the diagonal, and those below it."""
     inverse = [np.linalg.inv(local[0])]
     for block, below in zip(local[1:], chained, strict=True):

@@ -46,7 +46,7 @@ class JointActions:
         return float((self.information * (np.diff(state.joints, axis=0) - self.actions) ** 2).sum())
 
     def add(self, state: State, equations: NormalEquations) -> None:
-        """Add to the samples' blocks and to those between neighbours."""
+        """Add to the samples' blocks and to those between neighbors."""
         assert equations.local is not None
         assert equations.local_gradient is not None
         steps = len(self.actions)

@@ -11,7 +11,8 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from dense_vs.generative.least_squares.parameters import ModelParameters, tangents, turn
+from dense_vs.generative.parameters import ModelParameters
+from dense_vs.generative.rotations import rotation_matrices, tangents
 from dense_vs.kernels.arm.kinematics import FeatureProjection
 
 
@@ -221,7 +222,7 @@ class PixelProblem:
             new.axes, new.points = old.axes.copy(), old.points.copy()
             chosen, step = part(columns.axes, 2)
             new.axes[chosen] = np.einsum(
-                "nij,nj->ni", turn(np.einsum("nk,nki->ni", step, across[chosen])), old.axes[chosen]
+                "nij,nj->ni", rotation_matrices(np.einsum("nk,nki->ni", step, across[chosen])), old.axes[chosen]
             )
             new.axes /= np.linalg.norm(new.axes, axis=1, keepdims=True)
             chosen, step = part(columns.points, 2)
@@ -233,7 +234,7 @@ class PixelProblem:
         chosen, step = part(columns.cameras, 6)
         if chosen.any():
             new.camera_rotation, new.camera_translation = old.camera_rotation.copy(), old.camera_translation.copy()
-            new.camera_rotation[chosen] = turn(step[:, :3]) @ old.camera_rotation[chosen]
+            new.camera_rotation[chosen] = rotation_matrices(step[:, :3]) @ old.camera_rotation[chosen]
             new.camera_translation[chosen] += step[:, 3:]
         chosen, step = part(columns.intrinsics, columns.intrinsics_count)
         if chosen.any():
@@ -241,7 +242,7 @@ class PixelProblem:
             new.intrinsics[chosen, : columns.intrinsics_count] += step
         if self.free.base:
             step = shared[self.base_column :]
-            new.base_rotation = turn(step[:3]) @ old.base_rotation
+            new.base_rotation = rotation_matrices(step[:3]) @ old.base_rotation
             new.base_translation = old.base_translation + step[3:]
         moved = replace(state, parameters=new)
         if local is not None and self.local == "joints":
@@ -249,7 +250,7 @@ class PixelProblem:
         elif local is not None:
             assert state.rotation is not None
             assert state.translation is not None
-            moved.rotation = turn(local[:, :3]) @ state.rotation
+            moved.rotation = rotation_matrices(local[:, :3]) @ state.rotation
             moved.translation = state.translation + local[:, 3:]
         return moved
 
@@ -260,7 +261,7 @@ class PixelProblem:
     def _load(self, state: State) -> None:
         p = state.parameters
         self.kernel.set(
-            joints=state.joints - p.centre,
+            joints=state.joints - p.home,
             axes=p.axes,
             points=p.points,
             tangents=tangents(p.axes),

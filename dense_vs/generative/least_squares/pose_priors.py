@@ -1,13 +1,13 @@
 """What noisy poses (8) and Cartesian actions (12) say about the hand's poses in the samples.
 
 The paper's D_pose is the Frobenius norm of the difference of two matrices; here the rotation vector between them and
-the difference of translations, each divided by its own noise, as metres and radians have no common unit.
+the difference of translations, each divided by its own noise, as meters and radians have no common unit.
 """
 
 import numpy as np
 
-from dense_vs.generative.least_squares.parameters import rotation_vector
 from dense_vs.generative.least_squares.pixel_problem import NormalEquations, State
+from dense_vs.generative.rotations import rotation_vectors
 
 
 class PoseReadings:
@@ -26,7 +26,7 @@ class PoseReadings:
         """Rotation vectors and shifts ``(T, 6)`` from the readings."""
         assert state.rotation is not None
         assert state.translation is not None
-        turned = rotation_vector(state.rotation @ self.poses[:, :3, :3].swapaxes(1, 2))
+        turned = rotation_vectors(state.rotation @ self.poses[:, :3, :3].swapaxes(1, 2))
         return np.hstack([turned, state.translation - self.poses[:, :3, 3]])
 
     def cost(self, state: State) -> float:
@@ -61,7 +61,7 @@ class PoseActions:
         """Rotation vectors and shifts ``(T - 1, 6)`` of the moves from the actions."""
         relative, carried = self._moves(state)
         assert state.translation is not None
-        turned = rotation_vector(relative @ self.actions[:, :3, :3].swapaxes(1, 2))
+        turned = rotation_vectors(relative @ self.actions[:, :3, :3].swapaxes(1, 2))
         return np.hstack([turned, state.translation[1:] - carried - self.actions[:, :3, 3]])
 
     def cost(self, state: State) -> float:
@@ -69,7 +69,7 @@ class PoseActions:
         return float((self.information * self.deviations(state) ** 2).sum())
 
     def add(self, state: State, equations: NormalEquations) -> None:
-        """Add to the samples' blocks and to those between neighbours."""
+        """Add to the samples' blocks and to those between neighbors."""
         assert equations.local is not None
         assert equations.local_gradient is not None
         before, after = self._derivatives(state)

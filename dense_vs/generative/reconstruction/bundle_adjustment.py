@@ -3,8 +3,8 @@
 import numpy as np
 
 from dense_vs.generative.least_squares.levenberg_marquardt import Solution, minimize
-from dense_vs.generative.least_squares.parameters import ModelParameters, finite_rows
 from dense_vs.generative.least_squares.pixel_problem import Free, PixelProblem, State
+from dense_vs.generative.parameters import ModelParameters, finite_rows
 from dense_vs.generative.reconstruction.pose_reversal import better_poses
 from dense_vs.generative.reconstruction.stereo import Reconstruction
 

@@ -11,7 +11,7 @@ import cv2
 import numpy as np
 from scipy.optimize import least_squares
 
-from dense_vs.generative.least_squares.parameters import turn
+from dense_vs.generative.rotations import rotation_matrices
 
 MINIMAL_SETS = 40  # of five matches each
 REFINED = 6
@@ -22,7 +22,7 @@ DISTINCT_RAD = 0.05
 def relative_poses(
     first: np.ndarray, second: np.ndarray, focal: float, rng: np.random.Generator
 ) -> Iterator[tuple[np.ndarray, np.ndarray]]:
-    """Poses of the second camera from matched normalised coordinates ``(k, 2)``.
+    """Poses of the second camera from matched normalized coordinates ``(k, 2)``.
 
     The first comes from all matches and costs little; those from many small sets follow, most plausible first, for
     whoever finds that it does not do.
@@ -88,7 +88,7 @@ def _refined(
 
     def pose(x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         moved = translation + x[3:] @ across
-        return turn(x[:3]) @ rotation, moved / np.linalg.norm(moved)
+        return rotation_matrices(x[:3]) @ rotation, moved / np.linalg.norm(moved)
 
     def residuals(x: np.ndarray) -> np.ndarray:
         return focal * _sampson(_essential(*pose(x)), first, second)
@@ -117,7 +117,7 @@ def _apart(pose: tuple[np.ndarray, np.ndarray], other: tuple[np.ndarray, np.ndar
 
 
 def _linear_essential(first: np.ndarray, second: np.ndarray) -> np.ndarray:
-    """Normalised eight-point estimate from all matches (Hartley 1997), singular values made 1, 1, 0."""
+    """Normalized eight-point estimate from all matches (Hartley 1997), singular values made 1, 1, 0."""
     (x, a), (y, b) = _conditioned(first), _conditioned(second)
     design = (y[:, :, None] * x[:, None, :]).reshape(-1, 9)
     matrix = np.linalg.svd(design, full_matrices=False)[2][-1].reshape(3, 3)

@@ -1,10 +1,10 @@
-"""Points from rays of several cameras, and rigid motions between point sets, for the paper's initialisation."""
+"""Points from rays of several cameras, and rigid motions between point sets, for the paper's initialization."""
 
 import numpy as np
 
 
 def rays(pixels: np.ndarray, intrinsics: np.ndarray) -> np.ndarray:
-    """Normalised image coordinates of pixels ``(T, c, m, 2)``, radial distortion undone."""
+    """Normalized image coordinates of pixels ``(T, c, m, 2)``, radial distortion undone."""
     k = intrinsics[:, None]
     distorted = (pixels - k[..., 2:4]) / k[..., :2]
     plain = distorted
@@ -22,7 +22,7 @@ def triangulate(
     weights: np.ndarray | None = None,
     max_condition: float = 1e10,
 ) -> np.ndarray:
-    """Points ``(..., 3)`` from normalised coordinates ``(..., v, 2)`` in v views, linear least squares.
+    """Points ``(..., 3)`` from normalized coordinates ``(..., v, 2)`` in v views, linear least squares.
 
     Args:
         normalized: NaN where not seen.

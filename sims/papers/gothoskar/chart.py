@@ -35,17 +35,17 @@ def draw_lines(
         table = np.where(np.isfinite(values), values, np.nan)
         drawn = np.isfinite(table).any(axis=0)
         shown, table = np.asarray(list(places), dtype=float)[drawn], table[:, drawn]
-        colour = f"C{number % 10}"
-        axes.plot(shown, np.nanmedian(table, axis=0), marker="o", ms=3, color=colour, label=label)
+        color = f"C{number % 10}"
+        axes.plot(shown, np.nanmedian(table, axis=0), marker="o", ms=3, color=color, label=label)
         if len(table) > 1:
             low, high = np.nanmin(table, axis=0), np.nanmax(table, axis=0)
-            axes.fill_between(shown, low, high, color=colour, alpha=0.15, lw=0)
+            axes.fill_between(shown, low, high, color=color, alpha=0.15, lw=0)
     for number, (label, (places, values)) in enumerate((paper or {}).items()):
         marker = "xs^d*+"[number % 6]
         axes.plot(places, values, color="black", marker=marker, ls="--", lw=0.8, ms=5, label=label)
     for label, height in (levels or {}).items():
-        axes.axhline(height, color="grey", ls=":", lw=1)
-        axes.annotate(label, (0.01, height), xycoords=("axes fraction", "data"), ha="left", va="top", color="grey")
+        axes.axhline(height, color="gray", ls=":", lw=1)
+        axes.annotate(label, (0.01, height), xycoords=("axes fraction", "data"), ha="left", va="top", color="gray")
     if logarithmic:
         axes.set_yscale("log")
     axes.set(title=title, xlabel=x_label, ylabel=y_label)

@@ -1,4 +1,4 @@
-"""Table 5 and Fig. 3: error on 100 held-out samples of models learnt from few samples.
+"""Table 5 and Fig. 3: error on 100 held-out samples of models learned from few samples.
 
 The smaller sets are beginnings of the larger ones. The learner knows how far off the maker's figures of the lenses may
 be unless --tolerances is unknown. Beside each error stands the Cramer-Rao bound: what a perfect fit to the same samples
@@ -41,7 +41,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--tolerances",
         default="known",
         choices=("known", "unknown"),
-        help="of the lenses' stated focal lengths (1 %%) and centres (8 px) (default: known)",
+        help="of the lenses' stated focal lengths (1 %%) and centers (8 px) (default: known)",
     )
     parser.add_argument("--kinematics", default="poe", choices=("poe", "dh"), help="form of the chain (default: poe)")
     add_protocol_arguments(parser)

@@ -1,6 +1,6 @@
 """Fig. 12: grasping a block anywhere on a table with an arm whose joint controller is inaccurate.
 
-The arm is learnt from 50 postures by encoders and rendered images, the block's structure from 5 postures with the
+The arm is learned from 50 postures by encoders and rendered images, the block's structure from 5 postures with the
 block in the gripper. Each try puts the block elsewhere. As in the paper: 4 motions to where the hand stands off the
 block by a stretch factor of 1.4, one each to 1.3, 1.2, 1.1 and 1.0, then the gripper closes and the arm lifts. A try
 succeeds when the block then hangs in the gripper, by the simulator's truth. Contact and friction are simulated.
@@ -32,7 +32,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def add_cell_arguments(parser: argparse.ArgumentParser) -> None:
-    """Which arm, how it was learnt and how it errs."""
+    """Which arm, how it was learned and how it errs."""
     parser.add_argument(
         "--arm", default="baxter", choices=("ur5", "baxter"), help="ur5 or baxter (default: baxter, as the paper)"
     )
@@ -89,7 +89,7 @@ def run(arguments: argparse.Namespace) -> list[Row]:
         rows.append(Row(f"{arguments.arm}: grasped of {arguments.tries}", None, float(successes), "", (seed,)))
     share = float(np.mean(lifted)) / arguments.tries
     rows.append(Row(f"{arguments.arm}: share grasped", None, share, "", tuple(arguments.seeds)))
-    rows.append(Row("error of the learnt arm, worst", None, float(np.max(fit)), "px", tuple(arguments.seeds)))
+    rows.append(Row("error of the learned arm, worst", None, float(np.max(fit)), "px", tuple(arguments.seeds)))
     return rows
 
 

@@ -1,9 +1,9 @@
 """Fig. 13: inserting a held peg of 24 mm into a hole of 25 mm with an arm whose joint controller is inaccurate.
 
-The arm is learnt as for grasping. Part and fixture are learnt from 5 postures each with the fixture held onto the peg;
-the target is marked by two markers beside the hole. In each try the part lies otherwise in the gripper (up to 3 mm and
-3 degrees), is learnt anew from 5 postures, and the fixture stands elsewhere. Nothing is chamfered. A try succeeds when
-at least 35 of the peg's 40 mm are in the hole, by the simulator's truth. The arm's errors are those of ``grasp``.
+The arm is learned as for grasping. Part and fixture are learned from 5 postures each with the fixture held onto the
+peg; the target is marked by two markers beside the hole. In each try the part lies otherwise in the gripper (up to 3 mm
+and 3 degrees), is relearned from 5 postures, and the fixture stands elsewhere. Nothing is chamfered. A try succeeds
+when at least 35 of the peg's 40 mm are in the hole, by the simulator's truth. The arm's errors are those of ``grasp``.
 
 The hand comes down along the part's sides, which its markers show, as the stretch factor falls. Before the peg enters,
 motions are repeated while the hand's corners are seen off their place; inside, two to four motions a factor.

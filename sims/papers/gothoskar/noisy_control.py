@@ -73,7 +73,7 @@ def run(arguments: argparse.Namespace) -> list[Row]:
                 draw_lines(
                     arguments.out / f"{controller}_{law}.png",
                     {f"noise {name}": (moves, np.median(table, axis=0)[None]) for name, table in curves.items()},
-                    title=f"{controller} controller, noise {law}, learnt from actions ({CONTROLLERS[controller]})",
+                    title=f"{controller} controller, noise {law}, learned from actions ({CONTROLLERS[controller]})",
                     x_label="servo moves",
                     y_label="true pixel error, median [px]",
                 )
@@ -87,7 +87,7 @@ class _Servo:
     errors: np.ndarray  # (targets, moves + 1)
     floor: float  # that a perfect move leaves
     model: float = np.nan
-    unmodelled: float = np.nan
+    unmodeled: float = np.nan
     perfect: float = np.nan
 
 
@@ -112,26 +112,26 @@ def _servo(trial: Trial, controller: str, law: str, sigma: float, arguments: arg
         tasks = cartesian_tasks(arm, arguments.targets, rng)
         errors = servo_model_cartesian(model, arm, tasks, arguments.moves, rng, noisy)
         return _Servo(errors, _floor(trial, noisy, controller, rng))
-    learnt_from = act(arm, arguments.samples, noisy, rng, trial.postures)
-    model = GenerativeModel.fit(learnt_from.observations, state="actions", seed=trial.seed)
+    learned_from = act(arm, arguments.samples, noisy, rng, trial.postures)
+    model = GenerativeModel.fit(learned_from.observations, state="actions", seed=trial.seed)
     tasks = joint_tasks(arm, arguments.targets, rng, trial.postures)
     errors = servo_model(model, arm, tasks, arguments.moves, rng, noisy, None)
     held_out = trial.evidence(TEST_SAMPLES, 1)
-    done = _Servo(errors, _floor(trial, noisy, controller, rng), _aligned_error(model, learnt_from, held_out))
-    added = np.cumsum(learnt_from.observations.actions, axis=0)
-    believed = replace(learnt_from.observations, joints=np.concatenate([np.zeros((1, added.shape[1])), added]))
-    done.unmodelled = _aligned_error(GenerativeModel.fit(believed, seed=trial.seed), learnt_from, held_out)
+    done = _Servo(errors, _floor(trial, noisy, controller, rng), _aligned_error(model, learned_from, held_out))
+    added = np.cumsum(learned_from.observations.actions, axis=0)
+    believed = replace(learned_from.observations, joints=np.concatenate([np.zeros((1, added.shape[1])), added]))
+    done.unmodeled = _aligned_error(GenerativeModel.fit(believed, seed=trial.seed), learned_from, held_out)
     if law == "independent" and sigma > 0:
-        perfect = cramer_rao(learnt_from, held_out, trial.rng(4), state="actions", sigma=sigma)
+        perfect = cramer_rao(learned_from, held_out, trial.rng(4), state="actions", sigma=sigma)
         done.perfect = float(np.mean(perfect.exact))
     return done
 
 
-def _aligned_error(model: "GenerativeModel", learnt_from: "Evidence", held_out: "Evidence") -> float:
+def _aligned_error(model: "GenerativeModel", learned_from: "Evidence", held_out: "Evidence") -> float:
     """Error [px] on exact postures and pixels, the mean offset of each joint from the true one taken out."""
-    assert learnt_from.truth.joints is not None
+    assert learned_from.truth.joints is not None
     assert held_out.truth.joints is not None
-    offset = np.mean(learnt_from.truth.joints - model.postures, axis=0)
+    offset = np.mean(learned_from.truth.joints - model.postures, axis=0)
     return pixel_error(model.pixels(held_out.truth.joints - offset), held_out.truth.pixels)
 
 
@@ -166,7 +166,7 @@ def _rows(controller: str, law: str, sigma: float, done: list[_Servo], seeds: tu
     if controller == "joint":
         for name, values in (
             ("", [servo.model for servo in done]),
-            (" that takes actions for exact", [servo.unmodelled for servo in done]),
+            (" that takes actions for exact", [servo.unmodeled for servo in done]),
             (", bound (Cramer-Rao)", [servo.perfect for servo in done]),
         ):
             if np.isfinite(values).all():

@@ -1,4 +1,4 @@
-"""Table 8: joint readings with noise of 0.01 to 0.03 rad, learnt with and without a model of that noise.
+"""Table 8: joint readings with noise of 0.01 to 0.03 rad, learned with and without a model of that noise.
 
 Noise law: every reading is off by N(0, sigma) in every joint, independently. Training on noisy readings; test postures
 are exact, as in the paper. Lambda is the variance of the pixels over that of the joints, both estimated by the fit.
@@ -40,7 +40,7 @@ PAPER = {
     (0.03, "noisy"): (4.434, 0.635),
 }
 READINGS = {"joint": "rad", "cartesian": "m and rad"}  # what is read of the state, in which unit
-NAMES = {"observed": "noise not modelled", "noisy": "noise modelled"}
+NAMES = {"observed": "noise not modeled", "noisy": "noise modeled"}
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -97,7 +97,7 @@ def run(arguments: argparse.Namespace) -> list[Row]:
 
 
 def _error(trial: Trial, controller: str, state: str, sigma: float, samples: int, held_out: "Evidence") -> float:
-    """Error [px] on exact postures of a model learnt from noisy readings."""
+    """Error [px] on exact postures of a model learned from noisy readings."""
     from dense_vs.generative import GenerativeModel
 
     noise = {"joint_noise": sigma} if controller == "joint" else {"pose_noise": sigma}

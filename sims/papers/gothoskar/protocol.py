@@ -85,7 +85,7 @@ def pixel_error(generated: np.ndarray, observed: np.ndarray) -> float:
 
 
 def held_out_error(model: "GenerativeModel", observations: "Observations") -> float:
-    """Error [px] of a model on samples that it was not learnt from."""
+    """Error [px] of a model on samples that it was not learned from."""
     return pixel_error(model.pixels(observations.joints), observations.pixels)
 
 

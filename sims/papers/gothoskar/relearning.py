@@ -1,10 +1,11 @@
-"""Fig. 4 to 7: a part of a learnt model learnt anew from few samples, the rest kept.
+"""Fig. 4 to 7: a part of a learned model learned anew from few samples, the rest kept.
 
 Fig. 4: one of two cameras was moved elsewhere, or a third was added. Fig. 5: the hand carries other features. Fig. 6:
-the base was moved by centimetres and degrees. Fig. 7: the kinematics are learnt again. The error is that on 100 samples
-of the new setup that were not learnt from; of a new structure, over the features that the samples showed. The paper's
-figures are drawn only, so no numbers stand beside. A sample counts for a camera if that camera sees 4 features in it;
-beside its errors stands the Cramer-Rao bound, what a perfect fit of its pose to the same samples would have.
+the base was moved by centimeters and degrees. Fig. 7: the kinematics are learned again. The error is that on 100
+samples of the new setup that were not learned from; of a new structure, over the features that the samples showed.
+The paper only draws its figures, so it gives no numbers to compare with. A sample counts for a camera if that camera
+sees 4 features in it; beside its errors stands the Cramer-Rao bound, what a perfect fit of its pose to the same samples
+would have.
 """
 
 import argparse
@@ -75,7 +76,7 @@ def run(arguments: argparse.Namespace) -> list[Row]:
             model = GenerativeModel.fit(observations, seed=trial.seed)
             for p, part in enumerate(PARTS):
                 seen, held_out = new_setup(trial, part, observations.intrinsics[:, :4], max(counts))
-                errors[p, r] = relearnt_errors(model, part, seen.observations, held_out.observations, counts)
+                errors[p, r] = relearned_errors(model, part, seen.observations, held_out.observations, counts)
                 for samples in counts if part in CAMERAS else ():
                     bound = cramer_rao(seen.first(samples), held_out, trial.rng(4), camera=CAMERAS[part]).noisy
                     perfect.setdefault((part, samples), []).append(bound)
@@ -96,7 +97,7 @@ def run(arguments: argparse.Namespace) -> list[Row]:
     draw_lines(
         arguments.out / "relearning.png",
         {part: (counts, errors[p]) for p, part in enumerate(PARTS)},
-        title=f"Parts learnt anew (Fig. 4-7), median and range over {len(runs)} models",
+        title=f"Parts learned anew (Fig. 4-7), median and range over {len(runs)} models",
         x_label="samples of the new setup",
         y_label="error on other samples of it [px]",
         levels={"noise of the pixels": 0.627},
@@ -123,7 +124,7 @@ def new_setup(trial: Trial, part: str, intrinsics: np.ndarray, samples: int) -> 
     return seen, observe(arm, draw_joints(arm, TEST_SAMPLES, rng, trial.postures), rng, intrinsics=intrinsics)
 
 
-def relearnt_errors(
+def relearned_errors(
     model: "GenerativeModel", part: str, seen: "Observations", held_out: "Observations", counts: list[int]
 ) -> list[float]:
     """Error [px] after relearning from each number of samples; infinite where the samples were refused."""

@@ -1,4 +1,4 @@
-"""Fig. 8 and 9: pixel error against servo moves, the learnt model against classical IBVS with the true Jacobian.
+"""Fig. 8 and 9: pixel error against servo moves, the learned model against classical IBVS with the true Jacobian.
 
 Classical IBVS is given the true kinematics, cameras and depths, and is shown at every gain asked for, as its speed is a
 matter of gain. The model is given 50 samples. In Fig. 9 joint readings and actions have noise of --sigma, under both

@@ -37,7 +37,7 @@ PAPER = {
     "both cameras: reprojection": (1.1441, 0.1450),
     "one camera: reprojection": (1.6608, 0.2262),
 }
-PAPER_LEARNT = (1.231, 0.705)  # real robot, initialised by structure from motion
+PAPER_LEARNED = (1.231, 0.705)  # real robot, initialized by structure from motion
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -60,17 +60,17 @@ def run(arguments: argparse.Namespace) -> list[Row]:
 
     runs = trials(arguments)
     found: dict[str, dict[str, list[np.ndarray]]] = {arm: {} for arm in arguments.arm}
-    learnt: dict[int, list[float]] = {samples: [] for samples in arguments.learn_from}
-    with progress("models", len(runs) * (1 + len(learnt)), "model") as bar:
+    learned: dict[int, list[float]] = {samples: [] for samples in arguments.learn_from}
+    with progress("models", len(runs) * (1 + len(learned)), "model") as bar:
         for trial in runs:
-            seen = trial.evidence(max([arguments.samples, *learnt])).observations
+            seen = trial.evidence(max([arguments.samples, *learned])).observations
             model = GenerativeModel.fit(seen[: arguments.samples], seed=trial.seed)
             held_out = trial.evidence(TEST_SAMPLES, 1)
             errors_by_name = _inferred(model, held_out) | _perfect(trial, held_out)
             for name, values in errors_by_name.items():
                 found[trial.arm].setdefault(name, []).append(values)
             bar.update()
-            for samples, errors in learnt.items():
+            for samples, errors in learned.items():
                 few = seen[:samples]
                 one = replace(
                     few, pixels=few.pixels[:, :1], image_sizes=few.image_sizes[:1], intrinsics=few.intrinsics[:1]
@@ -92,9 +92,9 @@ def run(arguments: argparse.Namespace) -> list[Row]:
         bars[f"{arm}, perfect, mean"] = [
             float(np.mean(np.concatenate(figures.get(f"{name}, perfect", [np.array([np.nan])])))) for name in PAPER
         ]
-    for samples, errors in learnt.items():
-        paper = PAPER_LEARNT if samples == 50 else (None, None)
-        rows += spread_rows(f"learnt from one camera, {samples} samples", paper, errors, "px", arguments.seeds)
+    for samples, errors in learned.items():
+        paper = PAPER_LEARNED if samples == 50 else (None, None)
+        rows += spread_rows(f"learned from one camera, {samples} samples", paper, errors, "px", arguments.seeds)
     title = f"Inference from both images or one (Table 6), {TEST_SAMPLES} images a model"
     draw_bars(arguments.out / "single_camera.png", list(PAPER), bars, title=title, y_label="rad or px")
     return rows

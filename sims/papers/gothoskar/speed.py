@@ -61,10 +61,9 @@ def run(arguments: argparse.Namespace) -> list[Row]:
 
 def _queries(seed: int) -> dict[str, Callable[[], object]]:
     from dense_vs.generative import GenerativeModel
-    from dense_vs.generative.inference.joint_inference import project_points
     from dense_vs.generative.learning.end_to_end import all_shared
-    from dense_vs.generative.least_squares.parameters import link_poses
     from dense_vs.generative.least_squares.pixel_problem import PixelProblem, State
+    from dense_vs.generative.prediction import link_poses, project_points
 
     trial = Trial("ur5", seed, 2, "normal")
     observations = trial.evidence(50).observations

@@ -98,7 +98,7 @@ def _from_random(trial: Trial, observations: "Observations", *, reconstructed: b
     Starts are drawn until every feature is before the cameras; no loss is finite elsewhere.
 
     Args:
-        reconstructed: whether cameras and structure are learnt first; random too if not.
+        reconstructed: whether cameras and structure are learned first; random too if not.
     """
     from dense_vs.generative.learning.end_to_end import all_shared, fit_pixels
     from dense_vs.generative.least_squares.pixel_problem import PixelProblem
@@ -124,24 +124,24 @@ def _random_start(
     found: Any, joints: np.ndarray, intrinsics: np.ndarray, rng: np.random.Generator, reconstructed: bool
 ) -> Any:
     from dense_vs.generative.learning.end_to_end import KinematicFit, initial_parameters
-    from dense_vs.generative.least_squares.parameters import turn
+    from dense_vs.generative.rotations import rotation_matrices
 
     count = joints.shape[1]
     axes = rng.normal(size=(count, 3))
     axes /= np.linalg.norm(axes, axis=1, keepdims=True)
     # The unit is the reconstruction's; with nothing reconstructed any will do, so the arm is put 2 before camera 0.
-    centre = np.nanmean(found.translation, axis=0) if reconstructed else np.array([0.0, 0.0, 2.0])
-    points = centre + rng.normal(0.0, 0.3, (count, 3))
+    center = np.nanmean(found.translation, axis=0) if reconstructed else np.array([0.0, 0.0, 2.0])
+    points = center + rng.normal(0.0, 0.3, (count, 3))
     start = initial_parameters(
-        KinematicFit(axes, points, np.eye(3), centre, np.nan), found, joints.mean(axis=0), intrinsics
+        KinematicFit(axes, points, np.eye(3), center, np.nan), found, joints.mean(axis=0), intrinsics
     )
     if not reconstructed:
-        start.features = centre + rng.normal(0.0, 0.05, start.features.shape)
+        start.features = center + rng.normal(0.0, 0.05, start.features.shape)
         others = range(1, len(start.intrinsics))
         start.camera_rotation = start.camera_rotation.copy()
         start.camera_translation = start.camera_translation.copy()
         for camera in others:  # a camera somewhere that has the hand before it
-            start.camera_rotation[camera] = turn(rng.normal(0.0, 0.6, 3))
-            ahead = np.array([0.0, 0.0, np.linalg.norm(centre)]) + rng.normal(0.0, 0.1, 3)
-            start.camera_translation[camera] = ahead - start.camera_rotation[camera] @ centre
+            start.camera_rotation[camera] = rotation_matrices(rng.normal(0.0, 0.6, 3))
+            ahead = np.array([0.0, 0.0, np.linalg.norm(center)]) + rng.normal(0.0, 0.1, 3)
+            start.camera_translation[camera] = ahead - start.camera_rotation[camera] @ center
     return start

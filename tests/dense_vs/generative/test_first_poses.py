@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from dense_vs.generative.least_squares.parameters import ModelParameters
 from dense_vs.generative.least_squares.pixel_problem import Free, PixelProblem, State
+from dense_vs.generative.parameters import ModelParameters
 from dense_vs.generative.reconstruction.pose_reversal import better_poses, reversed_state, settle_poses
 from dense_vs.generative.reconstruction.relative_pose import relative_poses
 
@@ -13,7 +13,7 @@ FOCAL = 620.0
 
 
 def two_views(rng, matches, noise_px, mistaken):
-    """Normalised coordinates of a small cloud before two cameras, and the second one's pose in the first's axes."""
+    """Normalized coordinates of a small cloud before two cameras, and the second one's pose in the first's axes."""
     rotation = Rotation.from_rotvec([0.1, 1.2, -0.2]).as_matrix()
     points = rng.normal([0, 0, 2.0], 0.25, (matches, 3))
     shift = -rotation @ [0, 0, 2.0] + [0.1, -0.1, 2.2]

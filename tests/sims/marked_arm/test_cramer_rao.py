@@ -3,7 +3,7 @@ import pytest
 
 from dense_vs.errors import DenseVSError
 from dense_vs.generative import GenerativeModel
-from dense_vs.generative.inference.joint_inference import predict
+from dense_vs.generative.prediction import predict
 from dense_vs.generative.report import FitReport
 from dense_vs.sims.marked_arm.cramer_rao import cramer_rao, perfect_inference, true_parameters
 from dense_vs.sims.marked_arm.evidence import act_cartesian
@@ -55,7 +55,7 @@ def test_inference_with_the_true_model_is_perfect():
     model = GenerativeModel(true_parameters(truth.arm, truth.joints.mean(axis=0)), truth.joints, FitReport())
     found = model.infer_joints(test.observations.pixels, near=truth.joints)
     off = np.linalg.norm(found - truth.joints, axis=1)
-    # Linearised or not makes some percent where an image tells a joint to a tenth of a radian.
+    # Linearized or not makes some percent where an image tells a joint to a tenth of a radian.
     assert np.median(off) == pytest.approx(np.median(joints), rel=0.1)
     distance = np.linalg.norm(model.pixels(found) - test.observations.pixels, axis=-1)
     assert np.nanmean(distance) == pytest.approx(np.mean(pixels), rel=0.05)

@@ -34,10 +34,10 @@ def test_few_samples(tmp_path):
 def test_noisy_states_and_actions_stand_beside_their_bounds(tmp_path):
     common = ["--arm", "ur5", "--sigma", "0.01", "--seed", "1"]
     rows = reproduce(tmp_path, "noisy-states", *common)
-    name = "test error, 0.01 rad, noise modelled"
+    name = "test error, 0.01 rad, noise modeled"
     assert rows[f"{name}: mean"]["ours"] < 1.4 * rows[f"{name}: bound (Cramer-Rao), mean"]["ours"]
     assert rows["what readings 0.01 rad off are in pixels, mean"]["ours"] > 2.0
-    assert rows["test error, 0.01 m and rad, noise modelled: mean"]["ours"] < 1.6
+    assert rows["test error, 0.01 m and rad, noise modeled: mean"]["ours"] < 1.6
     rows = reproduce(tmp_path, "noisy-control", "--controller", "joint", "--targets", "5", "--moves", "2", *common)
     name = "joint, independent noise 0.01: error of the model"
     bound = rows[f"{name}, bound (Cramer-Rao), mean"]["ours"]
@@ -66,10 +66,10 @@ def test_relearning_a_moved_camera_from_three_samples(learned, trial):
     intrinsics = learned.parameters.intrinsics[:, :4]
     seen, held_out = (e.observations for e in relearning.new_setup(trial, "moved camera", intrinsics, 10))
     assert seen.seen[:, 1].sum(axis=1).min() >= 4
-    few, many = relearning.relearnt_errors(learned, "moved camera", seen, held_out, [3, 10])
+    few, many = relearning.relearned_errors(learned, "moved camera", seen, held_out, [3, 10])
     assert few < 2.0
     assert many < 0.8
-    assert relearning.relearnt_errors(learned, "kinematics", seen, held_out, [2]) == [np.inf]
+    assert relearning.relearned_errors(learned, "kinematics", seen, held_out, [2]) == [np.inf]
 
 
 def test_error_counts_only_what_was_seen_and_punishes_what_the_model_lacks():
