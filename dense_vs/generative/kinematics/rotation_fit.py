@@ -8,6 +8,7 @@ reach the same minimum. Some starts come from regressing the rotation vectors on
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from dense_vs.generative.rotations import rotation_matrices, rotation_vectors, tangents
 from dense_vs.kernels.arm.rotation_chain import RotationChain
@@ -145,7 +146,7 @@ def _starts(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Trial axes (starts, n, 3) and home rotations: a third from regression of rotation vectors, the others random."""
     count = joints.shape[1]
-    mean = _mean_rotation(rotations)
+    mean = Rotation.from_matrix(rotations).mean().as_matrix()
     vectors = rotation_vectors(rotations @ mean.T)
     design = np.hstack([joints, np.ones((len(joints), 1))])
     regressed = np.linalg.lstsq(design, vectors, rcond=1e-6)[0][:count]
@@ -156,8 +157,3 @@ def _starts(
         axes[trial] = regressed + rng.normal(0, 0.25 * trial, (count, 3))
     axes /= np.linalg.norm(axes, axis=2, keepdims=True)
     return axes, np.repeat(mean[None], starts, axis=0)
-
-
-def _mean_rotation(rotations: np.ndarray) -> np.ndarray:
-    left, _, right = np.linalg.svd(rotations.sum(axis=0))
-    return left @ np.diag([1, 1, np.linalg.det(left @ right)]) @ right

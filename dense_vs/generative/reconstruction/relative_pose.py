@@ -39,7 +39,7 @@ def relative_poses(
     def implausible(essential: np.ndarray) -> float:
         return float(np.median(np.abs(_sampson(essential, first, second))))
 
-    usual = [_linear_essential(first, second), *_magsac_essentials(first, second, focal)]
+    usual = [*_linear_essential(first, second), *_magsac_essentials(first, second, focal)]
     known = _refined_poses([min(usual, key=implausible)], first, second, focal)
     yield known[0]
     others = sorted([*usual, *_minimal_essentials(first, second, rng)], key=implausible)[:REFINED]
@@ -116,20 +116,14 @@ def _apart(pose: tuple[np.ndarray, np.ndarray], other: tuple[np.ndarray, np.ndar
     return float(max(angle, np.arccos(np.clip(pose[1] @ other[1], -1, 1))))
 
 
-def _linear_essential(first: np.ndarray, second: np.ndarray) -> np.ndarray:
+def _linear_essential(first: np.ndarray, second: np.ndarray) -> list[np.ndarray]:
     """Normalized eight-point estimate from all matches (Hartley 1997), singular values made 1, 1, 0."""
-    (x, a), (y, b) = _conditioned(first), _conditioned(second)
-    design = (y[:, :, None] * x[:, None, :]).reshape(-1, 9)
-    matrix = np.linalg.svd(design, full_matrices=False)[2][-1].reshape(3, 3)
-    left, _, right = np.linalg.svd(b.T @ matrix @ a)
-    return left @ np.diag([1.0, 1.0, 0.0]) @ right
-
-
-def _conditioned(points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    middle = points.mean(axis=0)
-    scale = np.sqrt(2) / max(float(np.linalg.norm(points - middle, axis=1).mean()), 1e-12)
-    transform = np.array([[scale, 0, -scale * middle[0]], [0, scale, -scale * middle[1]], [0, 0, 1]])
-    return np.column_stack([(points - middle) * scale, np.ones(len(points))]), transform
+    found, _ = cv2.findFundamentalMat(first, second, cv2.FM_8POINT)
+    essentials = []
+    for matrix in _split(found):
+        left, _, right = np.linalg.svd(matrix)
+        essentials.append(left @ np.diag([1.0, 1.0, 0.0]) @ right)
+    return essentials
 
 
 def _sampson(essential: np.ndarray, first: np.ndarray, second: np.ndarray) -> np.ndarray:
