@@ -1,8 +1,9 @@
 """The generative model's three stages in plain PyTorch: autograd and torch.optim.LBFGS, as the paper says it was done.
 
-Losses (2), (4) and (6), DH parameters with a base and no tool transform, poses of the samples free in the first stage,
-minibatches before the whole data in the second and third, all as published. Vectorized over samples, cameras and
-features, float64, strong Wolfe line search. The start is the same triangulated reconstruction that ours begins with.
+Losses Gothoskar (2), Gothoskar (4) and Gothoskar (6), DH parameters with a base and no tool transform, poses of the
+samples free in the first stage, minibatches before the whole data in the second and third, all as published. Vectorized
+over samples, cameras and features, float64, strong Wolfe line search. The start is the same triangulated reconstruction
+that ours begins with.
 
 The paper gives each stage 200 iterations. Whoever counts quasi-Newton steps reads that as :data:`STEPS`, whoever counts
 calls of ``optimizer.step``, which in PyTorch are up to 20 of them, as :data:`CALLS`; both stop early at PyTorch's

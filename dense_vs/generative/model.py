@@ -83,8 +83,8 @@ class GenerativeModel:
             obs: what was seen, and what is known of the arm's state.
             kinematics: ``"poe"``, lines in the home pose, or ``"dh"``, the paper's parameters with a free tool
                 transform, which converge slowly where axes are parallel.
-            state: ``"observed"``: joints (or poses) are exact, eqs. (2) to (7); ``"noisy"``: they are not, (8) to
-                (11); ``"actions"``: only the actions are known, (12) to (15).
+            state: ``"observed"``: joints (or poses) are exact, Gothoskar (2) to (7); ``"noisy"``: they are not,
+                Gothoskar (8) to (11); ``"actions"``: only the actions are known, Gothoskar (12) to (15).
             controller: what joints, poses and actions belong to.
             seed: of the starts of the kinematic stage.
             method: ``"lm"``, beyond the paper, or ``"paper"``: L-BFGS in the three stages as published, which needs

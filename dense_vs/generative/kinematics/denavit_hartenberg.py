@@ -1,4 +1,4 @@
-"""Denavit-Hartenberg parameters: to and from lines, and their derivatives, eq. (1)'s chain with a free tool transform.
+"""Denavit-Hartenberg parameters: to and from lines, and their derivatives.
 
 The paper's chain ends after n transforms and so cannot reach an arbitrary tool frame; here features are given in the
 home pose, which stands for a free tool transform: the last row of the table only names its frame. Where two axes are
@@ -100,7 +100,9 @@ class DHState(State):
 
 
 class DHProblem:
-    """A :class:`PixelProblem` whose kinematic unknowns are the base's pose (6) and the first n - 1 rows of the table.
+    """A :class:`PixelProblem` whose kinematic unknowns are the base's pose and the first n - 1 rows of the table.
+
+    These are 6 and 4 (n - 1) unknowns, in that order.
 
     By the chain rule: a parameter of row j turns or shifts all later axes together.
     """

@@ -1,8 +1,9 @@
 """Stage 2, first half: axis directions from the hand's rotations alone, from several starts at once.
 
-Beyond the paper, which fits all DH parameters to the poses from one random start (4), (5): the rotations hold only
-2 n + 3 of the unknowns, directions of the axes and the hand's home rotation, and from random directions most starts
-reach the same minimum. Some starts come from regressing the rotation vectors on the joints, right for small motion.
+Beyond the paper, which fits all DH parameters to the poses from one random start, Gothoskar (4), Gothoskar (5): the
+rotations hold only 2 n + 3 of the unknowns, directions of the axes and the hand's home rotation, and from random
+directions most starts reach the same minimum. Some starts come from regressing the rotation vectors on the joints,
+right for small motion.
 """
 
 from dataclasses import dataclass

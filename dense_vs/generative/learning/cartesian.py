@@ -1,4 +1,6 @@
-"""Learning with a Cartesian controller, eqs. (8), (9), (12), (13): cameras and structure about the hand's poses.
+"""Learning with a Cartesian controller: cameras and structure about the hand's poses.
+
+Noisy poses are Gothoskar (8), minimized by Gothoskar (9); actions are Gothoskar (12), minimized by Gothoskar (13).
 
 There is no kinematics to learn. The reconstruction from images and the poses that were read or commanded differ by a
 similarity on the robot's side and a rigid motion on the hand's; both come from relative motions, as in hand-eye
@@ -255,7 +257,7 @@ def _with_noise(
     pixel_sigma: float,
     given: tuple[float, float] | None,
 ) -> tuple[Solution, tuple[float, float]]:
-    """Least squares with the poses tied to readings or actions, their noise by expectation maximization."""
+    """Gothoskar (9) or Gothoskar (13): poses tied to readings or actions, their noise by expectation maximization."""
     make: Callable[[tuple[float, float]], PoseReadings | PoseActions]
     if kind == "actions":
         make = lambda information: PoseActions(obs.actions, information)  # noqa: E731

@@ -44,7 +44,7 @@ class Change:
     """What one observation says of the model.
 
     Attributes:
-        gradient_norm: of the buffer's loss by all parameters, eq. (6).
+        gradient_norm: of the buffer's loss by all parameters, Gothoskar (6).
         camera_gradient_norms: ``(c,)`` the part by each camera's own parameters.
         camera_gradient_ratios: ``(c,)`` the same over what pixel noise gives: g^T (J^T J)^-1 g per unknown and pixel
             variance, about 1 in a model that holds.

@@ -1,4 +1,7 @@
-"""Stage 4: states that are not exact, eqs. (10), (11) and (14), (15), with their noise estimated from the data.
+"""Stage 4: states that are not exact, with their noise estimated from the data.
+
+Gothoskar (11) is the minimum of Gothoskar (10), over noisy readings; Gothoskar (15) that of Gothoskar (14), over
+actions.
 
 The paper picks lambda on a validation set. It is the ratio of two variances, so here both are estimated: that of the
 pixels from the bundle adjustment, which uses no joints, and that of the joints by expectation maximization between
@@ -24,7 +27,7 @@ FIRST_SIGMA = 0.02  # rad
 def fit_noisy_readings(
     problem: PixelProblem | DHProblem, state: State, joints: np.ndarray, pixel_sigma: float, joint_sigma: float | None
 ) -> tuple[Solution, float]:
-    """Joints of the samples and all shared parameters from noisy readings ``(T, n)``; also sigma [rad]."""
+    """Gothoskar (11): joints of the samples and all shared parameters from readings ``(T, n)``; also sigma [rad]."""
 
     def prior(sigma: float) -> JointReadings:
         return JointReadings(joints, (pixel_sigma / sigma) ** 2)
@@ -43,7 +46,7 @@ def fit_noisy_actions(
     action_sigma: float | None,
     proportional: bool = False,
 ) -> tuple[Solution, float]:
-    """As :func:`fit_noisy_readings` from actions ``(T - 1, n)``.
+    """As :func:`fit_noisy_readings` from actions ``(T - 1, n)``, Gothoskar (15).
 
     With ``proportional`` sigma is a share of the commanded step, beside a hundredth of the usual step.
     """

@@ -1,7 +1,8 @@
 """Least squares over feature pixels: which unknowns are free, their normal equations, and a step along them.
 
-One problem serves every stage: bundle adjustment (2) has a free pose a sample and no joints, end-to-end learning (6)
-the shared parameters alone, noisy states and actions (8), (10), (12), (14) the sample's joints or pose beside them.
+One problem serves every stage. Bundle adjustment, Gothoskar (2), has a free pose a sample and no joints; end-to-end
+learning, Gothoskar (6), the shared parameters alone; noisy states, Gothoskar (8) and Gothoskar (10), and actions,
+Gothoskar (12) and Gothoskar (14), have each sample's joints or pose beside them.
 Unknowns of one sample touch no other one's pixels, so the Schur complement eliminates them
 (``levenberg_marquardt.py``).
 """

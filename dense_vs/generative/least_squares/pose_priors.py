@@ -1,4 +1,4 @@
-"""What noisy poses (8) and Cartesian actions (12) say about the hand's poses in the samples.
+"""What noisy poses and Cartesian actions say about the hand's poses: Gothoskar (8), Gothoskar (12).
 
 The paper's D_pose is the Frobenius norm of the difference of two matrices; here the rotation vector between them and
 the difference of translations, each divided by its own noise, as meters and radians have no common unit.
@@ -11,7 +11,7 @@ from dense_vs.generative.rotations import rotation_vectors
 
 
 class PoseReadings:
-    """Squares of pose deviations times information, eq. (8).
+    """Squares of pose deviations times information, the second term of Gothoskar (8).
 
     Args:
         poses: ``(T, 4, 4)`` read.
@@ -46,7 +46,7 @@ class PoseReadings:
 
 
 class PoseActions:
-    """Squares of ``P_{t+1} P_t^-1`` against ``A_t`` times information, eq. (12).
+    """Squares of ``P_{t+1} P_t^-1`` against ``A_t`` times information, the second term of Gothoskar (12).
 
     Args:
         actions: ``(T - 1, 4, 4)`` commanded.

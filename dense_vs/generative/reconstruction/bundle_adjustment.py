@@ -1,4 +1,7 @@
-"""Stage 1, refined: bundle adjustment of the hand's poses, the structure and the cameras, eq. (2) and (3)."""
+"""Stage 1, refined: bundle adjustment of the hand's poses, the structure and the cameras.
+
+The loss is Gothoskar (2), its minimum Gothoskar (3).
+"""
 
 import numpy as np
 

@@ -1,8 +1,9 @@
 """Table 7: the norm of the gradients as a buffer of 50 fills with observations made after a camera was shifted.
 
-Gradients of the loss (6) by all parameters; their size is a matter of units and of the shift, which the paper does not
-give, so compare how they grow. Before the shift the buffer holds samples that were not learned from: those that were
-give no gradient at the minimum. Beyond the table: after how many samples the camera is named, and false alarms.
+Gradients of the loss, Gothoskar (6), by all parameters; their size is a matter of units and of the shift, which the
+paper does not give, so compare how they grow. Before the shift the buffer holds samples that were not learned from:
+those that were give no gradient at the minimum. Beyond the table: after how many samples the camera is named, and false
+alarms.
 """
 
 import argparse
