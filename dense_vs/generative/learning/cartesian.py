@@ -55,52 +55,15 @@ def fit_cartesian(
         distortion: radial coefficients to learn.
     """
     started = time.perf_counter()
-    if state == "actions" and (obs.actions is None or obs.actions.ndim != 3):
-        got = "None" if obs.actions is None else f"shape {obs.actions.shape}"
-        raise DenseVSError(f"state 'actions' of a Cartesian controller needs actions of shape (T - 1, 4, 4); got {got}")
-    if state != "actions" and obs.poses is None:
-        raise DenseVSError(f"state {state!r} of a Cartesian controller needs poses of shape (T, 4, 4); got None")
-    blind = np.flatnonzero(~obs.seen.any(axis=(0, 2)))
-    if len(blind):
-        raise DenseVSError(f"camera {blind[0]} saw no feature in any of the {len(obs)} samples; leave it out")
-    hand = np.ones(obs.pixels.shape[2], dtype=bool)
-    found = candidates(obs, hand, np.random.default_rng(seed))
-    aligned = [_aligned(candidate, obs, state) for candidate in found]
-    best = min(range(len(found)), key=lambda k: aligned[k][1])
-    candidate, ((rotation, translation, features, turns, shifts), error, before) = found[best], aligned[best]
+    _check_given(obs, state)
     report = FitReport(unused_samples=[int(t) for t in np.flatnonzero(~obs.seen.any(axis=(1, 2)))])
-    bundle = candidate.solution
-    clock = time.perf_counter()
-    report.stages.append(
-        Stage(
-            "cameras and structure",
-            bundle.initial_cost,
-            bundle.cost,
-            candidate.rms,
-            bundle.iterations,
-            bundle.converged,
-            clock - started,
-        )
-    )
-    report.stages.append(Stage("alignment", before, error, error, 0, True, time.perf_counter() - clock))
-    placed = finite_rows(features)
-    parameters = ModelParameters(
-        np.zeros((0, 3)),
-        np.zeros((0, 3)),
-        np.zeros(0),
-        np.nan_to_num(features),
-        np.zeros(len(features), int),
-        turns,
-        shifts,
-        candidate.intrinsics,
-    )
+    start, placed = _aligned_start(obs, seed, state, report)
     clock = time.perf_counter()
     sigma = pixel_sigma or 0.5
     prior = intrinsics_prior(obs, guessed_intrinsics(obs), sigma)
     free = Free(features=placed, cameras=True, intrinsics=True, distortion=distortion)
     pixels = np.where(placed[:, None], obs.pixels, np.nan)
-    problem = PixelProblem(pixels, parameters.links, 0, free, "pose", intrinsics_prior=prior)
-    start = State(parameters, np.zeros((len(obs), 0)), rotation, translation)
+    problem = PixelProblem(pixels, start.parameters.links, 0, free, "pose", intrinsics_prior=prior)
     errors = problem.pixel_errors(start)
     scale = max(robust_sigma(errors), 0.5)
     problem.reweight(np.where(np.isfinite(errors), 1 / (1 + (np.nan_to_num(errors) / (4 * scale)) ** 2), 0.0))
@@ -120,18 +83,7 @@ def fit_cartesian(
     report.mean_error_px = float(np.mean(errors[used]))
     report.pixel_sigma, report.pose_sigma = robust_sigma(np.where(used, errors, np.nan)), sigmas
     report.converged = solution.converged
-    seconds = time.perf_counter() - clock
-    report.stages.append(
-        Stage(
-            "end to end",
-            solution.initial_cost,
-            solution.cost,
-            report.rms_px,
-            solution.iterations,
-            solution.converged,
-            seconds,
-        )
-    )
+    report.stages.append(_stage("end to end", solution, report.rms_px, time.perf_counter() - clock))
     poses = np.tile(np.eye(4), (len(obs), 1, 1))
     poses[:, :3, :3], poses[:, :3, 3] = final.rotation, final.translation
     problem.reweight(np.ones(used.shape))
@@ -147,6 +99,46 @@ def fit_cartesian(
     learned.features[~placed | (counts < 2)] = np.nan
     report.seconds = time.perf_counter() - started
     return learned, poses, report
+
+
+def _check_given(obs: Observations, state: str) -> None:
+    if state == "actions" and (obs.actions is None or obs.actions.ndim != 3):
+        got = "None" if obs.actions is None else f"shape {obs.actions.shape}"
+        raise DenseVSError(f"state 'actions' of a Cartesian controller needs actions of shape (T - 1, 4, 4); got {got}")
+    if state != "actions" and obs.poses is None:
+        raise DenseVSError(f"state {state!r} of a Cartesian controller needs poses of shape (T, 4, 4); got None")
+    blind = np.flatnonzero(~obs.seen.any(axis=(0, 2)))
+    if len(blind):
+        raise DenseVSError(f"camera {blind[0]} saw no feature in any of the {len(obs)} samples; leave it out")
+
+
+def _aligned_start(obs: Observations, seed: int, state: str, report: FitReport) -> tuple[State, np.ndarray]:
+    """Reconstruction from the images, in the robot's frame, and which features ``(m,)`` it placed; adds its stages."""
+    clock = time.perf_counter()
+    hand = np.ones(obs.pixels.shape[2], dtype=bool)
+    found = candidates(obs, hand, np.random.default_rng(seed))
+    reconstructed = time.perf_counter()
+    aligned = [_aligned(candidate, obs, state) for candidate in found]
+    best = min(range(len(found)), key=lambda k: aligned[k][1])
+    candidate, ((rotation, translation, features, turns, shifts), error, before) = found[best], aligned[best]
+    done = time.perf_counter()
+    report.stages.append(_stage("cameras and structure", candidate.solution, candidate.rms, reconstructed - clock))
+    report.stages.append(Stage("alignment", before, error, error, 0, True, done - reconstructed))
+    parameters = ModelParameters(
+        np.zeros((0, 3)),
+        np.zeros((0, 3)),
+        np.zeros(0),
+        np.nan_to_num(features),
+        np.zeros(len(features), int),
+        turns,
+        shifts,
+        candidate.intrinsics,
+    )
+    return State(parameters, np.zeros((len(obs), 0)), rotation, translation), finite_rows(features)
+
+
+def _stage(name: str, solution: Solution, rms: float, seconds: float) -> Stage:
+    return Stage(name, solution.initial_cost, solution.cost, rms, solution.iterations, solution.converged, seconds)
 
 
 def align_frames(
