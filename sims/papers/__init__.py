@@ -24,7 +24,7 @@ EXPERIMENTS: dict[str, dict[str, str]] = {
         "noisy-control": "dense_vs.sims.papers.gothoskar.noisy_control",
         "noisy-states": "dense_vs.sims.papers.gothoskar.noisy_states",
         "relearning": "dense_vs.sims.papers.gothoskar.relearning",
-        "servo": "dense_vs.sims.papers.gothoskar.servo",
+        "servo": "dense_vs.sims.papers.gothoskar.ibvs_comparison",
         "single-camera": "dense_vs.sims.papers.gothoskar.single_camera",
         "speed": "dense_vs.sims.papers.gothoskar.speed",
         "stages": "dense_vs.sims.papers.gothoskar.stages",

@@ -11,8 +11,8 @@ import argparse
 import numpy as np
 
 from dense_vs.errors import DenseVSError
-from dense_vs.sims.papers.gothoskar.chart import draw_lines
-from dense_vs.sims.papers.gothoskar.protocol import add_protocol_arguments, trials
+from dense_vs.sims.papers.gothoskar.arm_trials import add_trial_arguments, trials
+from dense_vs.sims.papers.gothoskar.figures import draw_lines
 from dense_vs.sims.papers.rows import Row
 from dense_vs.view.progress import progress
 
@@ -25,7 +25,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the experiment's arguments."""
     parser.add_argument("--metres", type=float, default=0.02, help="the shift of the camera (default: 0.02)")
     parser.add_argument("--radians", type=float, default=0.02, help="and its turn (default: 0.02)")
-    add_protocol_arguments(parser)
+    add_trial_arguments(parser)
 
 
 def run(arguments: argparse.Namespace) -> list[Row]:

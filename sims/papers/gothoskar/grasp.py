@@ -59,8 +59,8 @@ def make_cell(arguments: argparse.Namespace, seed: int, *, peg: bool) -> Any:
 
 def run(arguments: argparse.Namespace) -> list[Row]:
     """Run the experiment."""
-    from dense_vs.sims.papers.gothoskar.chart import draw_images
-    from dense_vs.sims.papers.gothoskar.hand_eye_work import learn_arm, learn_structure
+    from dense_vs.sims.papers.gothoskar.figures import draw_images
+    from dense_vs.sims.papers.gothoskar.guided_motion import learn_arm, learn_structure
     from dense_vs.sims.workcell.cell import PART_MARKERS
 
     rows, lifted, fit = [], [], []
@@ -95,8 +95,8 @@ def run(arguments: argparse.Namespace) -> list[Row]:
 
 def grasp(guide: Any, structure: np.ndarray, rng: np.random.Generator, frames: list | None = None) -> bool:
     """One try with the block in a new place; whether it hangs in the gripper at the end, by the truth."""
-    from dense_vs.sims.papers.gothoskar.chart import close_up
-    from dense_vs.sims.papers.gothoskar.hand_eye_work import approach, average_sight, joints_for, stand_off
+    from dense_vs.sims.papers.gothoskar.figures import close_up
+    from dense_vs.sims.papers.gothoskar.guided_motion import approach, average_sight, joints_for, stand_off
     from dense_vs.sims.workcell.cell import PART_MARKERS
 
     cell = guide.cell
@@ -126,5 +126,9 @@ def grasp(guide: Any, structure: np.ndarray, rng: np.random.Generator, frames: l
         shoot()
     except DenseVSError:  # something needed was not seen
         return False
-    raised = cell.true_part_position() - before
-    return bool(raised[2] > LIFTED and np.linalg.norm(cell.true_part_in_hand()) < LIFTED)
+    return is_grasped(cell.true_part_position() - before, cell.true_part_in_hand())
+
+
+def is_grasped(raised: np.ndarray, in_hand: np.ndarray) -> bool:
+    """Whether a block moved by ``raised`` (3,) [m], now ``in_hand`` (3,) [m] from the fingers' middle, hangs there."""
+    return bool(raised[2] > LIFTED and np.linalg.norm(in_hand) < LIFTED)

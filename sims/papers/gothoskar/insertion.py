@@ -41,8 +41,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> list[Row]:
     """Run the experiment."""
-    from dense_vs.sims.papers.gothoskar.chart import draw_images
-    from dense_vs.sims.papers.gothoskar.hand_eye_work import learn_arm, learn_structure
+    from dense_vs.sims.papers.gothoskar.figures import draw_images
+    from dense_vs.sims.papers.gothoskar.guided_motion import learn_arm, learn_structure
     from dense_vs.sims.workcell.cell import FIXTURE_MARKERS, PART_MARKERS
 
     seeds = tuple(arguments.seeds)
@@ -66,7 +66,7 @@ def run(arguments: argparse.Namespace) -> list[Row]:
             for number in range(arguments.tries):
                 frames = [] if seed == seeds[0] and number == 0 else None
                 depths.append(insert(guide, part, fixture, rng, frames))
-                successes = sum(depth >= INSERTED for depth in depths[-number - 1 :])
+                successes += is_inserted(depths[-1])
                 bar.set_description(f"seed {seed}: {successes} of {number + 1} inserted")
                 bar.update()
                 if frames:
@@ -86,8 +86,8 @@ def insert(
     guide: Any, part: np.ndarray, fixture: np.ndarray, rng: np.random.Generator, frames: list | None = None
 ) -> float:
     """One try with part and fixture in new places; the depth [m] that the peg ends at, by the truth."""
-    from dense_vs.sims.papers.gothoskar.chart import close_up
-    from dense_vs.sims.papers.gothoskar.hand_eye_work import (
+    from dense_vs.sims.papers.gothoskar.figures import close_up
+    from dense_vs.sims.papers.gothoskar.guided_motion import (
         approach,
         average_sight,
         joints_for,
@@ -128,6 +128,11 @@ def insert(
     except DenseVSError:  # something needed was not seen
         return 0.0
     return cell.true_insertion_depth()
+
+
+def is_inserted(depth: float) -> bool:
+    """Whether the peg's end is deep [m] enough in the hole to count."""
+    return depth >= INSERTED
 
 
 def sides(part: np.ndarray) -> np.ndarray:

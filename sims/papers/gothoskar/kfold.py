@@ -7,8 +7,9 @@ import argparse
 
 import numpy as np
 
-from dense_vs.sims.papers.gothoskar.chart import draw_bars
-from dense_vs.sims.papers.gothoskar.protocol import add_protocol_arguments, held_out_error, spread_rows, trials
+from dense_vs.sims.papers.gothoskar.arm_trials import add_trial_arguments, trials
+from dense_vs.sims.papers.gothoskar.figures import draw_bars
+from dense_vs.sims.papers.gothoskar.scores import held_out_error, spread_rows
 from dense_vs.sims.papers.rows import Row
 from dense_vs.view.progress import progress
 
@@ -20,7 +21,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the experiment's arguments."""
     parser.add_argument("--samples", type=int, default=200, help="of the data set (default: 200)")
     parser.add_argument("--folds", type=int, nargs="+", default=list(PAPER), metavar="K", help="default: 2 3 4 5 6")
-    add_protocol_arguments(parser)
+    add_trial_arguments(parser)
 
 
 def run(arguments: argparse.Namespace) -> list[Row]:

@@ -1,7 +1,7 @@
 """Fig. 10 and 11: learning from the actions sent to a noisy controller and images alone, then servoing with it.
 
 The state is never read, neither for learning (50 samples) nor for servoing. Fig. 10: a Cartesian controller, noise in m
-and rad. Fig. 11: a joint controller, noise in rad. Both laws of sims/generative/noise.py: with independent noise on
+and rad. Fig. 11: a joint controller, noise in rad. Both laws of ``sims/marked_arm/noise.py``: with independent noise on
 every move, the paper's, no servo can end below what one move's noise makes, and that floor is given beside.
 
 The joint model's own error is that on exact pixels of other postures, once its joints' constant offsets, which actions
@@ -15,14 +15,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from dense_vs.sims.papers.gothoskar.chart import draw_lines
-from dense_vs.sims.papers.gothoskar.protocol import (
-    TEST_SAMPLES,
-    Trial,
-    add_protocol_arguments,
-    pixel_error,
-    trials,
-)
+from dense_vs.sims.papers.gothoskar.arm_trials import TEST_SAMPLES, Trial, add_trial_arguments, trials
+from dense_vs.sims.papers.gothoskar.figures import draw_lines
+from dense_vs.sims.papers.gothoskar.scores import pixel_error
 from dense_vs.sims.papers.rows import Row
 from dense_vs.view.progress import progress
 
@@ -48,7 +43,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--controller", nargs="+", default=list(CONTROLLERS), choices=list(CONTROLLERS), help="default: both"
     )
-    add_protocol_arguments(parser)
+    add_trial_arguments(parser)
 
 
 def run(arguments: argparse.Namespace) -> list[Row]:
@@ -96,7 +91,7 @@ def _servo(trial: Trial, controller: str, law: str, sigma: float, arguments: arg
     from dense_vs.sims.marked_arm.cramer_rao import cramer_rao
     from dense_vs.sims.marked_arm.evidence import act, act_cartesian
     from dense_vs.sims.marked_arm.noise import NoisyController
-    from dense_vs.sims.papers.gothoskar.servoing import (
+    from dense_vs.sims.papers.gothoskar.servo_runs import (
         cartesian_tasks,
         joint_tasks,
         servo_model,
@@ -152,7 +147,7 @@ def _floor(trial: Trial, noisy: "NoisyController", controller: str, rng: np.rand
 
 
 def _rows(controller: str, law: str, sigma: float, done: list[_Servo], seeds: tuple[int, ...]) -> list[Row]:
-    from dense_vs.sims.papers.gothoskar.servoing import moves_needed
+    from dense_vs.sims.papers.gothoskar.servo_runs import moves_needed
 
     errors = np.concatenate([servo.errors for servo in done])
     needed = moves_needed(errors)

@@ -13,17 +13,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from dense_vs.sims.papers.gothoskar.chart import draw_lines
-from dense_vs.sims.papers.gothoskar.protocol import (
-    TEST_SAMPLES,
-    Trial,
-    add_protocol_arguments,
-    bound_rows,
-    pixel_error,
-    reading_error,
-    spread_rows,
-    trials,
-)
+from dense_vs.sims.papers.gothoskar.arm_trials import TEST_SAMPLES, Trial, add_trial_arguments, trials
+from dense_vs.sims.papers.gothoskar.figures import draw_lines
+from dense_vs.sims.papers.gothoskar.scores import bound_rows, pixel_error, reading_error, spread_rows
 from dense_vs.sims.papers.rows import Row
 from dense_vs.view.progress import progress
 
@@ -56,7 +48,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         choices=list(READINGS),
         help="default: both",
     )
-    add_protocol_arguments(parser)
+    add_trial_arguments(parser)
 
 
 def run(arguments: argparse.Namespace) -> list[Row]:

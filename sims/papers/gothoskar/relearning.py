@@ -16,17 +16,9 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from dense_vs.errors import DenseVSError
-from dense_vs.sims.papers.gothoskar.chart import draw_lines
-from dense_vs.sims.papers.gothoskar.protocol import (
-    TEST_SAMPLES,
-    Trial,
-    add_protocol_arguments,
-    bound_rows,
-    pixel_error,
-    share_rows,
-    spread_rows,
-    trials,
-)
+from dense_vs.sims.papers.gothoskar.arm_trials import TEST_SAMPLES, Trial, add_trial_arguments, trials
+from dense_vs.sims.papers.gothoskar.figures import draw_lines
+from dense_vs.sims.papers.gothoskar.scores import bound_rows, pixel_error, share_rows, spread_rows
 from dense_vs.sims.papers.rows import Row
 from dense_vs.view.progress import progress
 
@@ -57,7 +49,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="T",
         help="samples of the new setup (default: 2 3 4 5 7 10 15 20 30)",
     )
-    add_protocol_arguments(parser)
+    add_trial_arguments(parser)
 
 
 def run(arguments: argparse.Namespace) -> list[Row]:

@@ -14,15 +14,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from dense_vs.sims.papers.gothoskar.chart import draw_bars
-from dense_vs.sims.papers.gothoskar.protocol import (
-    TEST_SAMPLES,
-    Trial,
-    add_protocol_arguments,
-    pixel_error,
-    spread_rows,
-    trials,
-)
+from dense_vs.sims.papers.gothoskar.arm_trials import TEST_SAMPLES, Trial, add_trial_arguments, trials
+from dense_vs.sims.papers.gothoskar.figures import draw_bars
+from dense_vs.sims.papers.gothoskar.scores import pixel_error, spread_rows
 from dense_vs.sims.papers.rows import Row
 from dense_vs.view.progress import progress
 
@@ -51,7 +45,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="T",
         help="samples of one camera (default: 20 30 50)",
     )
-    add_protocol_arguments(parser)
+    add_trial_arguments(parser)
 
 
 def run(arguments: argparse.Namespace) -> list[Row]:

@@ -11,8 +11,8 @@ from collections.abc import Callable
 import numpy as np
 
 from dense_vs.errors import DenseVSError
-from dense_vs.sims.papers.gothoskar.chart import draw_bars
-from dense_vs.sims.papers.gothoskar.protocol import Trial
+from dense_vs.sims.papers.gothoskar.arm_trials import Trial
+from dense_vs.sims.papers.gothoskar.figures import draw_bars
 from dense_vs.sims.papers.rows import Row
 from dense_vs.view.progress import progress
 

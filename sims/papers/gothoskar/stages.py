@@ -12,8 +12,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from dense_vs.sims.papers.gothoskar.chart import draw_bars
-from dense_vs.sims.papers.gothoskar.protocol import Trial, add_protocol_arguments, pixel_error, trials
+from dense_vs.sims.papers.gothoskar.arm_trials import Trial, add_trial_arguments, trials
+from dense_vs.sims.papers.gothoskar.figures import draw_bars
+from dense_vs.sims.papers.gothoskar.scores import pixel_error
 from dense_vs.sims.papers.rows import Row
 from dense_vs.view.progress import progress
 
@@ -30,7 +31,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the experiment's arguments."""
     parser.add_argument("--samples", type=int, default=50, help="training samples (default: 50)")
     parser.add_argument("--published", action="store_true", help="also the L-BFGS stages of the paper")
-    add_protocol_arguments(parser)
+    add_trial_arguments(parser)
 
 
 def run(arguments: argparse.Namespace) -> list[Row]:

@@ -5,7 +5,7 @@ from dense_vs.errors import DenseVSError
 from dense_vs.sims.marked_arm.classical_ibvs import ibvs_step, image_jacobian, interaction_matrix
 from dense_vs.sims.marked_arm.noise import NoisyController
 from dense_vs.sims.marked_arm.observed_arm import make_observed_arm
-from dense_vs.sims.papers.gothoskar.servoing import Tasks, moves_needed, servo_ibvs
+from dense_vs.sims.papers.gothoskar.servo_runs import Tasks, moves_needed, servo_ibvs
 
 INTRINSICS = np.array([620.0, 613.0, 318.0, 242.0])
 

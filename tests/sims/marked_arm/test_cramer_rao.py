@@ -8,7 +8,8 @@ from dense_vs.generative.report import FitReport
 from dense_vs.sims.marked_arm.cramer_rao import cramer_rao, perfect_inference, true_parameters
 from dense_vs.sims.marked_arm.evidence import act_cartesian
 from dense_vs.sims.marked_arm.noise import NoisyController
-from dense_vs.sims.papers.gothoskar.protocol import Trial, held_out_error
+from dense_vs.sims.papers.gothoskar.arm_trials import Trial
+from dense_vs.sims.papers.gothoskar.scores import held_out_error
 
 
 @pytest.mark.parametrize("arm", ["ur5", "baxter"])

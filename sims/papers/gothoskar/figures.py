@@ -30,7 +30,8 @@ def draw_lines(
         levels: label -> height of a dotted line.
         logarithmic: the scale of y.
     """
-    figure, axes = _figure()
+    figure = _figure()
+    axes = figure.subplots()
     for number, (label, (places, values)) in enumerate(series.items()):
         table = np.where(np.isfinite(values), values, np.nan)
         drawn = np.isfinite(table).any(axis=0)
@@ -58,7 +59,8 @@ def draw_points(
     path: Path, series: Mapping[str, tuple[np.ndarray, np.ndarray]], *, title: str, x_label: str, y_label: str
 ) -> None:
     """Write a PNG of points: label -> x (k,) and y (k,)."""
-    figure, axes = _figure()
+    figure = _figure()
+    axes = figure.subplots()
     for label, (x, y) in series.items():
         axes.plot(x, y, ls="", marker="o", ms=4, alpha=0.7, label=label)
     axes.set(title=title, xlabel=x_label, ylabel=y_label)
@@ -77,7 +79,8 @@ def draw_bars(
     logarithmic: bool = True,
 ) -> None:
     """Write a PNG of groups of bars: a group a label, a bar a series."""
-    figure, axes = _figure()
+    figure = _figure()
+    axes = figure.subplots()
     width = 0.8 / len(series)
     for number, (label, values) in enumerate(series.items()):
         places = np.arange(len(labels)) + (number - (len(series) - 1) / 2) * width
@@ -93,11 +96,7 @@ def draw_bars(
 
 def draw_images(path: Path, rows: Sequence[Sequence[np.ndarray]], titles: Sequence[str]) -> None:
     """Write a PNG of images (H, W, 3) in rows, a title a column."""
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from matplotlib.figure import Figure
-
-    figure = Figure(figsize=(2.0 * len(titles), 2.0 * len(rows) + 0.3), layout="constrained")
-    FigureCanvasAgg(figure)
+    figure = _figure((2.0 * len(titles), 2.0 * len(rows) + 0.3))
     grid = figure.subplots(len(rows), len(titles), squeeze=False)
     for row, images in zip(grid, rows, strict=True):
         for axes in row:
@@ -127,10 +126,11 @@ def save(figure: Any, path: Path) -> None:
         figure.savefig(stream, format="png", dpi=110)
 
 
-def _figure() -> tuple[Any, Any]:
+def _figure(size: tuple[float, float] = (7.5, 5.0)) -> Any:
+    """A figure [inches] that draws without a display."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
-    figure = Figure(figsize=(7.5, 5), layout="constrained")
+    figure = Figure(figsize=size, layout="constrained")
     FigureCanvasAgg(figure)
-    return figure, figure.subplots()
+    return figure
