@@ -50,7 +50,7 @@ class JointSolver:
     Args:
         images, starts: how many at most.
         links: ``(m,)`` link that each feature stands on.
-        joints, cameras: how many.
+        joint_count, camera_count: of them.
         device: Warp device.
         sliding: ``(n,)`` which joints slide along their axis; all turn about it unless given.
     """
@@ -60,8 +60,8 @@ class JointSolver:
         images: int,
         starts: int,
         links: np.ndarray,
-        joints: int,
-        cameras: int,
+        joint_count: int,
+        camera_count: int,
         device: Any = "cpu",
         sliding: np.ndarray | None = None,
     ):
@@ -71,26 +71,27 @@ class JointSolver:
         def zeros(shape: tuple[int, ...], dtype: Any = wp.float64) -> Any:
             return wp.zeros(shape, dtype=dtype, device=self.device)
 
-        slides = np.zeros(joints, dtype=np.int32) if sliding is None else np.asarray(sliding, dtype=np.int32)
+        slides = np.zeros(joint_count, dtype=np.int32) if sliding is None else np.asarray(sliding, dtype=np.int32)
         model = self._model = ArmModel()
         model.base_rotation = zeros((images, starts), wp.mat33d)
         model.base_translation = zeros((images, starts), wp.vec3d)
-        model.axes = zeros((joints,), wp.vec3d)
-        model.points = zeros((joints,), wp.vec3d)
+        model.axes = zeros((joint_count,), wp.vec3d)
+        model.points = zeros((joint_count,), wp.vec3d)
         model.sliding = wp.array(slides, dtype=wp.int32, device=self.device)
         model.features = zeros((features,), wp.vec3d)
         model.links = wp.array(np.asarray(links, dtype=np.int32), dtype=wp.int32, device=self.device)
-        model.camera_rotation = zeros((cameras,), wp.mat33d)
-        model.camera_translation = zeros((cameras,), wp.vec3d)
-        model.intrinsics = zeros((cameras, 6))
-        self._pixels = zeros((images, cameras, features), wp.vec2d)
-        self._weights = zeros((images, cameras, features))
+        model.camera_rotation = zeros((camera_count,), wp.mat33d)
+        model.camera_translation = zeros((camera_count,), wp.vec3d)
+        model.intrinsics = zeros((camera_count, 6))
+        self._pixels = zeros((images, camera_count, features), wp.vec2d)
+        self._weights = zeros((images, camera_count, features))
         grid = (images, starts)
         work = self._workspace = Workspace()
-        work.trial, work.gradient = zeros((*grid, joints)), zeros((*grid, joints))
-        work.normal, work.factor = zeros((*grid, joints, joints)), zeros((*grid, joints, joints))
-        work.rotation, work.translation = zeros((*grid, joints + 1), wp.mat33d), zeros((*grid, joints + 1), wp.vec3d)
-        self._joints = zeros((*grid, joints))
+        work.trial, work.gradient = zeros((*grid, joint_count)), zeros((*grid, joint_count))
+        work.normal, work.factor = zeros((*grid, joint_count, joint_count)), zeros((*grid, joint_count, joint_count))
+        work.rotation = zeros((*grid, joint_count + 1), wp.mat33d)
+        work.translation = zeros((*grid, joint_count + 1), wp.vec3d)
+        self._joints = zeros((*grid, joint_count))
         self._costs = zeros(grid)
         self._steps = wp.zeros(grid, dtype=wp.int32, device=self.device)
 

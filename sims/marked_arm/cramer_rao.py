@@ -9,6 +9,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from dense_vs.checks import check_choice
 from dense_vs.errors import DenseVSError
 from dense_vs.generative.learning.end_to_end import all_shared
 from dense_vs.generative.learning.expected_error import inverse_root
@@ -60,6 +61,7 @@ def cramer_rao(
     truth = learned_from.truth
     if truth.joints is None or test.truth.joints is None:
         raise DenseVSError("the samples are of a Cartesian controller; the bound is computed for joints")
+    check_choice("state", state, ("observed", "noisy", "actions"))
     if (state == "observed") != (sigma == 0.0):
         raise DenseVSError(f"state is {state!r} with sigma {sigma} rad; expected 0 for 'observed' and more for others")
     parameters = true_parameters(truth.arm, truth.joints.mean(axis=0))

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from dense_vs.checks import check_choice
 from dense_vs.errors import DenseVSError
 
 
@@ -94,6 +95,4 @@ def find_arm(name: str) -> DHChain:
     Raises:
         DenseVSError: there is none; the message lists the arms.
     """
-    if name not in ARMS:
-        raise DenseVSError(f"arm is {name!r}; expected one of {', '.join(repr(arm) for arm in ARMS)}")
-    return ARMS[name]
+    return ARMS[check_choice("arm", name, ARMS)]

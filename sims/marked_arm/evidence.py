@@ -10,6 +10,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from dense_vs.checks import check_choice
 from dense_vs.errors import DenseVSError
 from dense_vs.generative import Observations
 from dense_vs.sims.marked_arm.noise import NoisyController, noisy_pose
@@ -197,8 +198,7 @@ def guessed_intrinsics(arm: ObservedArm, rng: np.random.Generator) -> np.ndarray
 
 def _posture(arm: ObservedArm, rng: np.random.Generator, law: str) -> np.ndarray:
     """Joints (n,) [rad], whatever is seen there."""
-    if law not in POSTURES:
-        raise DenseVSError(f"postures are {law!r}; expected one of {', '.join(repr(name) for name in POSTURES)}")
+    check_choice("postures", law, POSTURES)
     size = arm.chain.joint_count
     draw = rng.normal(0, _NORMAL_RAD, size) if law == "normal" else rng.uniform(-_UNIFORM_RAD, _UNIFORM_RAD, size)
     return arm.chain.home + draw

@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from dense_vs.errors import DenseVSError
+from dense_vs.checks import check_whole
 from dense_vs.sims.marked_arm.dh_chain import DHChain, find_arm
 
 IMAGE_SIZE = (480, 640)
@@ -96,8 +96,8 @@ def make_observed_arm(
         DenseVSError: unknown arm, too few cameras or features.
     """
     chain = find_arm(arm)
-    if cameras < 1 or features < 4:
-        raise DenseVSError(f"got {cameras} cameras and {features} features; expected at least 1 and at least 4")
+    check_whole("cameras", cameras, least=1)
+    check_whole("features", features, least=4)
     rng = np.random.default_rng([seed, 21])
     home = chain.flange_pose(chain.home)
     center = home[:3, 3] + _TOOL_CENTER * home[:3, 2]

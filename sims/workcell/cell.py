@@ -11,6 +11,7 @@ import mujoco_warp as mjw
 import numpy as np
 import warp as wp
 
+from dense_vs.checks import check_whole
 from dense_vs.errors import DenseVSError
 from dense_vs.sims.engine.renderer import Renderer, camera_intrinsics
 from dense_vs.sims.marked_arm.dh_chain import find_arm
@@ -52,8 +53,7 @@ class Workcell:
         inaccuracy: Inaccuracy | None = None,
         threads: int = 2,
     ):
-        if cameras < 1:
-            raise DenseVSError(f"cameras is {cameras}; expected at least 1")
+        check_whole("cameras", cameras, least=1)
         self.chain = find_arm(arm)
         self._inaccuracy = inaccuracy or Inaccuracy()
         self._rng = np.random.default_rng([seed, 11])

@@ -128,26 +128,26 @@ def first_joints(obs: Observations, state: str) -> np.ndarray:
     return obs.joints
 
 
-def _check_sufficient(obs: Observations, links: np.ndarray, joints: int) -> None:
+def _check_sufficient(obs: Observations, links: np.ndarray, joint_count: int) -> None:
     """Refuse what cannot determine the model by counting."""
     seen = obs.seen
     blind = np.flatnonzero(~seen.any(axis=(0, 2)))
     if len(blind):
         raise DenseVSError(f"camera {blind[0]} saw no feature in any of the {len(obs)} samples; leave it out")
-    hand = links == joints
+    hand = links == joint_count
     shown = int((seen.any(axis=(0, 1)) & hand).sum())
     if shown < 4:
         raise DenseVSError(
-            f"{shown} features of the last link (feature_link = {joints}) were seen; expected at least 4 for its poses"
+            f"{shown} features of the last link (feature_link = {joint_count}) were seen; expected at least 4 for its poses"
         )
     useful = int((seen[:, :, hand].sum(axis=2).max(axis=1) >= 3).sum())
-    needed = -(-(4 * joints + 6) // 6)
+    needed = -(-(4 * joint_count + 6) // 6)
     if useful < needed:
         raise DenseVSError(
-            f"{useful} samples show 3 or more features of the hand to a camera; {joints} joints need at least {needed}"
+            f"{useful} samples show 3 or more features of the hand to a camera; {joint_count} joints need at least {needed}"
         )
     cameras, features = seen.shape[1], int(seen.any(axis=(0, 1)).sum())
-    unknowns = 4 * joints + 3 * features + 6 * (cameras - 1) + 4 * cameras - 1
+    unknowns = 4 * joint_count + 3 * features + 6 * (cameras - 1) + 4 * cameras - 1
     equations = 2 * int(seen.sum())
     if equations < unknowns:
         raise DenseVSError(

@@ -91,7 +91,7 @@ class PixelProblem:
     Args:
         pixels: ``(T, c, m, 2)``, NaN where not seen.
         links: ``(m,)`` as :class:`ModelParameters` has them.
-        joints: of the chain.
+        joint_count: of the chain.
         free: the shared unknowns.
         local: the unknowns of each sample: ``"none"``, ``"joints"`` or ``"pose"``.
         prior: on those of the samples.
@@ -103,7 +103,7 @@ class PixelProblem:
         self,
         pixels: np.ndarray,
         links: np.ndarray,
-        joints: int,
+        joint_count: int,
         free: Free,
         local: str = "none",
         prior: Prior | None = None,
@@ -114,12 +114,12 @@ class PixelProblem:
         self.free, self.local, self.prior, self.intrinsics_prior = free, local, prior, intrinsics_prior
         self.seen = ~np.isnan(pixels[..., 0])
         self.links = np.asarray(links)
-        self.columns = _columns(free, joints, features, cameras)
+        self.columns = _columns(free, joint_count, features, cameras)
         self.base_column = self.columns.count
         self.count = self.columns.count + (6 if free.base else 0)
         in_kernel = "pose" if free.base else local
         with_intrinsics = self.columns.intrinsics_count if (self.columns.intrinsics >= 0).any() else 0
-        self.kernel = FeatureProjection(1, samples, self.links, joints, cameras, with_intrinsics, in_kernel)
+        self.kernel = FeatureProjection(1, samples, self.links, joint_count, cameras, with_intrinsics, in_kernel)
         self._places = _places(self.columns, with_intrinsics, self.base_column, free.base)
         self.kernel.set(pixels=np.where(self.seen[..., None], pixels, 0))
         self.reweight(np.ones(self.seen.shape) if weights is None else weights)
@@ -287,7 +287,7 @@ class PixelProblem:
                 equations.shared_gradient[places] += weight * difference
 
 
-def _columns(free: Free, joints: int, features: int, cameras: int) -> Columns:
+def _columns(free: Free, joint_count: int, features: int, cameras: int) -> Columns:
     """Columns in the order axes, points, features, cameras, intrinsics."""
     count = 0
 
@@ -300,7 +300,7 @@ def _columns(free: Free, joints: int, features: int, cameras: int) -> Columns:
         return first
 
     width = 4 + free.distortion
-    axes, points = places(free.kinematics, joints, 2), places(free.kinematics, joints, 2)
+    axes, points = places(free.kinematics, joint_count, 2), places(free.kinematics, joint_count, 2)
     at_features, at_cameras = places(free.features, features, 3), places(free.cameras, cameras, 6)
     at_intrinsics = places(free.intrinsics, cameras, width)
     return Columns(axes, points, at_features, at_cameras, at_intrinsics, width, count)

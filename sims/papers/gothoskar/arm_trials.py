@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from dense_vs.errors import DenseVSError
+from dense_vs.checks import check_whole
 
 if TYPE_CHECKING:
     from dense_vs.sims.marked_arm.evidence import Evidence
@@ -75,8 +75,9 @@ def add_trial_arguments(parser: argparse.ArgumentParser, *, cameras: int = 2) ->
 
 def trials(arguments: argparse.Namespace) -> list[Trial]:
     """Every seed of every arm."""
-    if any(seed < 0 for seed in arguments.seeds):
-        raise DenseVSError(f"--seed is {arguments.seeds}; expected whole numbers of at least 0")
+    check_whole("--cameras", arguments.cameras, least=1)
+    for seed in arguments.seeds:
+        check_whole("--seed", seed, least=0)
     return [
         Trial(arm, seed, arguments.cameras, arguments.postures) for arm in arguments.arm for seed in arguments.seeds
     ]

@@ -10,7 +10,7 @@ import argparse
 
 import numpy as np
 
-from dense_vs.errors import DenseVSError
+from dense_vs.checks import check_whole
 from dense_vs.sims.papers.gothoskar.arm_trials import add_trial_arguments, trials
 from dense_vs.sims.papers.gothoskar.figures import draw_lines
 from dense_vs.sims.papers.rows import Row
@@ -35,8 +35,7 @@ def run(arguments: argparse.Namespace) -> list[Row]:
     from dense_vs.generative import GenerativeModel
     from dense_vs.sims.marked_arm.evidence import draw_joints, observe
 
-    if arguments.cameras < 2:
-        raise DenseVSError(f"--cameras is {arguments.cameras}; expected at least 2, so that one can stay")
+    check_whole("--cameras", arguments.cameras, least=2)  # so that one can stay
     runs = trials(arguments)
     norms = np.zeros((len(runs), len(PAPER)))
     named = np.full(len(runs), np.inf)

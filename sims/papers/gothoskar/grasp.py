@@ -15,6 +15,7 @@ from typing import Any
 
 import numpy as np
 
+from dense_vs.checks import check_whole
 from dense_vs.errors import DenseVSError
 from dense_vs.sims.papers.rows import Row
 from dense_vs.view.progress import progress
@@ -51,8 +52,8 @@ def make_cell(arguments: argparse.Namespace, seed: int, *, peg: bool) -> Any:
     from dense_vs.device import resolve_threads
     from dense_vs.sims.workcell.cell import Inaccuracy, Workcell
 
-    if arguments.tries < 1 or arguments.samples < 1:
-        raise DenseVSError("--tries and --samples are whole numbers of at least 1")
+    check_whole("--tries", arguments.tries, least=1)
+    check_whole("--samples", arguments.samples, least=1)
     errs = Inaccuracy(independent=arguments.independent)
     return Workcell(arguments.arm, peg=peg, seed=seed, inaccuracy=errs, threads=resolve_threads(arguments.threads))
 

@@ -10,7 +10,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from dense_vs.errors import DenseVSError
+from dense_vs.checks import check_whole
 from dense_vs.sims.papers.gothoskar.arm_trials import Trial
 from dense_vs.sims.papers.gothoskar.figures import draw_bars
 from dense_vs.sims.papers.rows import Row
@@ -38,8 +38,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> list[Row]:
     """Run the experiment."""
-    if arguments.repeats < 1:
-        raise DenseVSError(f"--repeats is {arguments.repeats}; expected a whole number of at least 1")
+    check_whole("--repeats", arguments.repeats, least=1)
     times: dict[str, list[float]] = {name: [] for name in PAPER}
     with progress("queries", len(PAPER) * len(arguments.seeds), "query") as bar:
         for seed in arguments.seeds:

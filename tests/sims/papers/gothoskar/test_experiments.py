@@ -152,8 +152,8 @@ def test_every_experiment_has_help_and_arguments():
         ("relearning", ["--cameras", "3"], "--cameras is 3"),
         ("camera-shift", ["--cameras", "1"], "--cameras is 1"),
         ("speed", ["--repeats", "0"], "--repeats is 0"),
-        ("few-samples", ["--seed", "-1"], "--seed is [-1]"),
-        ("grasp", ["--tries", "0"], "--tries and --samples"),
+        ("few-samples", ["--seed", "-1"], "--seed is -1"),
+        ("grasp", ["--tries", "0"], "--tries is 0"),
     ],
 )
 def test_bad_options_are_answered(tmp_path, capsys, name, options, message):
