@@ -138,13 +138,15 @@ def _check_sufficient(obs: Observations, links: np.ndarray, joint_count: int) ->
     shown = int((seen.any(axis=(0, 1)) & hand).sum())
     if shown < 4:
         raise DenseVSError(
-            f"{shown} features of the last link (feature_link = {joint_count}) were seen; expected at least 4 for its poses"
+            f"{shown} features of the last link (feature_link = {joint_count}) were seen; expected at least 4 for its "
+            "poses"
         )
     useful = int((seen[:, :, hand].sum(axis=2).max(axis=1) >= 3).sum())
     needed = -(-(4 * joint_count + 6) // 6)
     if useful < needed:
         raise DenseVSError(
-            f"{useful} samples show 3 or more features of the hand to a camera; {joint_count} joints need at least {needed}"
+            f"{useful} samples show 3 or more features of the hand to a camera; {joint_count} joints need at least "
+            f"{needed}"
         )
     cameras, features = seen.shape[1], int(seen.any(axis=(0, 1)).sum())
     unknowns = 4 * joint_count + 3 * features + 6 * (cameras - 1) + 4 * cameras - 1
