@@ -16,7 +16,6 @@ from dense_vs.sims.papers.rows import Row
 from dense_vs.view.canvas import new_figure, save_figure
 from dense_vs.view.progress import progress
 
-HELP = "depth of the sugar box from the recorded log of one approach (Fig. 6)"
 LOG = Path("../shared/data/sugar_box_approach.csv")
 COLUMNS = ("mask_area_px", "camera_z_m")
 PUBLISHED_Z = 0.17978791  # m, the authors' least-squares answer after the last view of this log

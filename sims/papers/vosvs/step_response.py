@@ -13,7 +13,6 @@ if TYPE_CHECKING:
     from dense_vs.mask_servo.loop import ServoRun
     from dense_vs.sims.papers.rows import Row
 
-HELP = "Figs. 10-12: step responses of all configurations with learnt J+"
 OBJECTS = ("Mug", "Tuna", "Potted Meat", "Gelatin")
 FLAT = ("Tuna", "Gelatin", "Padlock", "Washer")  # for H_base grasp, whose camera starts 0.2 m above the floor
 
