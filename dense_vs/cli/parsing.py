@@ -2,6 +2,7 @@
 
 import argparse
 import re
+import sys
 from collections.abc import Callable, Sequence
 from importlib import import_module
 from types import ModuleType
@@ -30,6 +31,11 @@ class LazyParser(argparse.ArgumentParser):
         """As the base class; also what it calls for a subcommand that was chosen."""
         self.complete()
         return super().parse_known_args(args, namespace)
+
+    def _print_message(self, message: str, file: Any = None) -> None:
+        """As the base class, which however says nothing where it cannot write."""
+        if message:
+            (file or sys.stderr).write(message)
 
 
 class ParagraphHelp(argparse.HelpFormatter):
