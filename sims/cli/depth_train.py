@@ -8,13 +8,19 @@ from concurrent.futures import ProcessPoolExecutor
 from pathlib import Path
 from typing import Any
 
+import cv2
 import numpy as np
 
+from dense_vs.depth.area_fit import DepthUnobservableError
+from dense_vs.depth.learned_depth import LearnedDepth, depth_features
+from dense_vs.depth.mask_fit import gather_evidence
+from dense_vs.depth.region_shape import mask_regions
 from dense_vs.errors import DenseVSError
+from dense_vs.kernels.launch import available_cores
+from dense_vs.sims.depth_training.mask_sequences import simulate_masks
 from dense_vs.view.progress import progress
 from dense_vs.view.tables import table
 
-HELP = "train the learned depth from masks on simulated sequences"
 CHUNK = 50  # sequences that a process simulates at a time
 MEMBERS = 6
 
@@ -29,8 +35,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> None:
     """Run the command."""
-    from dense_vs.kernels.launch import available_cores
-
     if arguments.sequences < 200:
         raise DenseVSError(f"--sequences is {arguments.sequences}; expected at least 200")
     processes = arguments.processes or available_cores()
@@ -55,8 +59,6 @@ def simulated_features(sequences: int, seed: int, processes: int) -> tuple[np.nd
 def train(features: np.ndarray, log_ratio: np.ndarray, seed: int) -> tuple[Any, list[list[str]]]:
     """A :class:`LearnedDepth` and rows of its errors on the fifth of the sequences that was kept aside."""
     from sklearn.neural_network import MLPRegressor
-
-    from dense_vs.depth.learned_depth import LearnedDepth
 
     kept = len(features) // 5
     mean, deviation = features[kept:].mean(axis=0), features[kept:].std(axis=0) + 1e-6
@@ -99,14 +101,6 @@ def train(features: np.ndarray, log_ratio: np.ndarray, seed: int) -> tuple[Any, 
 
 
 def _chunk(span: tuple[int, int, int]) -> list[tuple[np.ndarray, float]]:
-    import cv2
-
-    from dense_vs.depth.area_fit import DepthUnobservableError
-    from dense_vs.depth.learned_depth import depth_features
-    from dense_vs.depth.mask_fit import gather_evidence
-    from dense_vs.depth.region_shape import mask_regions
-    from dense_vs.sims.depth_training.mask_sequences import simulate_masks
-
     cv2.setNumThreads(1)
     seed, first, last = span
     rows = []

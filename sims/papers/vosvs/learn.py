@@ -14,7 +14,6 @@ if TYPE_CHECKING:
     from dense_vs.sims.papers.vosvs.configurations import Configuration
     from dense_vs.sims.papers.vosvs.learning import Learning
 
-HELP = "Table 1, Figs. 8, 9, 18: seven configurations learnt from 0.001 H, with Broyden's original update beside"
 LABELS = {"hadamard": "(11)", "featurewise": "(11) a feature at a time", "original": "original Broyden"}
 
 

@@ -5,22 +5,18 @@ from typing import Any
 
 import numpy as np
 
-from dense_vs.files import atomic_write
 from dense_vs.sims.papers.vosvs.pictures import outlined, write_tiles
+from dense_vs.view.canvas import new_figure, save_figure
 
 COLOURS = {"hadamard": "tab:blue", "featurewise": "tab:green", "original": "tab:red"}
 
 
 def draw_learning(learnt: list[Any], out: Path) -> None:
     """Write ``learn.png`` and ``learn_view.png``."""
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from matplotlib.figure import Figure
-
     from dense_vs.sims.papers.vosvs.learn import LABELS
     from dense_vs.sims.papers.vosvs.learning import INITIAL
 
-    figure = Figure(figsize=(2.8 * len(learnt), 11.0), layout="constrained")
-    FigureCanvasAgg(figure)
+    figure = new_figure(2.8 * len(learnt), 11.0)
     axes = figure.subplots(4, len(learnt), squeeze=False)
     for column, one in enumerate(learnt):
         image, elements, apart, others = axes[:, column]
@@ -55,8 +51,7 @@ def draw_learning(learnt: list[Any], out: Path) -> None:
         others.set_title("original Broyden; H = 0 dotted", fontsize=8)
         others.set_xlabel("updates")
     figure.legend(*axes[0, 0].get_legend_handles_labels(), loc="outside upper center", ncols=3)
-    with atomic_write(out / "learn.png") as stream:
-        figure.savefig(stream, format="png", dpi=100)
+    save_figure(figure, out / "learn.png", 100)
     base = next((one for one in learnt if one.one.name == "base"), None)
     if base is not None:
         _draw_view(base, out / "learn_view.png")

@@ -14,8 +14,6 @@ if TYPE_CHECKING:
     from dense_vs.sims.papers.rows import Row
     from dense_vs.sims.papers.vosvs.picking import Pick
 
-HELP = "Figs. 5, 19: find, centre, estimate depth, grasp, check and place in a bin"
-
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the experiment's own arguments."""

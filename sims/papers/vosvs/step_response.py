@@ -13,7 +13,6 @@ if TYPE_CHECKING:
     from dense_vs.mask_servo.loop import ServoRun
     from dense_vs.sims.papers.rows import Row
 
-HELP = "Figs. 10-12: step responses of all configurations with learnt J+"
 OBJECTS = ("Mug", "Tuna", "Potted Meat", "Gelatin")
 FLAT = ("Tuna", "Gelatin", "Padlock", "Washer")  # for H_base grasp, whose camera starts 0.2 m above the floor
 
@@ -113,15 +112,12 @@ def table_rows(responses: list[Response], seeds: tuple[int, ...]) -> "list[Row]"
 def draw_responses(responses: list[Response], path) -> None:
     """Ways of the centroids through the image, over the first object's view, a panel a configuration."""
     import numpy as np
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from matplotlib.figure import Figure
 
-    from dense_vs.files import atomic_write
     from dense_vs.sims.papers.vosvs.configurations import configuration
+    from dense_vs.view.canvas import new_figure, save_figure
 
     configs = list(dict.fromkeys(one.config for one in responses))
-    figure = Figure(figsize=(16, 7), layout="constrained")
-    FigureCanvasAgg(figure)
+    figure = new_figure(16, 7)
     panels = figure.subplots(2, 4).ravel()
     for panel, config in zip(panels, configs, strict=False):
         mine = [one for one in responses if one.config == config]
@@ -134,5 +130,4 @@ def draw_responses(responses: list[Response], path) -> None:
         panel.legend(fontsize=7)
     for panel in panels[len(configs) :]:
         panel.axis("off")
-    with atomic_write(path) as stream:
-        figure.savefig(stream, format="png", dpi=90)
+    save_figure(figure, path, 90)

@@ -13,7 +13,6 @@ if TYPE_CHECKING:
     from dense_vs.sims.papers.rows import Row
     from dense_vs.sims.papers.vosvs.preparation import Preparation
 
-HELP = "Fig. 13: a moving articulated object followed by the base and by the head gimbal"
 NAME = "Plastic Chain"
 SPEED = {"base": 0.2, "head": 0.25}  # m/s, of the hand that drags the chain
 SETTLE = 3  # frames from the end of a motion to the next image

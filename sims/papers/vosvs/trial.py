@@ -14,8 +14,6 @@ if TYPE_CHECKING:
     from dense_vs.sims.papers.rows import Row
     from dense_vs.sims.papers.vosvs.trials import ObjectTrial
 
-HELP = "Table 2: eight consecutive trials of three objects at three heights, servoing and depth"
-
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the experiment's own arguments."""

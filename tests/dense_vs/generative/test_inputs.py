@@ -89,6 +89,7 @@ def test_features_never_seen_together(ur5):
     assert_refused("camera 1 saw too few features", lambda: GenerativeModel.fit(ur5.observations(pixels=pixels)))
 
 
+@pytest.mark.slow
 def test_features_on_a_line(ur5):
     arm = record("ur5", 0).arm
     arm.features = np.linspace(-0.08, 0.08, 12)[:, None] * [0.6, 0.0, 0.8] + [0.0, 0.0, 0.06]

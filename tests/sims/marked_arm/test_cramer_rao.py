@@ -21,6 +21,7 @@ def test_true_parameters_make_the_true_pixels(arm):
     np.testing.assert_allclose(generated[seen], truth.pixels[seen], atol=1e-8)
 
 
+@pytest.mark.slow
 def test_fits_reach_the_bound_and_do_not_undercut_it():
     errors, bounds = [], []
     for seed in range(6):

@@ -7,7 +7,7 @@ import pytest
 from dense_vs.cli.main import main
 from dense_vs.generative import GenerativeModel
 from dense_vs.sims.marked_arm.noise import NoisyController
-from dense_vs.sims.papers import EXPERIMENTS
+from dense_vs.sims.papers import PAPERS
 from dense_vs.sims.papers.gothoskar import few_samples, relearning
 from dense_vs.sims.papers.gothoskar.arm_trials import TEST_SAMPLES, Trial
 from dense_vs.sims.papers.gothoskar.grasp import LIFTED, is_grasped
@@ -24,6 +24,7 @@ def reproduce(folder, name, *options):
     return {row["name"]: row for row in json.loads(file.read_text())["rows"]}
 
 
+@pytest.mark.slow
 def test_few_samples(tmp_path):
     rows = reproduce(tmp_path, "few-samples", "--arm", "ur5", "--samples", "20", "50", "--seed", "1")
     given = "validation error, {} samples, lens tolerances given"
@@ -51,6 +52,7 @@ def test_few_samples_are_scored_on_postures_that_were_not_learned_from():
     assert not np.isin(test.joints, seen.observations.joints).any()
 
 
+@pytest.mark.slow
 def test_noisy_states_and_actions_stand_beside_their_bounds(tmp_path):
     common = ["--arm", "ur5", "--sigma", "0.01", "--seed", "1"]
     rows = reproduce(tmp_path, "noisy-states", *common)
@@ -138,11 +140,11 @@ def test_rows_of_a_spread():
 def test_every_experiment_has_help_and_arguments():
     from importlib import import_module
 
-    for home in EXPERIMENTS["generative"].values():
-        module = import_module(home)
+    for experiment in PAPERS["generative"].experiments.values():
+        module = import_module(experiment.home)
         parser = argparse.ArgumentParser()
         module.add_arguments(parser)
-        assert module.HELP
+        assert experiment.help
         assert module.__doc__
 
 

@@ -14,7 +14,6 @@ from dense_vs.sims.papers.gothoskar.figures import draw_lines
 from dense_vs.sims.papers.rows import Row
 from dense_vs.view.progress import progress
 
-HELP = "Fig. 8, 9: servo moves against classical IBVS with the true Jacobian, over its gains"
 LAWS = ("exact", "independent", "proportional")
 
 
