@@ -5,9 +5,9 @@ samples free in the first stage, minibatches before the whole data in the second
 over samples, cameras and features, float64, strong Wolfe line search. The start is the same triangulated reconstruction
 that ours begins with.
 
-The paper gives each stage 200 iterations. Whoever counts quasi-Newton steps reads that as :data:`STEPS`, whoever counts
-calls of ``optimizer.step``, which in PyTorch are up to 20 of them, as :data:`CALLS`; both stop early at PyTorch's
-default tolerances.
+The paper gives each stage 200 iterations. Counted as quasi-Newton steps that is :data:`STEPS`; counted as calls of
+``optimizer.step``, each up to 20 such steps in PyTorch, it is :data:`CALLS`. Both stop early at PyTorch's default
+tolerances.
 """
 
 import time

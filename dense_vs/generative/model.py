@@ -33,11 +33,12 @@ class GenerativeModel:
     """Kinematics, structure and cameras of an arm, learned together from feature pixels; made by :meth:`fit`.
 
     Attributes:
-        parameters: what it predicts with.
-        report: how it was learned.
+        parameters: its kinematics, features and cameras.
+        report: how it was learned, and how well it explains the pixels.
         controller: ``"joint"`` or ``"cartesian"``.
         kinematics: ``"poe"`` or ``"dh"``.
-        postures: ``(T, n)`` joints [rad] of the samples as the model sees them; with a Cartesian controller none.
+        postures: ``(T, n)`` joints [rad] of the samples, corrected for noise where it was learned; empty with a
+            Cartesian controller.
         poses: ``(T, 4, 4)`` of the hand in the samples, with a Cartesian controller.
         image_sizes: ``(h, w)`` of each camera [px].
     """
@@ -85,8 +86,9 @@ class GenerativeModel:
                 transform, which converge slowly where axes are parallel.
             state: ``"observed"``: joints (or poses) are exact, Gothoskar (2) to (7); ``"noisy"``: they are not,
                 Gothoskar (8) to (11); ``"actions"``: only the actions are known, Gothoskar (12) to (15).
-            controller: what joints, poses and actions belong to.
-            seed: of the starts of the kinematic stage.
+            controller: ``"joint"``: states are joints and actions joint steps; ``"cartesian"``: states are poses of the
+                hand and actions rigid motions.
+            seed: seeds the random starts of the kinematic stage.
             method: ``"lm"``, beyond the paper, or ``"paper"``: L-BFGS in the three stages as published, which needs
                 ``kinematics="dh"`` and a joint controller.
             pixel_sigma: noise of a pixel coordinate [px]; estimated unless given.
@@ -231,16 +233,16 @@ class GenerativeModel:
         return self.infer_joints(target_pixels, near=current) - current
 
     def relearn(self, obs: Observations, what: str, seed: int = 0) -> FitReport:
-        """Learn one part anew from joints and pixels and keep the others; the report of it.
+        """Relearn one part from joints and pixels and keep the others; returns the report.
 
         Args:
             obs: a few samples; two are often enough for a camera or the structure.
             what: ``"camera:I"``, one past the last for a new camera; ``"structure"``, or ``"structure:K,L"`` for some
                 features, new ones among them; ``"base"``; ``"kinematics"``.
-            seed: of the starts of the kinematic stage.
+            seed: seeds the random starts of the kinematic stage.
 
         Raises:
-            DenseVSError: no such part, or observations that cannot tell it; the model stays as it was.
+            DenseVSError: no such part, or observations that do not determine it; the model stays as it was.
         """
         self._need_joints()
         parameters, report = relearn(self.parameters, obs, what, self.report.pixel_sigma or 0.5, self.postures, seed)

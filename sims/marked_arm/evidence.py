@@ -1,8 +1,8 @@
 """Observations to learn from, with the truth kept apart for scoring: random postures of an observed arm.
 
 The law of the postures is ``"normal"`` (N(0, 0.3 rad) about home) or ``"uniform"`` (within 1 rad of home), a draw a
-joint. Postures in which the cameras together see fewer than 6 features are drawn again: nobody would keep them. Lenses
-are known as their maker states them, with the tolerances that the statement has.
+joint. Postures in which the cameras together see fewer than 6 features are drawn again. Lenses are known as their
+maker states them, within the stated tolerances.
 """
 
 from dataclasses import dataclass, replace
@@ -20,7 +20,7 @@ POSTURES = ("normal", "uniform")
 PIXEL_NOISE = 0.5  # px, standard deviation in x and in y
 
 _LEAST_SEEN = 6
-_LEAST_FOR_A_CAMERA = 4  # points that tell a camera's pose
+_LEAST_FOR_A_CAMERA = 4  # points that determine a camera's pose
 _DRAWS = 2000
 _NORMAL_RAD = 0.3
 _UNIFORM_RAD = 1.0

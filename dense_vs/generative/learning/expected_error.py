@@ -1,7 +1,7 @@
 """How far a model's pixels may be off at postures like those it was learned from, from the samples alone.
 
-Beyond the paper. Few samples can be explained to within their noise by a model that is wrong elsewhere; the covariance
-of what was learned, the inverse of the normal matrix, tells so without samples held out.
+Beyond the paper. A model can explain few samples to within their noise and still be wrong elsewhere. The covariance of
+what was learned, the inverse of the normal matrix, shows this without holding samples out.
 """
 
 import numpy as np

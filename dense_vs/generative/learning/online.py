@@ -35,7 +35,7 @@ class WatchedModel(Protocol):
         ...
 
     def relearn(self, obs: Observations, what: str, seed: int = 0) -> FitReport:
-        """Learn one part anew."""
+        """Relearn one part."""
         ...
 
 
@@ -155,7 +155,7 @@ class OnlineLearner:
         return max(self._pixel_sigma(), *before)
 
     def relearn(self, camera: int) -> None:
-        """Learn a moved camera anew from the samples since it moved, and use it again.
+        """Relearn a moved camera from the samples since it moved, and use it again.
 
         Raises:
             DenseVSError: the camera did not move, or its samples do not suffice.

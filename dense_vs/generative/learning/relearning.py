@@ -1,4 +1,4 @@
-"""Parts of a learned model learned anew from a few samples: a camera, the structure, the base, the kinematics.
+"""Relearning one part of a model from a few samples: a camera, the structure, the base or the kinematics.
 
 The paper starts the part from random values and runs L-BFGS with the rest fixed; here each part has a start of its own,
 resection, triangulation, rigid alignment or the kinematic stage, so that two to five samples are enough.
@@ -42,7 +42,7 @@ def relearn(
     ``postures`` ``(K, n)`` [rad] are those that the model was learned from: the report says what to expect there.
 
     Raises:
-        DenseVSError: ``what`` is no part of the model, or ``obs`` cannot tell it.
+        DenseVSError: ``what`` is no part of the model, or ``obs`` does not determine it.
     """
     started = time.perf_counter()
     kind, _, detail = what.partition(":")

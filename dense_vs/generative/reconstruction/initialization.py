@@ -44,7 +44,7 @@ def guessed_intrinsics(obs: Observations) -> np.ndarray:
 def intrinsics_prior(obs: Observations, guess: np.ndarray, pixel_sigma: float) -> tuple[np.ndarray, np.ndarray]:
     """Mean and information of the intrinsics: as ``obs`` says, else weak enough for guesses that are a third off.
 
-    Beyond the paper: with few samples the pixels hardly tell the principal point, and without this it wanders.
+    Beyond the paper: few samples hardly determine the principal point, and without this prior it drifts.
     """
     widths = np.array([max(size) for size in obs.image_sizes], dtype=float)[:, None]
     share = FOCAL_SIGMA if obs.intrinsics is not None else UNKNOWN_FOCAL_SIGMA
@@ -119,7 +119,7 @@ def _refuse_a_line(found: list[Candidate]) -> None:
 
 
 def _adjusted(found: Reconstruction, pixels: np.ndarray, guess: np.ndarray) -> Candidate:
-    """Bundle adjustment; where it ends high, samples are posed anew by what it found, and it begins again."""
+    """Bundle adjustment, repeated from samples posed by its own result while the error stays high."""
     best = _adjusted_once(found, pixels, guess)
     for _ in range(REPEATED_BUNDLES):
         if best.rms < CERTAIN_BUNDLE:

@@ -24,8 +24,8 @@ def relative_poses(
 ) -> Iterator[tuple[np.ndarray, np.ndarray]]:
     """Poses of the second camera from matched normalized coordinates ``(k, 2)``.
 
-    The first comes from all matches and costs little; those from many small sets follow, most plausible first, for
-    whoever finds that it does not do.
+    The first comes from all matches and costs little. Those from many small sets follow, most plausible first, for a
+    caller whom the first does not satisfy.
 
     Args:
         first, second: matches of the two cameras.

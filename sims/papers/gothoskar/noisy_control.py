@@ -1,8 +1,8 @@
-"""Fig. 10 and 11: learning from the actions sent to a noisy controller and images alone, then servoing with it.
+"""Figs. 10 and 11: learning from the actions sent to a noisy controller and images alone, then servoing with it.
 
 The state is never read, neither for learning (50 samples) nor for servoing. Fig. 10: a Cartesian controller, noise in m
-and rad. Fig. 11: a joint controller, noise in rad. Both laws of ``sims/marked_arm/noise.py``: with independent noise on
-every move, the paper's, no servo can end below what one move's noise makes, and that floor is given beside.
+and rad. Fig. 11: a joint controller, noise in rad. Both laws of ``sims/marked_arm/noise.py`` are run. With independent
+noise on every move, the paper's law, no servo can end closer than one move's noise allows; that floor is given too.
 
 The joint model's own error is that on exact pixels of other postures, once its joints' constant offsets, which actions
 leave open, are taken out. Beside it stand that of a model which takes the actions for exact, and under independent

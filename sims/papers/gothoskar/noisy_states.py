@@ -2,8 +2,8 @@
 
 Noise law: every reading is off by N(0, sigma) in every joint, independently. Training on noisy readings; test postures
 are exact, as in the paper. Lambda is the variance of the pixels over that of the joints, both estimated by the fit.
-How large an arm is in its images decides how many pixels a radian is: so the error that the readings alone would make
-with a perfect model stands beside, and the Cramer-Rao bound, the error of a perfect fit to the same samples.
+How many pixels a radian moves a feature depends on the arm's size in the images. So two more errors are given: that of
+the readings alone with a perfect model, and the Cramer-Rao bound, the error of a perfect fit to the same samples.
 
 Beyond the table, as the paper has it in words: readings of the hand's pose, off by N(0, sigma) in m and in rad.
 """

@@ -1,4 +1,4 @@
-"""Fig. 4 to 7: a part of a learned model learned anew from few samples, the rest kept.
+"""Figs. 4 to 7: one part of a learned model relearned from few samples, the rest kept.
 
 Fig. 4: one of two cameras was moved elsewhere, or a third was added. Fig. 5: the hand carries other features. Fig. 6:
 the base was moved by centimeters and degrees. Fig. 7: the kinematics are learned again. The error is that on 100
@@ -88,7 +88,7 @@ def run(arguments: argparse.Namespace) -> list[Row]:
     draw_lines(
         arguments.out / "relearning.png",
         {part: (counts, errors[p]) for p, part in enumerate(PARTS)},
-        title=f"Parts learned anew (Fig. 4-7), median and range over {len(runs)} models",
+        title=f"Parts relearned (Figs. 4-7), median and range over {len(runs)} models",
         x_label="samples of the new setup",
         y_label="error on other samples of it [px]",
         levels={"noise of the pixels": 0.627},

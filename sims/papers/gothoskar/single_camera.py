@@ -2,10 +2,10 @@
 
 Table 6: a model of two cameras infers joints from the images of both or of one; the reprojection error is that of the
 model's pixels at the inferred joints in both cameras, also in the one that was not used. Joints are inferred without
-any reading, as in the paper; seven joints are not unique, so there only the reprojection can be right. How well one
-image tells the depth of a hand is a matter of its size there, so beside stand the errors of perfect inference with a
-perfect model (Cramer-Rao), and the reprojection in the camera that was used. Learning: models of the first camera
-alone.
+any reading, as in the paper; for seven joints they are not unique, so only the reprojection can be right. How well one
+image determines the hand's depth depends on the hand's size in it, so two more errors are given: that of perfect
+inference with a perfect model (Cramer-Rao), and the reprojection in the camera that was used. Learning: models of the
+first camera alone.
 """
 
 import argparse

@@ -1,7 +1,8 @@
 """Table 3: time of queries with 2 cameras, 12 features and the 6 joints of the UR5.
 
-Medians of wall time in this process, on what else the machine does; profiling/generative.py compares implementations.
-The paper does not say how many samples its gradients stand on; ours are residuals and Jacobian of T = 50.
+Medians of wall time in this process, which other work on the machine lengthens; profiling/generative.py compares
+implementations. The paper does not say over how many samples it takes its gradients; ours are residuals and Jacobian of
+T = 50.
 """
 
 import argparse

@@ -1,4 +1,4 @@
-"""Tables 1 and 2: what learning end to end brings, and what comes of leaving out stages before it.
+"""Tables 1 and 2: what learning end to end gains, and what is lost without the stages before it.
 
 Table 1: errors of the stages composed, before and after learning end to end; the paper's numbers are its loss, which
 with noise of half a pixel is about the mean squared distance, so that is given beside the mean distance. Table 2: all
