@@ -91,8 +91,10 @@ def _error(trial: Trial, controller: str, state: str, sigma: float, samples: int
     """Error [px] on exact postures of a model learned from noisy readings."""
     from dense_vs.generative import GenerativeModel
 
-    noise = {"joint_noise": sigma} if controller == "joint" else {"pose_noise": sigma}
-    observations = trial.evidence(samples, 0, **noise).observations
+    if controller == "joint":
+        observations = trial.evidence(samples, joint_noise=sigma).observations
+    else:
+        observations = trial.evidence(samples, pose_noise=sigma).observations
     model = GenerativeModel.fit(observations, state=state, controller=controller, seed=trial.seed)
     exact = held_out.truth.joints if controller == "joint" else held_out.truth.poses
     return pixel_error(model.pixels(exact), held_out.observations.pixels)
