@@ -28,6 +28,7 @@ def test_folds_are_scored_on_what_was_left_out(reproduce):
     assert values["k = 2: worst"] >= values["k = 2: mean"]
 
 
+@pytest.mark.slow
 def test_learning_end_to_end_lowers_the_error_to_the_noise(reproduce):
     values = reproduce("stages", "--arm", "ur5", "--samples", "30", "--seed", "2")
     before = values["before end-to-end: mean squared distance, median"]
@@ -35,6 +36,7 @@ def test_learning_end_to_end_lowers_the_error_to_the_noise(reproduce):
     assert after < 0.6 < before  # noise of half a pixel makes 0.5 px^2
 
 
+@pytest.mark.slow
 def test_the_model_servoes_in_fewer_moves_than_a_careful_gain(reproduce):
     options = ["--arm", "ur5", "--samples", "30", "--targets", "5", "--moves", "4", "--gains", "0.2", "--seed", "2"]
     values = reproduce("servo", *options)
@@ -53,6 +55,7 @@ def test_two_cameras_reproject_better_than_one(reproduce):
     assert values["learned from one camera, 30 samples: mean"] > PERFECT_PX
 
 
+@pytest.mark.slow
 def test_every_query_takes_time(reproduce):
     values = reproduce("speed", "--repeats", "1")
     assert len(values) == 10
