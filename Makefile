@@ -2,6 +2,7 @@
 PYTHON ?= python3
 VENV ?= .venv
 RUN := $(VENV)/bin
+TESTS ?= -n 2 --dist loadscope  # a module's fixtures are made once; 'make test TESTS=tests/kernels' runs some
 
 .PHONY: demo test check docs bench clean
 .DELETE_ON_ERROR:
@@ -10,7 +11,7 @@ demo: $(VENV)/.sims
 	$(RUN)/dense-vs reach --robot arm --targets 5 --seed 0 --out out/demo
 
 test: $(VENV)/.dev
-	$(RUN)/python -m pytest
+	$(RUN)/python -m pytest $(TESTS)
 
 check: $(VENV)/.dev
 	$(RUN)/ruff check .
