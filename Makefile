@@ -2,7 +2,8 @@
 PYTHON ?= python3
 VENV ?= .venv
 RUN := $(VENV)/bin
-TESTS ?= -n 2 --dist loadscope  # a module's fixtures are made once; 'make test TESTS=tests/kernels' runs some
+# A module's tests stay together, as its fixtures are costly; 'make test TESTS=tests/kernels' runs some of them.
+TESTS ?= -n 2 --dist loadscope
 
 .PHONY: demo test check docs bench clean
 .DELETE_ON_ERROR:
