@@ -30,7 +30,7 @@ class PaperPipeline:
         self._gray = cv2.cvtColor(first_image, cv2.COLOR_RGB2GRAY)
         self._filter = ScipyFilter(height, width, joints, FilterNoises())
         # What k-means finds does not change what assigning pixels to it costs.
-        self._centres = np.random.default_rng(0).normal(0, 50, (CLUSTERS, 2 * joints)).astype(np.float32)
+        self._centers = np.random.default_rng(0).normal(0, 50, (CLUSTERS, 2 * joints)).astype(np.float32)
         self._vectors = np.empty((height, width, 2 * joints), dtype=np.float32)
         self._point = np.array(point, dtype=np.float64)
         self._target = np.array(target, dtype=np.float64)
@@ -47,7 +47,7 @@ class PaperPipeline:
         height, width = gray.shape
         if self.labels is not None:
             self._vectors[:] = self._filter.jacobian.reshape(height, width, -1)
-            codes, _ = vq(self._vectors.reshape(height * width, -1), self._centres, check_finite=False)
+            codes, _ = vq(self._vectors.reshape(height * width, -1), self._centers, check_finite=False)
             self.labels = codes.reshape(height, width)
         self._point = np.clip(self._point + self._at(flow), 0, (width - 1, height - 1))
         jacobian = self._at(self._filter.jacobian)

@@ -29,7 +29,12 @@ PUBLISHED = {
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the command's arguments."""
     parser.add_argument("folder", type=Path, metavar="DIR", help="folder of the sets' .npz files")
-    parser.add_argument("--methods", default="vos-de,robust,learned", metavar="A,B", help="(default: %(default)s)")
+    parser.add_argument(
+        "--methods",
+        default="vos-de,robust,learned",
+        metavar="A,B",
+        help="ways to the depth: vos-de, robust, learned (default: all)",
+    )
     parser.add_argument("--sets", metavar="A,B", help="robot, driving, normal, perturb (default: all that are there)")
     parser.add_argument("--json", type=Path, metavar="FILE", help="write the scores and every example here")
 

@@ -1,4 +1,4 @@
-"""``dense-vs learn-model``: kinematics, structure and cameras of a recorded arm, from feature pixels.
+"""``dense-vs learn-model``: learn kinematics, marker positions and cameras of a recorded arm from pixels of markers.
 
 The recording is an .npz file with these arrays, for T postures, n joints, c cameras and m features:
 
@@ -35,30 +35,36 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--state",
         default="observed",
-        help="what is known of the arm: observed, exact joints or poses; noisy, with errors; or actions alone "
-        "(default: observed)",
+        metavar="KIND",
+        help="what is known of the joints: observed, noisy (readings), actions (commands alone) (default: observed)",
     )
     parser.add_argument(
-        "--controller",
-        default="joint",
-        help="joint, steps of joints, or cartesian, motions of the hand (default: joint)",
+        "--controller", default="joint", metavar="KIND", help="what it commands: joint or cartesian (default: joint)"
     )
     parser.add_argument(
-        "--kinematics", default="poe", help="poe, lines in the home pose, or dh, Denavit-Hartenberg (default: poe)"
+        "--kinematics",
+        default="poe",
+        metavar="FORM",
+        help="poe, product of exponentials, or dh, Denavit-Hartenberg (default: poe)",
     )
     parser.add_argument(
         "--method",
         default="lm",
-        help="lm, Levenberg-Marquardt, or paper, L-BFGS in three stages as published, which needs --kinematics dh "
-        "(default: lm)",
+        metavar="NAME",
+        help="lm, Levenberg-Marquardt, or paper, L-BFGS in three stages as published, with dh (default: lm)",
     )
     parser.add_argument(
         "--noise",
         default="constant",
-        help="noise of actions: constant, or proportional to the step (default: constant)",
+        metavar="KIND",
+        help="of actions: constant or proportional to them (default: constant)",
     )
     parser.add_argument(
-        "--distortion", type=int, default=0, metavar="K", help="radial coefficients to learn, 0 to 2 (default: 0)"
+        "--distortion",
+        type=int,
+        default=0,
+        metavar="K",
+        help="radial distortion coefficients to learn, 0 to 2 (default: 0)",
     )
     parser.add_argument(
         "--holdout",
@@ -67,7 +73,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="N",
         help="keep the last N postures from learning and print the error on them; needs --state observed (default: 0)",
     )
-    parser.add_argument("--seed", type=int, default=0, metavar="N", help="seed of the random starts (default: 0)")
+    parser.add_argument("--seed", type=int, default=0, metavar="N", help="of the random starts (default: 0)")
 
 
 def run(arguments: argparse.Namespace) -> None:

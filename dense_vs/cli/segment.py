@@ -1,4 +1,7 @@
-"""``dense-vs segment``: find an object in images or a video with what ``segment-train`` learnt or a neural network."""
+"""``dense-vs segment``: find an object in images or a video, as ``dense-vs segment-train`` learned it or by a network.
+
+Writes a mask and a picture for each image, and what each mask is good for.
+"""
 
 import argparse
 from collections.abc import Iterator
@@ -33,13 +36,35 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument("--out", type=Path, required=True, metavar="DIR", help="folder for masks and pictures")
     onnx = parser.add_argument_group("for .onnx networks")
-    onnx.add_argument("--layout", default="nchw", help="nchw or nhwc (default: nchw)")
-    onnx.add_argument("--size", type=int, nargs=2, metavar=("H", "W"), help="size the network sees (default: its own)")
-    onnx.add_argument("--mean", type=float, nargs=3, default=(0.0, 0.0, 0.0), metavar="M", help="subtracted after /255")
-    onnx.add_argument("--std", type=float, nargs=3, default=(1.0, 1.0, 1.0), metavar="S", help="divided by after that")
-    onnx.add_argument("--activation", default="logit", help="what it answers (default: logit)")
-    onnx.add_argument("--mask-input", metavar="NAME", help="input that takes the last mask")
-    onnx.add_argument("--first-mask", type=Path, metavar="PNG", help="mask of the frame before the first")
+    onnx.add_argument(
+        "--layout", default="nchw", metavar="ORDER", help="order of its input: nchw or nhwc (default: nchw)"
+    )
+    onnx.add_argument(
+        "--size",
+        type=int,
+        nargs=2,
+        metavar=("H", "W"),
+        help="size that images are scaled to (default: the network's own)",
+    )
+    onnx.add_argument(
+        "--mean",
+        type=float,
+        nargs=3,
+        default=(0.0, 0.0, 0.0),
+        metavar="M",
+        help="subtracted from RGB in 0 to 1 (default: 0)",
+    )
+    onnx.add_argument(
+        "--std", type=float, nargs=3, default=(1.0, 1.0, 1.0), metavar="S", help="what that is divided by (default: 1)"
+    )
+    onnx.add_argument(
+        "--activation",
+        default="logit",
+        metavar="KIND",
+        help="what it returns: logit, probability, class_logits, class_probabilities, labels (default: logit)",
+    )
+    onnx.add_argument("--mask-input", metavar="NAME", help="input that takes the mask of the frame before")
+    onnx.add_argument("--first-mask", type=Path, metavar="PNG", help="what that input takes at the first frame")
 
 
 def run(arguments: argparse.Namespace) -> None:

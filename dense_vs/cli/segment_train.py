@@ -15,22 +15,22 @@ from dense_vs.view.tables import table
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the command's arguments."""
     parser.add_argument("folder", type=Path, help="folder with images NAME.jpg or .png and masks NAME_mask.png")
-    parser.add_argument("--out", type=Path, required=True, metavar="NPZ", help="file for what was learnt")
+    parser.add_argument("--out", type=Path, required=True, metavar="NPZ", help="file for the segmenter")
     parser.add_argument(
         "--negatives",
         type=Path,
         nargs="+",
         default=[],
         metavar="FOLDER",
-        help="folders of images without the object; helps to tell when it is not there",
+        help="folders of images without the object, which teach when it is not there",
     )
-    parser.add_argument("--seed", type=int, default=0, help="of the random choices (default: 0)")
+    parser.add_argument("--seed", type=int, default=0, metavar="N", help="of the random choices (default: 0)")
     parser.add_argument(
         "--folds",
         type=int,
         default=0,
         metavar="N",
-        help="also print how well it does on images left out, in N folds (default: 0, not)",
+        help="first print the overlap on images left out, in N folds (default: 0, no such test)",
     )
 
 
@@ -49,14 +49,14 @@ def run(arguments: argparse.Namespace) -> None:
     segmenter = FewShotSegmenter(seed=arguments.seed)
     segmenter.fit([*annotated.images, *others], [*annotated.masks, *nothing])
     segmenter.save(arguments.out)
-    learnt = f"learnt from {len(annotated.names)} images"
+    learned = f"learned from {len(annotated.names)} images"
     if others:
-        learnt += f" and {len(others)} without the object"
-    print(f"{learnt} in {time.perf_counter() - started:.1f} s; written to {arguments.out}")
+        learned += f" and {len(others)} without the object"
+    print(f"{learned} in {time.perf_counter() - started:.1f} s; written to {arguments.out}")
 
 
 def _left_out(annotated, others, nothing, folds: int, seed: int) -> list[list[str]]:
-    """A row an image: what a segmenter makes of it that learnt from the other folds."""
+    """A row an image: what a segmenter makes of it that learned from the other folds."""
     fold = np.random.default_rng(seed).permutation(len(annotated.names)) % folds
     rows = {}
     with progress("folds", folds, unit="fold") as bar:

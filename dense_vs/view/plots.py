@@ -33,20 +33,20 @@ def plot_reach(trace: Any, joint_names: Sequence[str], path: str | os.PathLike[s
         place.plot(times, true_points[:, row], color="black", linestyle=":", label="true point")
         place.set_ylabel(f"{name} [px]")
         for n, joint in enumerate(joint_names):
-            colour = f"C{n}"
-            slope.plot(times, estimated[:, row, n], color=colour, label=joint)
-            slope.plot(times, true[:, row, n], color=colour, linestyle="--")
+            color_name = f"C{n}"
+            slope.plot(times, estimated[:, row, n], color=color_name, label=joint)
+            slope.plot(times, true[:, row, n], color=color_name, linestyle="--")
         slope.set_ylabel(f"d{name}/dq at the point [px/rad]")
     axes[0].set_title("Point and target")
     axes[2].set_title("J at the point: estimated (solid) and true (dashed)")
     for axis in (axes[0], axes[2]):
         axis.legend(loc="upper left", fontsize="small", ncols=max(3, len(joint_names)))
-    learnt = np.flatnonzero(~np.isnan(points[:, 0]))
+    learned = np.flatnonzero(~np.isnan(points[:, 0]))
     for axis in axes:
         axis.grid(alpha=0.3)
-        if learnt.size:
-            axis.axvspan(times[0], times[learnt[0]], color="grey", alpha=0.15)
-    if learnt.size:
-        axes[0].text(times[0], 0.03, " babbling", transform=axes[0].get_xaxis_transform(), color="grey")
+        if learned.size:
+            axis.axvspan(times[0], times[learned[0]], color="gray", alpha=0.15)
+    if learned.size:
+        axes[0].text(times[0], 0.03, " babbling", transform=axes[0].get_xaxis_transform(), color="gray")
     axes[-1].set_xlabel("time [s]")
     save_figure(figure, path)

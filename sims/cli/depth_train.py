@@ -27,10 +27,14 @@ MEMBERS = 6
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the command's arguments."""
-    parser.add_argument("--sequences", type=int, default=5000, metavar="N", help="to train on (default: %(default)s)")
-    parser.add_argument("--seed", type=int, default=0, metavar="N", help="(default: %(default)s)")
+    parser.add_argument(
+        "--sequences", type=int, default=5000, metavar="N", help="sequences to simulate and train on (default: 5000)"
+    )
+    parser.add_argument("--seed", type=int, default=0, metavar="N", help="of sequences and networks (default: 0)")
     parser.add_argument("--out", type=Path, required=True, metavar="FILE", help="where to write the weights (.npz)")
-    parser.add_argument("--processes", type=int, metavar="N", help="(default: all allowed cores)")
+    parser.add_argument(
+        "--processes", type=int, metavar="N", help="processes that simulate (default: all allowed cores)"
+    )
 
 
 def run(arguments: argparse.Namespace) -> None:

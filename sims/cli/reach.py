@@ -31,9 +31,11 @@ REACHED_PX = 2.0
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the command's arguments."""
-    parser.add_argument("--out", type=Path, required=True, help="folder for reach.mp4, reach.png and summary.json")
     parser.add_argument(
-        "--targets", type=int, default=5, help="number of targets, in random reachable places (default: 5)"
+        "--out", type=Path, required=True, metavar="DIR", help="folder for reach.mp4, reach.png and summary.json"
+    )
+    parser.add_argument(
+        "--targets", type=int, default=5, metavar="N", help="number of random targets that it can reach (default: 5)"
     )
     parser.add_argument(
         "--babble", type=float, default=10.0, metavar="S", help="seconds of motor babbling first (default: 10)"
@@ -41,14 +43,25 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--point",
         default="tip",
+        metavar="NAME|X,Y",
         help="point to control: a site, body or geom of the model, or X,Y in pixels (default: tip)",
     )
     parser.add_argument(
-        "--max-frames", type=int, default=150, help="frames after which a reach is given up (default: 150)"
+        "--max-frames", type=int, default=150, metavar="N", help="frames after which a reach is given up (default: 150)"
     )
-    parser.add_argument("--gain", type=float, default=0.2, help="gain k_p of (17) (default: 0.2)")
-    parser.add_argument("--flow", default="dis", metavar="METHOD", help="optical flow method (default: dis)")
-    parser.add_argument("--tracker", default="aligned", help="aligned, fixed_point or paper (15) (default: aligned)")
+    parser.add_argument("--gain", type=float, default=0.2, metavar="K", help="gain k_p of DIJE (17) (default: 0.2)")
+    parser.add_argument(
+        "--flow",
+        default="dis",
+        metavar="METHOD",
+        help="optical flow method; an unknown one lists them all (default: dis)",
+    )
+    parser.add_argument(
+        "--tracker",
+        default="aligned",
+        metavar="METHOD",
+        help="aligned, fixed_point, or paper, DIJE (15) (default: aligned)",
+    )
     parser.add_argument("--no-video", action="store_true", help="do not draw the video")
     add_world_arguments(parser)
 

@@ -20,8 +20,12 @@ VIDEO_QUALITY = 3  # compression artefacts are flow errors
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the command's arguments."""
-    parser.add_argument("--out", type=Path, required=True, help="folder for video.mp4, joints.csv and truth.npz")
-    parser.add_argument("--seconds", type=float, default=20.0, help="length of the recording (default: 20)")
+    parser.add_argument(
+        "--out", type=Path, required=True, metavar="DIR", help="folder for video.mp4, joints.csv and truth.npz"
+    )
+    parser.add_argument(
+        "--seconds", type=float, default=20.0, metavar="S", help="length of the recording (default: 20)"
+    )
     parser.add_argument(
         "--log-rate", type=float, default=100.0, metavar="HZ", help="rate of the joint log (default: 100)"
     )
@@ -37,7 +41,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         type=float,
         default=0.0,
         metavar="S",
-        help="seconds that the log's clock is behind the video's; give estimate the same (default: 0)",
+        help="seconds that the log's clock is behind the video's; give 'dense-vs estimate' the same (default: 0)",
     )
     parser.add_argument(
         "--truth-every", type=int, default=30, metavar="FRAMES", help="frames between truths (default: 30)"

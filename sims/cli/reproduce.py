@@ -33,12 +33,14 @@ class _SharedArguments:
 
     def __call__(self, parser: LazyParser) -> None:
         parser.add_argument(
-            "--seed", type=int, nargs="+", default=[0], metavar="N", dest="seeds", help="one or more (default: 0)"
+            "--seed", type=int, nargs="+", default=[0], metavar="N", dest="seeds", help="repeat for these (default: 0)"
         )
         parser.add_argument(
             "--out", type=Path, default=self._out, metavar="DIR", help=f"folder for the pictures (default: {self._out})"
         )
-        parser.add_argument("--json", type=Path, metavar="FILE", help="write the figures here")
+        parser.add_argument(
+            "--json", type=Path, metavar="FILE", help="write the figures here, with date, commit, arguments and machine"
+        )
         add_device_arguments(parser)
 
 
