@@ -1,4 +1,4 @@
-"""Active depth estimation: a camera approaches a centred object along its optical axis and estimates its depth on the
+"""Active depth estimation: a camera approaches a centered object along its optical axis and estimates its depth on the
 way, VOS-VS section 5.
 
 After every step the views so far give an estimate by (20), which says how far the camera may go on; at the end all
@@ -101,7 +101,7 @@ class DepthApproach:
         self.hidden = hidden
 
     def run(self) -> Approach:
-        """Approach from the present place, the object centred in the image."""
+        """Approach from the present place, the object centered in the image."""
         masks: list[np.ndarray] = []
         qualities: list[MaskQuality] = []
         positions: list[float] = []
@@ -150,7 +150,7 @@ class DepthApproach:
         return float(np.clip(left / 4.0, least, most))
 
     def _advance(self, step: float) -> bool:
-        """Step towards the object; False where the joint does not follow, at its limit or against something."""
+        """Step toward the object; False where the joint does not follow, at its limit or against something."""
         before = np.asarray(self.robot.joints()[0], dtype=np.float64)[self.column]
         limits = getattr(self.robot, "joint_limits", None)
         if limits is not None:

@@ -50,7 +50,7 @@ def depth_from_areas(areas: Any, camera_z: Any, *, keep_empty: bool = False) -> 
         camera_z: ``(m,)`` [m], the camera's position along its optical axis, which points against z as in the paper:
             the distance is z_camera - z_object.
         keep_empty: whether a view without a mask (area 0), which knows nothing of the depth, stays a row of (20), as
-            in the published scores; it pulls c_object towards 0.
+            in the published scores; it pulls c_object toward 0.
 
     Raises:
         DepthUnobservableError: fewer than two views with a mask, a camera that does not move, sizes that do not change.

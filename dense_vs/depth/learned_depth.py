@@ -127,10 +127,10 @@ def depth_features(evidence: "Evidence") -> tuple[np.ndarray, DistancePosterior]
     base = np.log(robust.least_relative_error())
     near, far = evidence.shapes[0], evidence.shapes[-1]
     sizes = lengths(near)
-    centre = 0.5 * np.array([width - 1, height - 1])
+    center = 0.5 * np.array([width - 1, height - 1])
     scale = np.exp(base) / (np.exp(base) + evidence.camera_back)
     misfit = np.array([lengths(shape) for shape in evidence.shapes]) / scale[:, None] / sizes - 1.0
-    drift = np.array([shape.centroid for shape in evidence.shapes]) - centre
+    drift = np.array([shape.centroid for shape in evidence.shapes]) - center
     drift = drift / scale[:, None] - drift[0]
     known = [np.log(posterior.quantile(share)) - base for posterior in posteriors for share in _shares]
     spread = [np.log(np.sqrt(np.mean(misfit[:, k] ** 2)) + 1e-3) for k in (0, _quarter, _area)]
@@ -145,7 +145,7 @@ def depth_features(evidence: "Evidence") -> tuple[np.ndarray, DistancePosterior]
         near.outline**2 / near.area,
         np.log(near.widths[0] / near.widths[_quarter]),
         near.area / (near.widths[0] * near.widths[_quarter]),
-        *np.abs(near.centroid - centre) / width,
+        *np.abs(near.centroid - center) / width,
         len(evidence.shapes),
         1.0 - len(found) / total,
         sum(region.touches_border for region in found) / total,

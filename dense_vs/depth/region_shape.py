@@ -18,7 +18,7 @@ DIRECTIONS = 16
 MAX_REGIONS = 24  # of a view, the largest
 _angles = np.arange(DIRECTIONS) * (2 * np.pi / DIRECTIONS)
 _unit = np.stack([np.cos(_angles), np.sin(_angles)])  # (2, D)
-# A pixel is a square about its centre: it reaches this much farther than its centre.
+# A pixel is a square about its center: it reaches this much farther than its center.
 _half_pixel = 0.5 * np.abs(_unit).sum(axis=0)
 WIDTH_AXES = _unit[:, : DIRECTIONS // 2]
 

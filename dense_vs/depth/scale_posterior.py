@@ -60,7 +60,7 @@ class DistancePosterior:
     Attributes:
         distance: ``(g,)`` [m], equally spaced in the logarithm.
         probability: ``(g,)``, sums to 1.
-        view_weight: ``(m,)``, 1 for a view that agrees with the others, towards 0 for an outlier.
+        view_weight: ``(m,)``, 1 for a view that agrees with the others, toward 0 for an outlier.
     """
 
     distance: np.ndarray

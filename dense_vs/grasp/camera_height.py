@@ -10,8 +10,8 @@ def grasp_camera_position(z_object: float, z_gripper: float) -> float:
 
     Args:
         z_object: the object's estimated position along the optical axis [m], on the axis that z_camera is
-            measured on: it grows from the object towards the camera, as in (17).
-        z_gripper: camera's position minus that of the centre of the closed fingertips on the same axis [m], above 0
+            measured on: it grows from the object toward the camera, as in (17).
+        z_gripper: camera's position minus that of the center of the closed fingertips on the same axis [m], above 0
             where the fingertips are before the camera.
 
     Raises:

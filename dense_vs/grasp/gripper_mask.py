@@ -55,7 +55,7 @@ class GripperModel:
 
         Args:
             angles: changes of the wrist angle (A,) [rad], positive from hand x to hand y.
-            intrinsics: (3, 3) camera matrix [px], pixel centres at whole numbers.
+            intrinsics: (3, 3) camera matrix [px], pixel centers at whole numbers.
             shape: (H, W) of the image.
 
         Raises:

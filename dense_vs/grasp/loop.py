@@ -1,6 +1,6 @@
 """Pick up an object whose depth is known: VOS-Grasp, VOS-VS section 6, as a loop that ends in a named state.
 
-From above the object: centre it under the gripper by servoing, turn the wrist by (22), go down to (21), close, lift,
+From above the object: center it under the gripper by servoing, turn the wrist by (22), go down to (21), close, lift,
 and compare areas (23); open and try again as the regrasp policy says. Beyond the paper: the way down is guarded, it
 ends where the lift no longer follows, and the fingers bite below the top surface where there is room.
 """
@@ -59,7 +59,7 @@ class HandGeometry:
     """What is known of the hand: no calibration of joints against the image, but the gripper in its own camera.
 
     Attributes:
-        z_gripper: from the camera to the centre of the closed fingertips along the optical axis, (21) [m].
+        z_gripper: from the camera to the center of the closed fingertips along the optical axis, (21) [m].
         target: s* of an object at that depth under the gripper [px].
         centre: the optical axis in the image [px].
         intrinsics: (3, 3) camera matrix for rendering the gripper of (22).
@@ -76,8 +76,8 @@ class HandGeometry:
 
     def target_at(self, distance: float) -> np.ndarray:
         """s* of an object under the gripper that is farther away than the fingertips [px]."""
-        centre = np.array(self.centre)
-        return centre + (np.array(self.target) - centre) * self.z_gripper / distance
+        center = np.array(self.centre)
+        return center + (np.array(self.target) - center) * self.z_gripper / distance
 
 
 @dataclass(frozen=True)
@@ -109,7 +109,7 @@ class GraspLoop:
         gripper: opens and closes.
         hand: its geometry.
         lift, wrist: joints that carry the hand up and turn it.
-        base: joints that centre, with ``pinv`` ``(n, 2)``: H_base grasp.
+        base: joints that center, with ``pinv`` ``(n, 2)``: H_base grasp.
         policy: what follows a miss.
         raise_by: way up before (23) [m].
         contact_lag: the lift stays behind its command by more than this when something is below [m].
@@ -147,7 +147,7 @@ class GraspLoop:
         self._raise_by, self._lag, self._on_attempt = raise_by, contact_lag, on_attempt
 
     def run(self, z_object: float) -> GraspRun:
-        """Grasp the object at ``z_object`` [m] on the lift's axis for the camera, its centre near the image's.
+        """Grasp the object at ``z_object`` [m] on the lift's axis for the camera, its center near the image's.
 
         The robot is above the object, its wrist where the camera servoes by ``pinv``.
         """

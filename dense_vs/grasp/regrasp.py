@@ -16,7 +16,7 @@ class GraspAction(Enum):
     """What the loop does next."""
 
     FINISH = "finish"  # go on with the object in the hand
-    REGRASP = "regrasp"  # open, centre again, grasp as the step says
+    REGRASP = "regrasp"  # open, center again, grasp as the step says
     SEARCH = "search"  # open, go back to where the object was last seen whole and look for it
     GIVE_UP = "give_up"
 

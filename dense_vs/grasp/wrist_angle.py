@@ -21,7 +21,7 @@ class WristVerdict(Enum):
     """Whether the chosen angle is worth closing the gripper at."""
 
     CLEAR = "clear"  # no finger on the object, something between the fingers
-    TOUCHING = "touching"  # some intersection at every angle: too wide, or not centred
+    TOUCHING = "touching"  # some intersection at every angle: too wide, or not centered
     MISSING = "missing"  # nothing between the fingers at the chosen angle
     EMPTY = "empty"  # no object in the mask: the angle stays as it is
 

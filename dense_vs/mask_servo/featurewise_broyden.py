@@ -2,7 +2,7 @@
 
 In (11) all features share one denominator, dq^T J+ de. While one element of J+ still has the wrong sign its term in
 the sum is negative and spoils the update of the others. Where H couples every joint to one feature only, as in all
-configurations of Table 1, the features can be learnt apart: each is (11) with k = 1, its denominator its own.
+configurations of Table 1, the features can be learned apart: each is (11) with k = 1, its denominator its own.
 """
 
 from typing import Any
@@ -20,7 +20,7 @@ class FeaturewiseBroyden:
         pinv0: ``(n, k)`` [rad/px, m/px].
         coupling: H, ``(n, k)`` of 0 and 1, with one 1 in each row.
         alpha: update speed.
-        min_motion: motions of a feature's joints with a smaller sum of \\|dq\\| [rad, m] add up until they are learnt
+        min_motion: motions of a feature's joints with a smaller sum of \\|dq\\| [rad, m] add up until they are learned
             from; smaller than for (11), as each sum has fewer terms.
         min_change: so do motions that changed the feature by less than this [px]: divided by noise, a motion says
             nothing.
@@ -39,7 +39,7 @@ class FeaturewiseBroyden:
         self._shape = coupling.shape
         self.coupling = coupling
         self.min_motion, self._min_change = min_motion, float(min_change)
-        self._seen: list[float | None] = [None] * self._shape[1]  # of each feature when last learnt from
+        self._seen: list[float | None] = [None] * self._shape[1]  # of each feature when last learned from
         self._learners = [
             HadamardBroyden(pinv0[joints, k : k + 1], np.ones((len(joints), 1)), alpha, min_motion=min_motion)
             if joints.size
@@ -57,7 +57,7 @@ class FeaturewiseBroyden:
         return pinv
 
     def observe(self, q: Any, e: Any) -> bool:
-        """Learn from joint positions ``(n,)`` and feature error ``(k,)``; whether anything was learnt.
+        """Learn from joint positions ``(n,)`` and feature error ``(k,)``; whether anything was learned.
 
         Raises:
             DenseVSError: another shape or a value that is not finite.
@@ -65,7 +65,7 @@ class FeaturewiseBroyden:
         q, e = np.asarray(q, dtype=np.float64), np.asarray(e, dtype=np.float64)
         if (len(q), len(e)) != self._shape:
             raise DenseVSError(f"q and e have lengths {len(q)} and {len(e)}; expected {self._shape}")
-        learnt = False
+        learned = False
         for k, (joints, learner) in enumerate(zip(self._joints, self._learners, strict=True)):
             seen = self._seen[k]
             if learner is None or (seen is not None and abs(e[k] - seen) < self._min_change):
@@ -73,8 +73,8 @@ class FeaturewiseBroyden:
             step = learner.observe(q[joints], e[k : k + 1])
             if step is None or step.outcome != "too little motion":
                 self._seen[k] = float(e[k])
-            learnt |= step is not None and step.changed
-        return learnt
+            learned |= step is not None and step.changed
+        return learned
 
     def forget_observation(self) -> None:
         """Begin :meth:`observe` anew, as after the object or the robot was moved by someone else; J+ stays."""

@@ -48,8 +48,8 @@ class HadamardBroyden:
     Args:
         pinv0: ``(n, k)`` [rad/px, m/px], the estimate to begin with; the paper uses 0.001 H.
         coupling: H, ``(n, k)`` of 0 and 1: which joint answers for which feature; None is the original Broyden update.
-        alpha: update speed, above 0 (0 keeps the estimate: how the paper uses what it learnt).
-        min_motion: motions with a smaller sum of \\|dq\\| [rad, m] are not learnt from; the authors' code uses 0.02.
+        alpha: update speed, above 0 (0 keeps the estimate: how the paper uses what it learned).
+        min_motion: motions with a smaller sum of \\|dq\\| [rad, m] are not learned from; the authors' code uses 0.02.
         min_cosine: the denominator's least magnitude, as the cosine between dq and J+ de; 0 is (11) as printed.
 
     Attributes:
@@ -103,7 +103,7 @@ class HadamardBroyden:
         return step
 
     def observe(self, q: Any, e: Any) -> BroydenStep | None:
-        """:meth:`update` with the change since the last observation that was learnt from.
+        """:meth:`update` with the change since the last observation that was learned from.
 
         Small motions so add up until there are enough of them, as the paper's "changes since the last update" say.
 
@@ -155,10 +155,10 @@ class HadamardBroyden:
             change = np.outer(dq - predicted, dq @ J) / held
             if self.coupling is not None:
                 change = change * self.coupling
-            learnt = J + self.alpha * change
-        if not np.isfinite(learnt).all():
+            learned = J + self.alpha * change
+        if not np.isfinite(learned).all():
             return kept("overflow")
-        return BroydenStep("updated" if held == denominator else "guarded", learnt, denominator)
+        return BroydenStep("updated" if held == denominator else "guarded", learned, denominator)
 
 
 def _logical(coupling: Any, shape: tuple[int, ...]) -> np.ndarray:

@@ -89,7 +89,7 @@ class MaskServo:
             learns from every look.
         target: s* ``(2,)`` [px].
         gain: lambda of (10). With a fixed J+ it is halved when the error turns round, as it does where the object is
-            much nearer than when J+ was learnt.
+            much nearer than when J+ was learned.
         max_step: largest step of each joint per command [rad, m].
         max_image_step: while learning, the largest step is made smaller or larger from look to look so that the object
             moves about so far in the image [px]: a wrong J+ then shows before the object is out of view.

@@ -1,4 +1,4 @@
-"""How far and with which joints a robot moves while its J+ is still being learnt. Beyond the paper.
+"""How far and with which joints a robot moves while its J+ is still being learned. Beyond the paper.
 
 VOS-VS section 7.3 lets an element of the wrong sign drive the object out of view and then resets the robot's pose.
 Where the object stands near the border that can happen before a single update, and again after every reset. Here a
@@ -27,7 +27,7 @@ RETREATS = 2  # one after the other with the object not whole in between, then i
 
 
 class View(Enum):
-    """What a look shows of the object, or why nothing can be learnt from it."""
+    """What a look shows of the object, or why nothing can be learned from it."""
 
     WHOLE = "whole"  # as much as the whole look before
     ANEW = "anew"  # the whole, but more of it than before, or for the first time: changes say nothing
@@ -115,7 +115,7 @@ class TrustRegion:
         self._in_turn = 0
 
     def retreat(self, positions: np.ndarray, error: np.ndarray, mask: np.ndarray) -> np.ndarray | None:
-        """The step ``(n,)`` after a look that cannot be learnt from; None where the object has been lost for good.
+        """The step ``(n,)`` after a look that cannot be learned from; None where the object has been lost for good.
 
         Back to where the object was last seen whole. The first time also beyond, with the joints of those features
         whose error grew, so far that the object moves as it should at a step and stays in the image; where none grew,

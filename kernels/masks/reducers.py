@@ -1,4 +1,4 @@
-"""One pass over masks or labelled images: what VOS-VS computes from a segmentation, (3)-(5), and more.
+"""One pass over masks or labeled images: what VOS-VS computes from a segmentation, (3)-(5), and more.
 
 Of every region: area s_A (3), centroid s_x, s_y (4), (5), box, second moments, and which sides of the image it
 touches. A mask's pixels are summed eight at once; a row of labels is walked in runs of equal ones, whose sums are
@@ -107,7 +107,7 @@ class MaskReducer:
 
 
 class LabelReducer:
-    """Reduces labelled images, as ``cv2.connectedComponents`` makes them, for every label at once.
+    """Reduces labeled images, as ``cv2.connectedComponents`` makes them, for every label at once.
 
     Args:
         worlds, height, width: of the images.
@@ -130,7 +130,7 @@ class LabelReducer:
             _kernels("label").walk, (worlds, height, pairs), GPU_RUN // 2, view, self._partial, width
         )
 
-    def __call__(self, labelled: Any) -> RegionSums:
+    def __call__(self, labeled: Any) -> RegionSums:
         """Reduce ``(worlds, H, W)`` int32, NumPy or Warp.
 
         Returns:
@@ -139,11 +139,11 @@ class LabelReducer:
         Raises:
             ValueError: another shape or dtype.
         """
-        if tuple(labelled.shape) != self._shape or labelled.dtype not in (np.int32, wp.int32):
+        if tuple(labeled.shape) != self._shape or labeled.dtype not in (np.int32, wp.int32):
             raise ValueError(
-                f"labels have shape {labelled.shape} and dtype {labelled.dtype}; expected int32 {self._shape}"
+                f"labels have shape {labeled.shape} and dtype {labeled.dtype}; expected int32 {self._shape}"
             )
-        stage(self._image[:, :, : self._shape[2]], labelled)
+        stage(self._image[:, :, : self._shape[2]], labeled)
         self._partial.clear()
         self._launch()
         return self._partial.result()

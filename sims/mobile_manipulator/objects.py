@@ -1,7 +1,7 @@
 """The 24 objects of the consecutive trials of VOS-VS (section 7.1, Table 2), built from primitives.
 
 Dimensions and masses are those published for the YCB object set (Calli et al., IEEE Robotics and Automation
-Magazine 22(3), 2015); colours follow the originals, prints are noise and patches. Boxes, cans and cups stand, tools
+Magazine 22(3), 2015); colors follow the originals, prints are noise and patches. Boxes, cans and cups stand, tools
 lie.
 """
 

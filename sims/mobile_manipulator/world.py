@@ -254,8 +254,8 @@ class MobileWorld:
         bodies = [thing.body, *[f"{thing.body}_{link}" for link in range(1, thing.links)]]
         return np.mean([self.state.body(body).xpos for body in bodies], axis=0)
 
-    def object_centre(self, name: str) -> np.ndarray:
-        """Centre of mass (3,) of an object, all links of a chain."""
+    def object_center(self, name: str) -> np.ndarray:
+        """Center of mass (3,) of an object, all links of a chain."""
         return self.state.subtree_com[self.model.body(self.objects[name].body).id].copy()
 
     def pull_chain(self, name: str, place: Any | None) -> np.ndarray:

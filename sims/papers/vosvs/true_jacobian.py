@@ -1,4 +1,4 @@
-"""What a learnt J+ should be: joints of a simulated robot moved a little, centroids by the renderer's ids.
+"""What a learned J+ should be: joints of a simulated robot moved a little, centroids by the renderer's ids.
 
 Truth for scores; nothing of it reaches the robot.
 """

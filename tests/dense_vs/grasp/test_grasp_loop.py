@@ -8,10 +8,10 @@ from dense_vs.errors import DenseVSError
 from dense_vs.grasp import GraspOutcome, GripperModel
 from dense_vs.grasp.loop import GraspLoop, HandGeometry
 
-CENTRE = ((WIDTH - 1) / 2, (HEIGHT - 1) / 2)
+CENTER = ((WIDTH - 1) / 2, (HEIGHT - 1) / 2)
 GRIP = 0.17
 BEHIND = 0.03
-INTRINSICS = np.array([[FOCAL, 0, CENTRE[0]], [0, FOCAL, CENTRE[1]], [0, 0, 1]])
+INTRINSICS = np.array([[FOCAL, 0, CENTER[0]], [0, FOCAL, CENTER[1]], [0, 0, 1]])
 
 
 def room(**options):
@@ -23,8 +23,8 @@ def room(**options):
 def loop(world, bite=0.0):
     pose = np.array([[0, -1, 0, -BEHIND], [1, 0, 0, 0], [0, 0, 1, GRIP], [0, 0, 0, 1]], dtype=float)
     model = GripperModel(opening=0.135, width=0.02, thickness=0.01, length=0.03, T_camera_hand=pose)
-    target = (CENTRE[0] - FOCAL * BEHIND / GRIP, CENTRE[1])
-    hand = HandGeometry(GRIP, target, CENTRE, INTRINSICS, model, bite=bite)
+    target = (CENTER[0] - FOCAL * BEHIND / GRIP, CENTER[1])
+    hand = HandGeometry(GRIP, target, CENTER, INTRINSICS, model, bite=bite)
     pinv = np.diag([-0.2 / FOCAL, -0.2 / FOCAL])
     return GraspLoop(world, world, world, world, hand, lift="lift", wrist="wrist", base=("forward", "right"), pinv=pinv)
 

@@ -113,6 +113,6 @@ def test_a_stopped_joint_goes_the_other_way_alone(command):
     error = np.array(assess_mask(square(60, 50)).centroid) - [160.0, 120.0]
     step = trust.retreat(np.array([0.0, 0.002]), error, square(60, 50))
     assert step is not None
-    assert step[0] < -0.02  # more than min_motion, so that it is learnt from
+    assert step[0] < -0.02  # more than min_motion, so that it is learned from
     assert step[1] == pytest.approx(-0.002)  # back
     np.testing.assert_array_equal(trust.active(np.ones((2, 2))), [[1, 1], [0, 0]])

@@ -41,7 +41,7 @@ def test_the_truth_is_the_one_of_the_masks(sequences):
     assert np.median(errors) < 0.1
 
 
-def test_training_learns_what_can_be_learnt():
+def test_training_learns_what_can_be_learned():
     """A ratio that two of the features tell, and noise."""
     rng = np.random.default_rng(0)
     features = rng.normal(size=(1500, 6))

@@ -5,7 +5,7 @@ import pytest
 
 from dense_vs.errors import DenseVSError
 from dense_vs.sims.mobile_manipulator.world import MobileWorld
-from dense_vs.sims.papers.vosvs.dragging import ROOM, DraggingHand
+from dense_vs.sims.papers.vosvs.dragging_hand import ROOM, DraggingHand
 
 NAME = "Plastic Chain"
 

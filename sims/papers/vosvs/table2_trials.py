@@ -1,7 +1,7 @@
-"""VOS-VS Table 2: 24 objects in eight consecutive trials at three heights: found and centred (VS), depth good (DE).
+"""VOS-VS Table 2: 24 objects in eight consecutive trials at three heights: found and centered (VS), depth good (DE).
 
 One run without resets but for the objects, which are exchanged between trials. Masks come from few-shot segmenters
-that learnt from ten images each, annotated by the simulator's ids; H_base is learnt at the start.
+that learned from ten images each, annotated by the simulator's ids; H_base is learned at the start.
 """
 
 import argparse
@@ -12,7 +12,7 @@ if TYPE_CHECKING:
 
     from dense_vs.depth.mask_fit import Method
     from dense_vs.sims.papers.rows import Row
-    from dense_vs.sims.papers.vosvs.trials import ObjectTrial
+    from dense_vs.sims.papers.vosvs.object_trial import ObjectTrial
 
 HELP = "Table 2: eight consecutive trials of three objects at three heights, servoing and depth"
 
@@ -26,8 +26,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> "list[Row]":
     """Run the experiment."""
-    from dense_vs.sims.papers.vosvs.pictures import write_tiles
-    from dense_vs.sims.papers.vosvs.preparation import require_cpu
+    from dense_vs.sims.papers.vosvs.image_tiles import write_tiles
+    from dense_vs.sims.papers.vosvs.learned_setup import require_cpu
     from dense_vs.view.progress import progress
     from dense_vs.view.tables import table
 
@@ -51,9 +51,9 @@ def run_trials(
 
     from dense_vs.sims.mobile_manipulator.adapters import ManipulatorRobot
     from dense_vs.sims.mobile_manipulator.postures import above
-    from dense_vs.sims.papers.vosvs.pictures import outlined
-    from dense_vs.sims.papers.vosvs.preparation import Preparation
-    from dense_vs.sims.papers.vosvs.trials import HEIGHT, PLACES, TRIALS, drive_to, locate, place_objects
+    from dense_vs.sims.papers.vosvs.image_tiles import outlined
+    from dense_vs.sims.papers.vosvs.learned_setup import Preparation
+    from dense_vs.sims.papers.vosvs.object_trial import HEIGHT, PLACES, TRIALS, drive_to, locate, place_objects
 
     ready = Preparation(None, seed, threads)
     bar.set_description(f"seed {seed}, learning")
@@ -87,7 +87,7 @@ def table_rows(results: "dict[int, list[ObjectTrial]]") -> "list[Row]":
     import numpy as np
 
     from dense_vs.sims.papers.rows import Row
-    from dense_vs.sims.papers.vosvs.summary import finite_percentile
+    from dense_vs.sims.papers.vosvs.finite_percentile import finite_percentile
 
     rows = []
     for seed, ones in results.items():

@@ -1,6 +1,6 @@
 """VOS-VS Fig. 13: follow a moving articulated object, a chain that is dragged and jerked, by the base and by the head.
 
-Masks come from a few-shot segmenter that learnt from ten images, annotated by the simulator's ids.
+Masks come from a few-shot segmenter that learned from ten images, annotated by the simulator's ids.
 """
 
 import argparse
@@ -11,7 +11,7 @@ if TYPE_CHECKING:
     import numpy as np
 
     from dense_vs.sims.papers.rows import Row
-    from dense_vs.sims.papers.vosvs.preparation import Preparation
+    from dense_vs.sims.papers.vosvs.learned_setup import Preparation
 
 HELP = "Fig. 13: a moving articulated object followed by the base and by the head gimbal"
 NAME = "Plastic Chain"
@@ -33,14 +33,14 @@ class Track:
     centroids: "np.ndarray"
     target: "np.ndarray"
     lost: int
-    travelled: float
+    traveled: float
     tiles: "list[tuple[str, np.ndarray]]"
 
 
 def run(arguments: argparse.Namespace) -> "list[Row]":
     """Run the experiment."""
-    from dense_vs.sims.papers.vosvs.pictures import write_tiles
-    from dense_vs.sims.papers.vosvs.preparation import TEACHER, Preparation, require_cpu
+    from dense_vs.sims.papers.vosvs.image_tiles import write_tiles
+    from dense_vs.sims.papers.vosvs.learned_setup import TEACHER, Preparation, require_cpu
     from dense_vs.view.progress import progress
 
     require_cpu(arguments.device)
@@ -62,9 +62,9 @@ def follow(ready: "Preparation", config: str, looks: int, bar) -> Track:
     from dense_vs.mask_servo.object_search import search_object
     from dense_vs.sims.mobile_manipulator.adapters import ManipulatorCamera, ManipulatorRobot
     from dense_vs.sims.papers.vosvs.configurations import configuration
-    from dense_vs.sims.papers.vosvs.dragging import DraggingHand
-    from dense_vs.sims.papers.vosvs.pictures import outlined
-    from dense_vs.sims.papers.vosvs.staging import floor_point, start_posture
+    from dense_vs.sims.papers.vosvs.dragging_hand import DraggingHand
+    from dense_vs.sims.papers.vosvs.image_tiles import outlined
+    from dense_vs.sims.papers.vosvs.object_placement import floor_point, start_posture
     from dense_vs.sims.papers.vosvs.true_jacobian import true_centroid
 
     one, world = configuration(config), ready.world
@@ -124,7 +124,7 @@ def table_rows(tracks: list[Track], seeds: tuple[int, ...]) -> "list[Row]":
     import numpy as np
 
     from dense_vs.sims.papers.rows import Row
-    from dense_vs.sims.papers.vosvs.summary import finite_percentile
+    from dense_vs.sims.papers.vosvs.finite_percentile import finite_percentile
 
     rows = []
     for config in SPEED:
@@ -136,6 +136,6 @@ def table_rows(tracks: list[Track], seeds: tuple[int, ...]) -> "list[Row]":
         rows.append(Row(f"{config}: true error, median", None, finite_percentile(errors), "px", seeds))
         rows.append(Row(f"{config}: true error, 90th percentile", None, finite_percentile(errors, 90), "px", seeds))
         rows.append(Row(f"{config}: times lost", None, sum(one.lost for one in mine), "", seeds))
-        way = float(np.mean([one.travelled for one in mine]))
+        way = float(np.mean([one.traveled for one in mine]))
         rows.append(Row(f"{config}: the object's way", None, way, "m", seeds))
     return rows

@@ -1,4 +1,4 @@
-"""Pick an object and place it in the bin, VOS-VS Figs. 5 and 19: find, centre, estimate depth, grasp, check, place."""
+"""Pick an object and place it in the bin, VOS-VS Figs. 5 and 19: find, center, estimate depth, grasp, check, place."""
 
 from dataclasses import dataclass, field
 
@@ -11,12 +11,12 @@ from dense_vs.sims.mobile_manipulator.adapters import ManipulatorCamera, Manipul
 from dense_vs.sims.mobile_manipulator.postures import GRIPPER_BEHIND, above
 from dense_vs.sims.mobile_manipulator.world import MobileWorld
 from dense_vs.sims.papers.vosvs.configurations import configuration
-from dense_vs.sims.papers.vosvs.hand import hand_geometry
-from dense_vs.sims.papers.vosvs.trials import ObjectTrial, locate
+from dense_vs.sims.papers.vosvs.gripper_geometry import hand_geometry
+from dense_vs.sims.papers.vosvs.object_trial import ObjectTrial, locate
 
 BIN = (1.0, -1.4)  # m, middle of the bin on the floor
 BIN_HALF = (0.246, 0.306)
-BIN_FLOOR = 0.012  # m; the centre of what lies in the bin is higher
+BIN_FLOOR = 0.012  # m; the center of what lies in the bin is higher
 FITS = 0.125  # m, widest grip that leaves the fingers room
 DROP = (0.92, -1.4)  # m, above the bin: as near to its front as long objects allow, which keeps the base away from it
 CARRY = 0.72  # m, of the lift while carrying
@@ -27,7 +27,7 @@ class Pick:
     """What came of one object.
 
     Attributes:
-        trial: finding, centring and depth.
+        trial: finding, centering and depth.
         grasp: the attempts; None where it was not found or has no depth.
         truly_held: for each check of (23), whether the object was in the gripper by the simulator.
         placed: whether it lies in the bin at the end, by the simulator.
@@ -88,7 +88,7 @@ def pick_and_place(
     held = world.highest_point(name) > 0.3
     gripper.open()
     world.wait(20)
-    x, y, z = world.object_centre(name)
+    x, y, z = world.object_center(name)
     pick.placed = abs(x - BIN[0]) < BIN_HALF[0] and abs(y - BIN[1]) < BIN_HALF[1] and BIN_FLOOR < z < 0.3
     if not pick.placed:
         pick.cause = "fell beside the bin" if held else "slipped out on the way"

@@ -1,6 +1,6 @@
 """VOS-VS Table 1, Figs. 8, 9, 18: learn J+ of seven configurations from 0.001 H by (11), beside Broyden's update.
 
-Masks come from few-shot segmenters that learnt from ten images each, annotated by the simulator's ids.
+Masks come from few-shot segmenters that learned from ten images each, annotated by the simulator's ids.
 """
 
 import argparse
@@ -12,9 +12,9 @@ if TYPE_CHECKING:
 
     from dense_vs.sims.papers.rows import Row
     from dense_vs.sims.papers.vosvs.configurations import Configuration
-    from dense_vs.sims.papers.vosvs.learning import Learning
+    from dense_vs.sims.papers.vosvs.jacobian_learning import Learning
 
-HELP = "Table 1, Figs. 8, 9, 18: seven configurations learnt from 0.001 H, with Broyden's original update beside"
+HELP = "Table 1, Figs. 8, 9, 18: seven configurations learned from 0.001 H, with Broyden's original update beside"
 LABELS = {"hadamard": "(11)", "featurewise": "(11) a feature at a time", "original": "original Broyden"}
 
 
@@ -25,7 +25,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 @dataclass
-class Learnt:
+class Learned:
     """All updates' outcomes for one configuration and seed, beside the truth of J+ where they ended, its median."""
 
     one: "Configuration"
@@ -37,34 +37,34 @@ class Learnt:
 def run(arguments: argparse.Namespace) -> "list[Row]":
     """Run the experiment."""
     from dense_vs.sims.papers.vosvs.configurations import CONFIGURATIONS
-    from dense_vs.sims.papers.vosvs.learn_figure import draw_learning
-    from dense_vs.sims.papers.vosvs.learning import UPDATES
-    from dense_vs.sims.papers.vosvs.preparation import require_cpu
+    from dense_vs.sims.papers.vosvs.jacobian_learning import UPDATES
+    from dense_vs.sims.papers.vosvs.learned_setup import require_cpu
+    from dense_vs.sims.papers.vosvs.learning_figures import draw_learning
     from dense_vs.view.progress import progress
 
     require_cpu(arguments.device)
-    learnt: list[Learnt] = []
+    learned: list[Learned] = []
     with progress("learn", len(arguments.seeds) * len(CONFIGURATIONS) * len(UPDATES), "run") as bar:
         for seed in arguments.seeds:
-            learnt += learn_all(seed, arguments.responses, arguments.looks, arguments.threads, bar)
-    draw_learning([one for one in learnt if one.seed == arguments.seeds[0]], arguments.out)
-    return table_rows(learnt, tuple(arguments.seeds))
+            learned += learn_all(seed, arguments.responses, arguments.looks, arguments.threads, bar)
+    draw_learning([one for one in learned if one.seed == arguments.seeds[0]], arguments.out)
+    return table_rows(learned, tuple(arguments.seeds))
 
 
-def learn_all(seed: int, responses: int, looks: int, threads: int | None, bar) -> list[Learnt]:
+def learn_all(seed: int, responses: int, looks: int, threads: int | None, bar) -> list[Learned]:
     """The seven configurations with all three updates."""
     import numpy as np
 
     from dense_vs.sims.mobile_manipulator.annotations import learn_segmenter
     from dense_vs.sims.mobile_manipulator.world import MobileWorld
     from dense_vs.sims.papers.vosvs.configurations import CONFIGURATIONS
-    from dense_vs.sims.papers.vosvs.learning import UPDATES, learn
-    from dense_vs.sims.papers.vosvs.preparation import TEACHER, TEACHERS
+    from dense_vs.sims.papers.vosvs.jacobian_learning import UPDATES, learn
+    from dense_vs.sims.papers.vosvs.learned_setup import TEACHER, TEACHERS
 
     names = [*dict.fromkeys([*TEACHERS.values(), TEACHER])]
     world = MobileWorld(names, seed=seed, threads=threads)
     segmenters = {name: learn_segmenter(world, name, seed) for name in names}
-    learnt = []
+    learned = []
     for number, one in enumerate(CONFIGURATIONS):
         name = TEACHERS.get(one.name, TEACHER)
         outcomes = {}
@@ -85,19 +85,19 @@ def learn_all(seed: int, responses: int, looks: int, threads: int | None, bar) -
             bar.update()
         truths = [true for outcome in outcomes.values() for true in outcome.true]
         true = np.median(truths, axis=0) if truths else np.full(one.coupling.shape, np.nan)
-        learnt.append(Learnt(one, seed, outcomes, true))
-    return learnt
+        learned.append(Learned(one, seed, outcomes, true))
+    return learned
 
 
-def table_rows(learnt: list[Learnt], seeds: tuple[int, ...]) -> "list[Row]":
-    """Table 1: every learnt element beside the paper's and the truth; how many of the seven converged."""
+def table_rows(learned: list[Learned], seeds: tuple[int, ...]) -> "list[Row]":
+    """Table 1: every learned element beside the paper's and the truth; how many of the seven converged."""
     import numpy as np
 
     from dense_vs.sims.papers.rows import Row
 
     rows = []
     for seed in seeds:
-        mine = [one for one in learnt if one.seed == seed]
+        mine = [one for one in learned if one.seed == seed]
         for update, label in LABELS.items():
             count = sum(one.outcomes[update].converged for one in mine)
             rows.append(Row(f"converged of 7, {label}", 7 if update == "hadamard" else None, count, "", (seed,)))
@@ -108,8 +108,8 @@ def table_rows(learnt: list[Learnt], seeds: tuple[int, ...]) -> "list[Row]":
             rows.append(Row(f"times put back, {label}", None, lost, "", (seed,)))
             rows.append(Row(f"steps taken back, {label}", None, back, "", (seed,)))
             rows.append(Row(f"looks until s*, all seven, {label}", None, seen, "", (seed,)))
-    for one in learnt[:7]:
-        same = [other for other in learnt if other.one.name == one.one.name]
+    for one in learned[:7]:
+        same = [other for other in learned if other.one.name == one.one.name]
         for update in ("hadamard", "featurewise"):
             known = [count for other in same if (count := other.outcomes[update].updates) is not None]
             paper = 14 if (one.one.name, update) == ("base", "hadamard") else None
@@ -126,13 +126,13 @@ def table_rows(learnt: list[Learnt], seeds: tuple[int, ...]) -> "list[Row]":
             true = np.median([other.true[row, feature] for other in same])
             unit = "m/px" if joint in ("arm_lift", "base_forward", "base_lateral") else "rad/px"
             element = f"{one.one.name}: d{joint}/ds_{'xy'[feature]}"
-            rows.append(Row(f"{element}, {LABELS['hadamard']}", one.one.learnt[row], by["hadamard"], unit, seeds))
+            rows.append(Row(f"{element}, {LABELS['hadamard']}", one.one.learned[row], by["hadamard"], unit, seeds))
             rows.append(Row(f"  {LABELS['featurewise']}", None, by["featurewise"], unit, seeds))
             rows.append(Row("  by the simulator, the joint alone", None, true, unit, seeds))
     return rows
 
 
-def removed(one: Learnt, update: str) -> "np.ndarray":
+def removed(one: Learned, update: str) -> "np.ndarray":
     """Part ``(2,)`` of the error in s_x and s_y that a step (10) of gain 1 truly removes: 1 where J+ has its true size.
 
     That of a feature's joints together: which share each of several takes is free.

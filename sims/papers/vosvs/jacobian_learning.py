@@ -11,7 +11,7 @@ from dense_vs.segmentation import Segmenter
 from dense_vs.sims.mobile_manipulator.adapters import ManipulatorCamera, ManipulatorRobot
 from dense_vs.sims.mobile_manipulator.world import MobileWorld
 from dense_vs.sims.papers.vosvs.configurations import Configuration
-from dense_vs.sims.papers.vosvs.staging import put_in_view, start_posture
+from dense_vs.sims.papers.vosvs.object_placement import put_in_view, start_posture
 from dense_vs.sims.papers.vosvs.true_jacobian import true_pinv
 
 INITIAL = 0.001  # of J+ wherever H is 1

@@ -1,7 +1,7 @@
-"""VOS-VS Figs. 5 and 19: find an object, centre it, estimate its depth, grasp, check, and place it in a bin.
+"""VOS-VS Figs. 5 and 19: find an object, center it, estimate its depth, grasp, check, and place it in a bin.
 
 All objects of Table 2 that fit the gripper, each from the height of its trial. Masks come from few-shot segmenters
-that learnt from ten images each, annotated by the simulator's ids; H_base and H_base grasp are learnt at the start.
+that learned from ten images each, annotated by the simulator's ids; H_base and H_base grasp are learned at the start.
 """
 
 import argparse
@@ -12,9 +12,9 @@ if TYPE_CHECKING:
 
     from dense_vs.depth.mask_fit import Method
     from dense_vs.sims.papers.rows import Row
-    from dense_vs.sims.papers.vosvs.picking import Pick
+    from dense_vs.sims.papers.vosvs.pick_and_place import Pick
 
-HELP = "Figs. 5, 19: find, centre, estimate depth, grasp, check and place in a bin"
+HELP = "Figs. 5, 19: find, center, estimate depth, grasp, check and place in a bin"
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -26,8 +26,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> "list[Row]":
     """Run the experiment."""
-    from dense_vs.sims.papers.vosvs.pictures import write_tiles
-    from dense_vs.sims.papers.vosvs.preparation import require_cpu
+    from dense_vs.sims.papers.vosvs.image_tiles import write_tiles
+    from dense_vs.sims.papers.vosvs.learned_setup import require_cpu
     from dense_vs.view.progress import progress
     from dense_vs.view.tables import table
 
@@ -50,9 +50,9 @@ def run_picks(
     import numpy as np
 
     from dense_vs.sims.mobile_manipulator.postures import above
-    from dense_vs.sims.papers.vosvs.picking import FITS, pick_and_place
-    from dense_vs.sims.papers.vosvs.preparation import Preparation
-    from dense_vs.sims.papers.vosvs.trials import HEIGHT, PLACES, TRIALS, place_objects
+    from dense_vs.sims.papers.vosvs.learned_setup import Preparation
+    from dense_vs.sims.papers.vosvs.object_trial import HEIGHT, PLACES, TRIALS, place_objects
+    from dense_vs.sims.papers.vosvs.pick_and_place import FITS, pick_and_place
 
     ready = Preparation(None, seed, threads)
     world, rng = ready.world, np.random.default_rng([seed, 70])
@@ -84,7 +84,7 @@ def table_rows(results: "dict[int, list[Pick]]") -> "list[Row]":
     import numpy as np
 
     from dense_vs.sims.papers.rows import Row
-    from dense_vs.sims.papers.vosvs.summary import finite_percentile
+    from dense_vs.sims.papers.vosvs.finite_percentile import finite_percentile
 
     rows = []
     for seed, picks in results.items():

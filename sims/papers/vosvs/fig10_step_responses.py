@@ -1,6 +1,6 @@
-"""VOS-VS Figs. 10 to 12: step responses of all configurations with the J+ that they learnt, on four objects each.
+"""VOS-VS Figs. 10 to 12: step responses of all configurations with the J+ that they learned, on four objects each.
 
-Masks come from few-shot segmenters that learnt from ten images each, annotated by the simulator's ids.
+Masks come from few-shot segmenters that learned from ten images each, annotated by the simulator's ids.
 """
 
 import argparse
@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     from dense_vs.mask_servo.loop import ServoRun
     from dense_vs.sims.papers.rows import Row
 
-HELP = "Figs. 10-12: step responses of all configurations with learnt J+"
+HELP = "Figs. 10-12: step responses of all configurations with learned J+"
 OBJECTS = ("Mug", "Tuna", "Potted Meat", "Gelatin")
 FLAT = ("Tuna", "Gelatin", "Padlock", "Washer")  # for H_base grasp, whose camera starts 0.2 m above the floor
 
@@ -37,7 +37,7 @@ class Response:
 def run(arguments: argparse.Namespace) -> "list[Row]":
     """Run the experiment."""
     from dense_vs.sims.papers.vosvs.configurations import CONFIGURATIONS
-    from dense_vs.sims.papers.vosvs.preparation import require_cpu
+    from dense_vs.sims.papers.vosvs.learned_setup import require_cpu
     from dense_vs.view.progress import progress
 
     require_cpu(arguments.device)
@@ -56,9 +56,9 @@ def respond_all(seed: int, threads: int | None, bar) -> list[Response]:
     from dense_vs.mask_servo.loop import MaskServo
     from dense_vs.sims.mobile_manipulator.adapters import ManipulatorCamera, ManipulatorRobot
     from dense_vs.sims.papers.vosvs.configurations import CONFIGURATIONS
-    from dense_vs.sims.papers.vosvs.learning import MAX_STEP
-    from dense_vs.sims.papers.vosvs.preparation import TEACHER, TEACHERS, Preparation
-    from dense_vs.sims.papers.vosvs.staging import put_in_view, start_posture
+    from dense_vs.sims.papers.vosvs.jacobian_learning import MAX_STEP
+    from dense_vs.sims.papers.vosvs.learned_setup import TEACHER, TEACHERS, Preparation
+    from dense_vs.sims.papers.vosvs.object_placement import put_in_view, start_posture
     from dense_vs.sims.papers.vosvs.true_jacobian import true_centroid
 
     ready = Preparation([*dict.fromkeys([*OBJECTS, *FLAT, *TEACHERS.values(), TEACHER])], seed, threads)
@@ -100,12 +100,12 @@ def table_rows(responses: list[Response], seeds: tuple[int, ...]) -> "list[Row]"
     for config in dict.fromkeys(one.config for one in responses):
         mine = [one for one in responses if one.config == config]
         reached = [one for one in mine if one.run.end is ServoEnd.CONVERGED]
-        # Fig. 11 shows H_arm wrist centring on the four objects that can be reached.
+        # Fig. 11 shows H_arm wrist centering on the four objects that can be reached.
         paper = 4 * len(seeds) if config == "arm wrist" else None
-        rows.append(Row(f"{config}: centred of {len(mine)}", paper, len(reached), "", seeds))
+        rows.append(Row(f"{config}: centered of {len(mine)}", paper, len(reached), "", seeds))
         looks = np.median([len(one.run.looks) for one in reached]) if reached else np.nan
         error = np.median([one.true_error for one in reached]) if reached else np.nan
-        rows.append(Row(f"{config}: looks until centred, median", None, looks, "", seeds))
+        rows.append(Row(f"{config}: looks until centered, median", None, looks, "", seeds))
         rows.append(Row(f"{config}: true error then, median", None, error, "px", seeds))
     return rows
 

@@ -1,4 +1,4 @@
-"""What an experiment with learnt parameters begins with: a world, segmenters, and J+ learnt by servoing, then kept."""
+"""What an experiment begins with: a world, segmenters, and J+ learned by servoing and kept from then on."""
 
 from collections.abc import Sequence
 
@@ -9,7 +9,7 @@ from dense_vs.segmentation import Segmenter
 from dense_vs.sims.mobile_manipulator.annotations import learn_segmenter
 from dense_vs.sims.mobile_manipulator.world import MobileWorld
 from dense_vs.sims.papers.vosvs.configurations import configuration
-from dense_vs.sims.papers.vosvs.learning import Learning, learn
+from dense_vs.sims.papers.vosvs.jacobian_learning import Learning, learn
 
 TEACHERS = {"base": "Plastic Chain", "base grasp": "Tuna"}  # the object that a configuration learns with
 TEACHER = "Mug"
@@ -28,7 +28,7 @@ def require_cpu(device: str) -> None:
 
 
 class Preparation:
-    """A world of one seed; segmenters and J+ are learnt when first asked for, and J+ is then kept (alpha = 0).
+    """A world of one seed; segmenters and J+ are learned when first asked for, and J+ is then kept (alpha = 0).
 
     Args:
         objects: that the experiment needs; all 24 when None.
@@ -40,7 +40,7 @@ class Preparation:
         self.seed = seed
         self.world = MobileWorld(objects, seed=seed, threads=threads)
         self._segmenters: dict[str, Segmenter] = {}
-        self._learnt: dict[str, Learning] = {}
+        self._learned: dict[str, Learning] = {}
 
     def segmenter(self, name: str) -> Segmenter:
         """Of an object, from ten annotated images; the robot's posture and the other objects are not kept."""
@@ -49,12 +49,12 @@ class Preparation:
         return self._segmenters[name]
 
     def learning(self, config: str) -> Learning:
-        """How J+ of a configuration was learnt.
+        """How J+ of a configuration was learned.
 
         Raises:
             DenseVSError: it did not converge.
         """
-        if config not in self._learnt:
+        if config not in self._learned:
             name = TEACHERS.get(config, TEACHER)
             segmenter = self.segmenter(name)
             for attempt in range(ATTEMPTS):
@@ -67,12 +67,12 @@ class Preparation:
                     break
             else:
                 raise DenseVSError(
-                    f"J+ of {config!r} was not learnt in {ATTEMPTS} times {LOOKS} looks; "
+                    f"J+ of {config!r} was not learned in {ATTEMPTS} times {LOOKS} looks; "
                     "expected a step response to converge"
                 )
-            self._learnt[config] = learning
-        return self._learnt[config]
+            self._learned[config] = learning
+        return self._learned[config]
 
     def pinv(self, config: str) -> np.ndarray:
-        """J+ ``(n, 2)`` of a configuration, learnt."""
+        """J+ ``(n, 2)`` of a configuration, learned."""
         return self.learning(config).pinv

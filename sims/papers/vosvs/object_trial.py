@@ -1,6 +1,6 @@
 """The consecutive mobile trials of VOS-VS section 7.4: eight trials of three objects at three heights, in one run.
 
-The robot drives to where an object roughly is, looks, searches where it sees none, centres by H_base and approaches to
+The robot drives to where an object roughly is, looks, searches where it sees none, centers by H_base and approaches to
 estimate the depth. It sees images and its own joints; scores come from the simulator afterwards.
 """
 
@@ -21,7 +21,7 @@ from dense_vs.sims.mobile_manipulator.annotations import SUPPORTS
 from dense_vs.sims.mobile_manipulator.postures import CAMERA_ABOVE_LIFT, FINGERTIP, Z_GRIPPER, above
 from dense_vs.sims.mobile_manipulator.world import MobileWorld
 from dense_vs.sims.papers.vosvs.configurations import configuration
-from dense_vs.sims.papers.vosvs.hand import fingers_in_view
+from dense_vs.sims.papers.vosvs.gripper_geometry import fingers_in_view
 from dense_vs.sims.papers.vosvs.true_jacobian import true_centroid
 
 # Table 2: an object on the blue bin, one on the green bin, one on the ground.
@@ -37,7 +37,7 @@ TRIALS = (
 )
 PLACES = (SUPPORTS[2], SUPPORTS[1], SUPPORTS[0])
 HEIGHT = 0.86  # m, of the grasp camera while it looks for objects
-CENTRED_PX = 25.0  # truth: largest offset of a centred object
+CENTERED_PX = 25.0  # truth: largest offset of a centered object
 
 
 @dataclass
@@ -46,10 +46,10 @@ class ObjectTrial:
 
     Attributes:
         name, support: which object, and the height it rests at [m].
-        servo: VS succeeded: found and centred, by the simulator's truth.
+        servo: VS succeeded: found and centered, by the simulator's truth.
         depth: DE succeeded: the gripper could close on the object at (21).
         cause: of a failure, as far as the run and the truth tell; empty for none.
-        looks: images until centred.
+        looks: images until centered.
         approach: the depth estimate; None where there was none.
         depth_error: of the distance at the nearest view, relative to that of the object's outline; nan without one.
         surface_error: the same relative to the mean visible surface.
@@ -113,7 +113,7 @@ def locate(
     on_look: Callable | None = None,
     on_view: Callable | None = None,
 ) -> ObjectTrial:
-    """Search, centre and estimate the depth of one object from the present place."""
+    """Search, center and estimate the depth of one object from the present place."""
     result = ObjectTrial(name, support)
     camera, robot = ManipulatorCamera(world, "grasp"), ManipulatorRobot(world)
     found = search_object(camera, robot, segmenter)
@@ -137,7 +137,7 @@ def locate(
     true = world.true_mask("grasp", name)
     first_iou = overlaps[-1]
     offset = float(np.abs(true_centroid(world, "grasp", name) - one.target).max()) if true.any() else float("nan")
-    result.servo = run.end is ServoEnd.CONVERGED and offset < CENTRED_PX
+    result.servo = run.end is ServoEnd.CONVERGED and offset < CENTERED_PX
     if not result.servo:
         result.iou = (first_iou, float("nan"))
         where = f"{offset:.0f} px off by the truth" if np.isfinite(offset) else "the object is out of view"
