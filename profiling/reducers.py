@@ -14,8 +14,9 @@ from interleaved import interleaved, median_ratio
 from metrics import Metric, add_report_arguments, report
 
 from dense_vs.device import resolve_threads
+from dense_vs.kernels.masks.label_reducer import LabelReducer
 from dense_vs.kernels.masks.mask_overlap import OverlapReducer
-from dense_vs.kernels.masks.reducers import LabelReducer, MaskReducer
+from dense_vs.kernels.masks.mask_reducer import MaskReducer
 
 HEIGHT, WIDTH = 480, 640
 CANDIDATES = 36

@@ -3,8 +3,8 @@
 from dense_vs.depth.area_fit import DepthEstimate as DepthEstimate
 from dense_vs.depth.area_fit import DepthUnobservableError as DepthUnobservableError
 from dense_vs.depth.area_fit import depth_from_areas as depth_from_areas
+from dense_vs.depth.evidence import MaskDepth as MaskDepth
 from dense_vs.depth.mask_fit import METHODS as METHODS
-from dense_vs.depth.mask_fit import MaskDepth as MaskDepth
 from dense_vs.depth.mask_fit import depth_from_masks as depth_from_masks
 from dense_vs.depth.mask_fit import depth_from_regions as depth_from_regions
 from dense_vs.depth.region_shape import mask_regions as mask_regions

@@ -1,25 +1,22 @@
 """A small network that corrects the robust distance, beyond VOS-VS.
 
 It sees what the scale posterior says under several assumptions (outline grown or not, solid or flat, one length
-alone), how large, where and of what form the object is, and how the views lie, and tells by which factor the robust
-distance is off. It was trained only on simulated masks (``dense_vs.sims.depth_training``, ``dense-vs depth-train``);
-the weights are shipped. Inference is a few matrix products.
+alone), how large, where and of what form the object is, and how the views lie, and predicts by which factor the robust
+distance is off. It was trained on simulated masks only (``dense-vs depth-train``), and its weights are shipped.
+Inference is a few matrix products.
 """
 
 import os
 from functools import cache
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 
+from dense_vs.depth.evidence import Evidence, MaskDepth
 from dense_vs.depth.region_shape import DIRECTIONS
 from dense_vs.depth.scale_posterior import DistancePosterior, ScaleModel, lengths
 from dense_vs.errors import DenseVSError
 from dense_vs.files import atomic_write, read_arrays
-
-if TYPE_CHECKING:
-    from dense_vs.depth.mask_fit import Evidence, MaskDepth
 
 FORMAT = "dense-vs learned depth 1"
 WEIGHTS = Path(__file__).with_name("learned_depth.npz")
@@ -56,7 +53,7 @@ class LearnedDepth:
     ):
         self.mean, self.deviation, self.members, self.factor = mean, deviation, members, factor
 
-    def __call__(self, evidence: "Evidence") -> "MaskDepth":
+    def __call__(self, evidence: Evidence) -> MaskDepth:
         """The distance, its interval moved by the same factor as the distance."""
         features, posterior = depth_features(evidence)
         correction = float(np.exp(self.log_correction(features[None])[0])) * self.factor
@@ -118,7 +115,7 @@ class LearnedDepth:
         return LearnedDepth.load(WEIGHTS)
 
 
-def depth_features(evidence: "Evidence") -> tuple[np.ndarray, DistancePosterior]:
+def depth_features(evidence: Evidence) -> tuple[np.ndarray, DistancePosterior]:
     """``(f,)`` what the network sees, and the robust posterior."""
     height, width = evidence.image_size
     travel = float(np.ptp(evidence.camera_back))

@@ -14,6 +14,7 @@ import numpy as np
 
 from dense_vs.arrays import real_vector
 from dense_vs.errors import DenseVSError
+from dense_vs.segmentation.mask_features import mask_overlap
 from dense_vs.segmentation.segmenter import check_mask
 
 
@@ -80,7 +81,7 @@ def choose_wrist_angle(
     turns = real_vector(np.asarray(angles, dtype=np.float64), "angles", (len(fingers),))
     between = None
     if closing_masks is not None:
-        between = np.count_nonzero(_candidates(closing_masks, "closing_masks", mask.shape, len(fingers)) & mask, (1, 2))
+        between = mask_overlap(mask, _candidates(closing_masks, "closing_masks", mask.shape, len(fingers))).intersection
     if rank not in (0, 1):
         raise DenseVSError(f"rank is {rank!r}; expected 0 or 1")
     ious = intersection_over_union(mask, fingers)
@@ -112,10 +113,15 @@ def choose_wrist_angle(
 
 
 def intersection_over_union(mask: np.ndarray, candidates: np.ndarray) -> np.ndarray:
-    """Jaccard index (A,) float64 of a mask ``(H, W)`` with every candidate ``(A, H, W)``; 0 where both are empty."""
-    common = np.count_nonzero(candidates & mask, axis=(1, 2))
-    union = np.count_nonzero(candidates, axis=(1, 2)) + np.count_nonzero(mask) - common
-    return common / np.maximum(union, 1)
+    """VOS-VS (22), the Jaccard index (A,) float64 of a mask ``(H, W)`` with every candidate ``(A, H, W)``.
+
+    0 where both are empty.
+
+    Raises:
+        DenseVSError: not masks, or of different shapes.
+    """
+    mask = check_mask(mask)
+    return mask_overlap(mask, _candidates(candidates, "candidates", mask.shape)).jaccard
 
 
 def _best(

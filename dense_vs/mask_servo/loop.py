@@ -171,7 +171,7 @@ class MaskServo:
             quality = assess_mask(mask)
             positions = np.asarray(self.robot.joints()[0], dtype=np.float64)[self.columns]
             features = np.array(quality.centroid) if quality.servoable else None
-            whole = self._learn(quality, positions, looks[-1].joints if looks else None, mask)
+            whole = self._learn(quality, positions, looks[-1].joints if looks else None)
             pinv = self.pinv if self.region is None else self.region.active(self.pinv)
             command = self.servo.step(pinv, features, positions)
             if self.learner is None and looks and float(command.error @ looks[-1].error) < -_TURNED:
@@ -181,7 +181,7 @@ class MaskServo:
             if self._on_look is not None:
                 self._on_look(looks[-1], image, mask)
             if self.region is not None and not whole:
-                back = self.region.retreat(positions, command.error, mask)
+                back = self.region.retreat(positions, command.error, quality, (mask.shape[0], mask.shape[1]))
                 if back is not None:
                     self.servo.max_step = np.asarray(self.region.step)
                     self._command(self._within_limits(positions, back))
@@ -206,7 +206,7 @@ class MaskServo:
                 self._command(self._within_limits(positions, dq))
         return ServoRun(ServoEnd.EXHAUSTED, looks, mask)
 
-    def _learn(self, quality: MaskQuality, positions: np.ndarray, before: np.ndarray | None, mask: np.ndarray) -> bool:
+    def _learn(self, quality: MaskQuality, positions: np.ndarray, before: np.ndarray | None) -> bool:
         """(11), only from whole masks, as the centroid of a part moves otherwise than the object; whether it is one."""
         if self.learner is None or self.region is None:
             return False
@@ -217,7 +217,7 @@ class MaskServo:
             self.learner.forget_observation()
         error = np.array(quality.centroid) - self.servo.target
         self.learner.observe(positions, error)
-        self.region.advance(view, positions, error, mask)
+        self.region.advance(view, positions, error, quality)
         self.servo.max_step = np.asarray(self.region.step)
         return True
 

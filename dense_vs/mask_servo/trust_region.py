@@ -12,9 +12,9 @@ from dataclasses import dataclass
 from enum import Enum
 from typing import Any
 
-import cv2
 import numpy as np
 
+from dense_vs.kernels.masks.region_sums import BOTTOM, LEFT, RIGHT, TOP
 from dense_vs.segmentation import MaskQuality, MaskVerdict
 
 FIRST_STEP = 0.02  # m or rad
@@ -99,8 +99,8 @@ class TrustRegion:
         ratio = quality.area / self._whole.area
         return View.PART if ratio < WHOLE else View.ANEW if ratio > 1 / WHOLE else View.WHOLE
 
-    def advance(self, view: View, positions: np.ndarray, error: np.ndarray, mask: np.ndarray) -> None:
-        """Take a look that shows the whole object: joints ``(n,)``, feature error ``(k,)`` [px], mask ``(H, W)``."""
+    def advance(self, view: View, positions: np.ndarray, error: np.ndarray, quality: MaskQuality) -> None:
+        """Take a look that shows the whole object: joints ``(n,)``, feature error ``(k,)`` [px], its mask's quality."""
         before = self._whole
         if before is not None and view is View.WHOLE:
             dq = positions - before.positions
@@ -110,11 +110,12 @@ class TrustRegion:
                 self.step = float(np.clip(self.step * change, LEAST_STEP, self._max_step))
             if self._in_turn == 0:  # the motion was the servo's own
                 self._blame(dq, np.abs(error) - np.abs(before.error), np.abs(error))
-        area, box = int(np.count_nonzero(mask)), cv2.boundingRect(mask.astype(np.uint8))
-        self._whole = _Whole(positions.copy(), error.copy(), area, tuple(box))
+        self._whole = _Whole(positions.copy(), error.copy(), quality.area, quality.box)
         self._in_turn = 0
 
-    def retreat(self, positions: np.ndarray, error: np.ndarray, mask: np.ndarray) -> np.ndarray | None:
+    def retreat(
+        self, positions: np.ndarray, error: np.ndarray, quality: MaskQuality, image_size: tuple[int, int]
+    ) -> np.ndarray | None:
         """The step ``(n,)`` after a look that cannot be learned from; None where the object has been lost for good.
 
         Back to where the object was last seen whole. The first time also beyond, with the joints of those features
@@ -124,7 +125,8 @@ class TrustRegion:
 
         Args:
             error: ``(k,)`` [px], nan where nothing is seen.
-            mask: of that look, ``(H, W)``.
+            quality: of that look's mask.
+            image_size: height, width [px].
         """
         whole = self._whole
         if whole is None or self._in_turn >= RETREATS:
@@ -137,7 +139,7 @@ class TrustRegion:
             moved = self._moved(back, len(error))
             growth = np.where(moved, np.abs(error) - np.abs(whole.error), -np.inf)
             # The centroid of what the border leaves moves less than the object.
-            touches = np.array([mask[:, [0, -1]].any(), mask[[0, -1]].any()])
+            touches = np.array([quality.border & (LEFT | RIGHT), quality.border & (TOP | BOTTOM)]) > 0
             grew = np.nan_to_num(growth, nan=-np.inf) > np.where(touches, 0.0, NOISE)
             if grew.any():
                 shift = np.where(grew, whole.error - error, 0.0)
@@ -149,7 +151,7 @@ class TrustRegion:
                     shift = whole.error - error
                 shown = max(float(np.hypot(*shift)), 1.0)
                 farther = float(np.clip(self._image_step / shown, 1.0, FARTHER))
-                beyond = np.where(joints, back, 0.0) * farther * _room(whole.box, farther * shift, mask.shape)
+                beyond = np.where(joints, back, 0.0) * farther * _room(whole.box, farther * shift, image_size)
             elif self._coupling is not None:
                 others = np.where(moved, 0.0, np.abs(whole.error))
                 if moved.all():

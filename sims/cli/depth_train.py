@@ -102,8 +102,8 @@ def _chunk(span: tuple[int, int, int]) -> list[tuple[np.ndarray, float]]:
     import cv2
 
     from dense_vs.depth.area_fit import DepthUnobservableError
+    from dense_vs.depth.evidence import gather_evidence
     from dense_vs.depth.learned_depth import depth_features
-    from dense_vs.depth.mask_fit import gather_evidence
     from dense_vs.depth.region_shape import mask_regions
     from dense_vs.sims.depth_training.mask_sequences import simulate_masks
 

@@ -8,6 +8,8 @@ ones the regression is made on a reduced image and its coefficients enlarged (He
 import cv2
 import numpy as np
 
+from dense_vs.segmentation.mask_features import mask_sums
+
 REGULARIZATION = 1e-3  # variance of colors of 0 to 1 below which a window counts as flat
 LARGEST_RADIUS = 8  # px of the full image
 LARGEST_AREA = 40_000  # px; more are reduced
@@ -23,11 +25,12 @@ def refine_mask(image: np.ndarray, mask: np.ndarray) -> np.ndarray:
     Returns:
         bool (H, W).
     """
-    x, y, width, height = cv2.boundingRect(mask.astype(np.uint8))
+    found = mask_sums(mask)
+    x, y, width, height = found.box.tolist()
     if not width:
         return mask
     # A window larger than a small object sees more background than object.
-    radius = int(np.clip(np.sqrt(np.count_nonzero(mask)) / 5, 2, LARGEST_RADIUS))
+    radius = int(np.clip(np.sqrt(found.area) / 5, 2, LARGEST_RADIUS))
     rows = slice(max(y - 2 * radius, 0), y + height + 2 * radius)
     columns = slice(max(x - 2 * radius, 0), x + width + 2 * radius)
     guide = image[rows, columns].astype(np.float32) / np.float32(255)

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from dense_vs import DenseVSError
+from dense_vs.depth.evidence import gather_evidence
 from dense_vs.depth.learned_depth import WEIGHTS, LearnedDepth, depth_features
-from dense_vs.depth.mask_fit import gather_evidence
 from dense_vs.depth.region_shape import mask_regions
 from dense_vs.sims.depth_training.mask_sequences import simulate_masks
 

@@ -5,8 +5,10 @@ import numpy as np
 import pytest
 import warp as wp
 
+from dense_vs.kernels.masks.label_reducer import LabelReducer
 from dense_vs.kernels.masks.mask_overlap import OverlapReducer
-from dense_vs.kernels.masks.reducers import BOTTOM, LEFT, RIGHT, TOP, LabelReducer, MaskReducer
+from dense_vs.kernels.masks.mask_reducer import MaskReducer
+from dense_vs.kernels.masks.region_sums import BOTTOM, LEFT, RIGHT, TOP
 
 # A row of whole words, one that is not, one shorter than a word; several worlds.
 SHAPES = [(2, 24, 64), (3, 37, 53), (1, 5, 3)]
