@@ -1,4 +1,7 @@
-"""How far an object is, from its masks in the views of a camera that approaches it: VOS-DE, and more robust kin."""
+"""How far an object is, from its masks in the views of an approaching camera: VOS-DE, and more robust methods.
+
+May import: the ground, :mod:`dense_vs.robot` and :mod:`dense_vs.segmentation`.
+"""
 
 from dense_vs.depth.area_fit import DepthEstimate as DepthEstimate
 from dense_vs.depth.area_fit import DepthUnobservableError as DepthUnobservableError

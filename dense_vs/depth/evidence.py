@@ -22,8 +22,8 @@ class MaskDepth:
     """How far an object is.
 
     Attributes:
-        distance: from the nearest of all views to the object [m]. ``"vos-de"`` gives what (20) gives, which noise can
-            make negative; ``observable`` is False then.
+        distance: from the nearest of all views to the object [m]. ``"vos-de"`` gives what VOS-VS (20) gives, which
+            noise can make negative; ``observable`` is False then.
         interval: (low, high) [m], holds the distance with a probability of about 68 %.
         log_std: standard deviation of the distance's logarithm; about the relative error to expect.
         observable: whether the views tell the distance at all: its logarithm is known to better than 0.5, and

@@ -1,9 +1,9 @@
 """An object's distance from raw binary masks of an approach: VOS-DE on masks as segmenters really deliver them.
 
-``"vos-de"`` is the paper: the largest region of each view, (20) on its area. ``"robust"``, beyond the paper, follows
-the object's region by perspective (``region_track.py``), leaves out views in which the image border cuts it, and
-weighs all its lengths by how they err together (``scale_posterior.py``). ``"learned"`` corrects the robust posterior
-by a small network that was trained on simulated masks (``learned_depth.py``).
+``"vos-de"`` is the paper: VOS-VS (20) on the area of the largest region of each view. ``"robust"``, beyond the paper,
+follows the object's region by perspective (``region_track.py``), leaves out views in which the image border cuts it,
+and weighs all its lengths by how they err together (``scale_posterior.py``). ``"learned"`` corrects the robust
+posterior by a small network that was trained on simulated masks (``learned_depth.py``).
 """
 
 from collections.abc import Sequence

@@ -1,8 +1,8 @@
 """The wrist angle of least collision, VOS-VS (22): argmin over q of |M and M_grasp(q)| / |M or M_grasp(q)|.
 
-For a small object many angles have no intersection at all and (22) does not choose among them. Beyond the paper,
-among those the fingers' distance to the object decides, which lays the closing direction across the object's narrow
-side, and then the smaller turn.
+For a small object many angles have no intersection at all, and (22) does not choose among them. Beyond the paper, the
+fingers' distance to the object decides then, which puts the closing direction across the object's narrow side, and
+after that the smaller turn.
 """
 
 from dataclasses import dataclass
@@ -29,14 +29,14 @@ class WristVerdict(Enum):
 
 @dataclass(frozen=True)
 class WristChoice:
-    """The answer of (22) for A candidates.
+    """The answer of VOS-VS (22) for A candidates.
 
     Attributes:
         verdict: see :class:`WristVerdict`.
         angle: the chosen change of the wrist angle [rad].
         index: of it among the candidates, -1 when the mask is empty.
-        iou: (22) at it; nan when the mask is empty.
-        ious: (22) at every candidate (A,).
+        iou: VOS-VS (22) at it; nan when the mask is empty.
+        ious: VOS-VS (22) at every candidate (A,).
         clearance: distance between fingers and object in the image at the chosen angle [px], 0 when they touch.
         between: object pixels between the fingers at the chosen angle; -1 where no closing masks were given.
     """
@@ -60,7 +60,7 @@ def choose_wrist_angle(
     iou_tolerance: float = 1e-3,
     clearance_tolerance: float = 1.5,
 ) -> WristChoice:
-    """Choose the wrist angle by (22).
+    """Choose the wrist angle by VOS-VS (22).
 
     Args:
         mask: the object M, bool ``(H, W)``.
@@ -70,7 +70,7 @@ def choose_wrist_angle(
             ``MISSING``.
         rank: 0 for the best candidate; 1 for the best that is at least a quarter of the candidates' range away
             from it, for another attempt.
-        iou_tolerance: values of (22) closer than that count as equal.
+        iou_tolerance: values of VOS-VS (22) closer than that count as equal.
         clearance_tolerance: distances closer than that [px] count as equal.
 
     Raises:

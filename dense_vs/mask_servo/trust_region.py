@@ -1,11 +1,11 @@
 """How far and with which joints a robot moves while its J+ is still being learned. Beyond the paper.
 
 VOS-VS section 7.3 lets an element of the wrong sign drive the object out of view and then resets the robot's pose.
-Where the object stands near the border that can happen before a single update, and again after every reset. Here a
-step is bounded by how far the object moves in the image; a step after which it is no longer seen whole is taken back
-and, where the image has room, made as far the other way, which teaches what the lost step would have; and a feature
-whose error grows is moved alone until it falls, as its term in the shared denominator of (11) would be outweighed by
-the other features', and its element then learns the wrong way.
+Near the image border that can happen before a single update, and again after every reset. Here the motion of the
+object in the image bounds each step. A step after which the object is no longer whole in the image is taken back and,
+where there is room, made as far the other way: that teaches what the lost step would have taught. A feature whose error
+grows is moved alone until its error falls; otherwise the other features outweigh its term in the shared denominator of
+VOS-VS (11), and its element learns the wrong way.
 """
 
 from dataclasses import dataclass
@@ -169,8 +169,11 @@ class TrustRegion:
         return np.where(self._coupling[:, [self._alone]], pinv, 0.0)
 
     def enough(self, dq: np.ndarray, error: np.ndarray) -> np.ndarray:
-        """A servo step ``(n,)`` for the error ``(k,)``, larger where one feature's would be too small to learn from, as
-        an element of J+ that passes through zero commands nothing; alone, that it outweighs the others in (11)."""
+        """A servo step ``(n,)`` for the error ``(k,)`` that is large enough to learn from.
+
+        An element of J+ that passes through zero commands almost nothing. If a feature's step is too small to learn
+        from, enlarge it and move only that feature: else the others outweigh it in VOS-VS (11).
+        """
         coupling = np.ones((len(dq), len(error)), dtype=bool) if self._coupling is None else self._coupling
         for feature in np.argsort(-np.abs(error)):
             joints = coupling[:, feature]

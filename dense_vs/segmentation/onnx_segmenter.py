@@ -96,19 +96,56 @@ class OnnxSegmenter:
 
     Args:
         path: of the file.
-        options: the fields of :class:`OnnxOptions`.
+        layout, colours, size, multiple, scale, mean, std, image_input, mask_output, activation, channel, threshold,
+            mask_input, states, threads, providers: see :class:`OnnxOptions`.
+
+    Attributes:
+        options: what it was made with.
 
     Raises:
         DenseVSError: ONNX Runtime is not installed, the file is missing or not a network that it runs, a named input,
             output or provider is not there, or the inputs do not fit the options.
     """
 
-    def __init__(self, path: str | os.PathLike[str], **options: Any):
-        try:
-            self.options = OnnxOptions(**options)
-        except TypeError as error:
-            names = ", ".join(OnnxOptions.__dataclass_fields__)
-            raise DenseVSError(f"unknown option in {sorted(options)}; expected some of {names}") from error
+    def __init__(
+        self,
+        path: str | os.PathLike[str],
+        *,
+        layout: Layout = "nchw",
+        colours: Colors = "rgb",
+        size: tuple[int, int] | None = None,
+        multiple: int = 1,
+        scale: float = 1 / 255,
+        mean: Sequence[float] = (0.0, 0.0, 0.0),
+        std: Sequence[float] = (1.0, 1.0, 1.0),
+        image_input: str | None = None,
+        mask_output: str | None = None,
+        activation: Activation = "logit",
+        channel: int = 1,
+        threshold: float = 0.5,
+        mask_input: str | None = None,
+        states: Mapping[str, str] | None = None,
+        threads: int | None = None,
+        providers: Sequence[str] = (),
+    ):
+        self.options = OnnxOptions(
+            layout=layout,
+            colours=colours,
+            size=size,
+            multiple=multiple,
+            scale=scale,
+            mean=mean,
+            std=std,
+            image_input=image_input,
+            mask_output=mask_output,
+            activation=activation,
+            channel=channel,
+            threshold=threshold,
+            mask_input=mask_input,
+            states={} if states is None else states,
+            threads=threads,
+            providers=providers,
+        )
         self._session = _open(Path(path), self.options)
         self._inputs = {one.name: one for one in self._session.get_inputs()}
         self._outputs = {one.name: one for one in self._session.get_outputs()}

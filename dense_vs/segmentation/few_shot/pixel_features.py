@@ -1,4 +1,4 @@
-"""What a pixel is told to be the object's by: its channels, and their means and spreads around it at several scales.
+"""Per-pixel features that separate object from background: channels, their means and spreads at several scales.
 
 Wide surroundings are averaged on a grid of cells of 4 px; a pixel reads the cell that it lies in.
 """

@@ -1,7 +1,7 @@
-"""What a candidate region is told to be the object by: figures that do not change with its place and its turn.
+"""Features of a candidate region that separate the object from other regions, wherever it is and however it is turned.
 
 Its colors and textures, its shape, the probability of its pixels, how it stands out from its neighbors, how like the
-annotated objects it is, and how well it keeps while the tree goes on merging. Only one of them changes with its size.
+annotated objects it is, and how far it stays the same while the tree goes on merging. Only one depends on its size.
 """
 
 from dataclasses import dataclass
@@ -49,7 +49,7 @@ def region_features(
     words: np.ndarray,
     examples: np.ndarray,
 ) -> np.ndarray:
-    """Features (N, F) float32 by which a node of the tree is told to be the object.
+    """Features (N, F) float32 that separate the nodes of the tree that are the object from the others.
 
     Args:
         figures: of the superpixels.

@@ -9,12 +9,13 @@ pixels one by one, and gives masks with the image's own outlines.
 import json
 import os
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass, fields
+from dataclasses import asdict, dataclass
 from typing import Any
 
 import cv2
 import numpy as np
 
+from dense_vs.checks import check_number, check_whole
 from dense_vs.errors import DenseVSError
 from dense_vs.files import atomic_write, read_arrays
 from dense_vs.segmentation.few_shot.candidate_regions import mask_share, overlaps, see
@@ -51,34 +52,38 @@ class FewShotOptions:
 
     def __post_init__(self):
         for name, least in (("size", 32), ("samples", 10), ("min_area", 1), ("seed", 0)):
-            value = getattr(self, name)
-            if isinstance(value, bool) or not isinstance(value, (int, np.integer)) or value < least:
-                raise DenseVSError(f"{name} is {value!r}; expected a whole number of at least {least}")
+            check_whole(name, getattr(self, name), least=least)
         for name in ("min_score", "memory"):
-            value = getattr(self, name)
-            if isinstance(value, bool) or not isinstance(value, (int, float, np.number)) or not 0 <= value < 1:
-                raise DenseVSError(f"{name} is {value!r}; expected a number from 0 to below 1")
+            check_number(name, getattr(self, name), least=0.0, below=1.0)
 
 
 class FewShotSegmenter:
     """Finds one object after having seen it in about ten annotated images.
 
     Args:
-        options: the fields of :class:`FewShotOptions`.
+        size, samples, min_area, min_score, memory, seed: see :class:`FewShotOptions`.
 
     Attributes:
+        options: what it was made with.
         score: predicted overlap of the last mask with the object, 0 where nothing was worth a mask.
 
     Raises:
-        DenseVSError: an option that is unknown or out of range.
+        DenseVSError: an option out of range.
     """
 
-    def __init__(self, **options: Any):
-        known = [field.name for field in fields(FewShotOptions)]
-        for name in options:
-            if name not in known:
-                raise DenseVSError(f"unknown option {name!r}; expected {', '.join(known)}")
-        self.options = FewShotOptions(**options)
+    def __init__(
+        self,
+        *,
+        size: int = 320,
+        samples: int = 1500,
+        min_area: int = 12,
+        min_score: float = 0.5,
+        memory: float = 0.3,
+        seed: int = 0,
+    ):
+        self.options = FewShotOptions(
+            size=size, samples=samples, min_area=min_area, min_score=min_score, memory=memory, seed=seed
+        )
         self._model: ObjectModel | None = None
         self.reset()
 

@@ -72,7 +72,7 @@ def respond_all(seed: int, threads: int | None, bar) -> list[Response]:
             world.set_posture(start_posture(one))
             put_in_view(world, one, name, np.random.default_rng([seed, 55, number, index]))
             image = world.image(one.camera)
-            getattr(segmenter, "reset", lambda: None)()
+            forget_images(segmenter)
             servo = MaskServo(
                 ManipulatorCamera(world, one.camera),
                 ManipulatorRobot(world),

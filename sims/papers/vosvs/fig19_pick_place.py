@@ -69,7 +69,7 @@ def run_picks(
             bar.set_description(f"seed {seed}, {name}")
             x, y = np.array(place[:2]) + rng.uniform(-0.12, 0.12, 2)
             world.set_posture(above(x, y, HEIGHT))
-            getattr(segmenters[name], "reset", lambda: None)()
+            forget_images(segmenters[name])
             pick = pick_and_place(world, name, place[2], segmenters[name], high, low, method=method)
             tiles.append((f"{name}: {'in the bin' if pick.placed else 'not in the bin'}", world.image("grasp")))
             if pick.placed:

@@ -8,6 +8,7 @@ from dense_vs.mask_servo.featurewise_broyden import FeaturewiseBroyden
 from dense_vs.mask_servo.hadamard_broyden import HadamardBroyden
 from dense_vs.mask_servo.loop import MaskServo, ServoEnd, ServoLook
 from dense_vs.segmentation import Segmenter
+from dense_vs.segmentation.segmenter import forget_images
 from dense_vs.sims.mobile_manipulator.adapters import ManipulatorCamera, ManipulatorRobot
 from dense_vs.sims.mobile_manipulator.world import MobileWorld
 from dense_vs.sims.papers.vosvs.configurations import Configuration
@@ -110,7 +111,7 @@ def learn(
     )
     left, reached = looks, 0
     while left > 0 and reached < responses:
-        getattr(segmenter, "reset", lambda: None)()
+        forget_images(segmenter)
         shown.clear()
         run = servo.run(left)
         left -= len(run.looks)
