@@ -30,11 +30,11 @@ EXPERIMENTS: dict[str, dict[str, str]] = {
         "stages": "dense_vs.sims.papers.gothoskar.stages",
     },
     "vosvs": {
-        "learn": "dense_vs.sims.papers.vosvs.table1_learned_jacobians",
-        "pick-place": "dense_vs.sims.papers.vosvs.fig19_pick_place",
-        "step-response": "dense_vs.sims.papers.vosvs.fig10_step_responses",
-        "track": "dense_vs.sims.papers.vosvs.fig13_tracking",
-        "trial": "dense_vs.sims.papers.vosvs.table2_trials",
-        "depth-log": "dense_vs.sims.papers.vosvs.fig06_depth_log",
+        "learn": "dense_vs.sims.papers.vosvs.learn",
+        "pick-place": "dense_vs.sims.papers.vosvs.pick_place",
+        "step-response": "dense_vs.sims.papers.vosvs.step_response",
+        "track": "dense_vs.sims.papers.vosvs.track",
+        "trial": "dense_vs.sims.papers.vosvs.trial",
+        "depth-log": "dense_vs.sims.papers.vosvs.depth_log",
     },
 }

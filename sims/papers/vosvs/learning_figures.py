@@ -17,7 +17,7 @@ def draw_learning(learned: list[Any], out: Path) -> None:
     from matplotlib.figure import Figure
 
     from dense_vs.sims.papers.vosvs.jacobian_learning import INITIAL
-    from dense_vs.sims.papers.vosvs.table1_learned_jacobians import LABELS
+    from dense_vs.sims.papers.vosvs.learn import LABELS
 
     figure = Figure(figsize=(2.8 * len(learned), 11.0), layout="constrained")
     FigureCanvasAgg(figure)

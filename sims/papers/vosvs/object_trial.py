@@ -5,23 +5,32 @@ estimate the depth. It sees images and its own joints; scores come from the simu
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
+import cv2
 import numpy as np
 
+from dense_vs.depth import DepthUnobservableError, depth_from_areas
 from dense_vs.depth.approach import Approach, ApproachEnd, DepthApproach
 from dense_vs.depth.mask_fit import Method
 from dense_vs.errors import DenseVSError
-from dense_vs.grasp import grasp_camera_position
-from dense_vs.mask_servo.loop import MaskServo, ServoEnd, ServoLook
+from dense_vs.mask_servo.loop import MaskServo, ServoLook, ServoRun
 from dense_vs.mask_servo.object_search import search_object
 from dense_vs.segmentation import Segmenter
 from dense_vs.sims.mobile_manipulator.adapters import ManipulatorCamera, ManipulatorRobot
 from dense_vs.sims.mobile_manipulator.annotations import SUPPORTS
-from dense_vs.sims.mobile_manipulator.postures import CAMERA_ABOVE_LIFT, FINGERTIP, Z_GRIPPER, above
+from dense_vs.sims.mobile_manipulator.postures import above
 from dense_vs.sims.mobile_manipulator.world import MobileWorld
 from dense_vs.sims.papers.vosvs.configurations import configuration
 from dense_vs.sims.papers.vosvs.gripper_geometry import fingers_in_view
+from dense_vs.sims.papers.vosvs.trial_scores import (
+    DepthScore,
+    ServoScore,
+    TrueView,
+    intersection_over_union,
+    score_depth,
+    score_servo,
+)
 from dense_vs.sims.papers.vosvs.true_jacobian import true_centroid
 
 # Table 2: an object on the blue bin, one on the green bin, one on the ground.
@@ -37,7 +46,6 @@ TRIALS = (
 )
 PLACES = (SUPPORTS[2], SUPPORTS[1], SUPPORTS[0])
 HEIGHT = 0.86  # m, of the grasp camera while it looks for objects
-CENTERED_PX = 25.0  # truth: largest offset of a centered object
 
 
 @dataclass
@@ -46,28 +54,29 @@ class ObjectTrial:
 
     Attributes:
         name, support: which object, and the height it rests at [m].
-        servo: VS succeeded: found and centered, by the simulator's truth.
-        depth: DE succeeded: the gripper could close on the object at (21).
-        cause: of a failure, as far as the run and the truth tell; empty for none.
+        servo: VS, by the J+ that was learned feature by feature.
+        printed_servo: VS from the same place by a J+ that was learned by VOS-VS (11) as printed; None if not asked for.
+        depth: DE by the method asked for.
+        printed_depth: DE by VOS-VS (20) from the same masks.
         looks: images until centered.
         approach: the depth estimate; None where there was none.
-        depth_error: of the distance at the nearest view, relative to that of the object's outline; nan without one.
-        surface_error: the same relative to the mean visible surface.
-        margins: of (21) [m]: fingertips above the support, fingertips below the object's top.
         iou: of the masks with the true ones at the last look of the servo, and at the nearest view.
     """
 
     name: str
     support: float
-    servo: bool = False
-    depth: bool = False
-    cause: str = ""
+    servo: ServoScore = ServoScore(False)
+    printed_servo: ServoScore | None = None
+    depth: DepthScore = DepthScore(False)
+    printed_depth: DepthScore = DepthScore(False)
     looks: int = 0
     approach: Approach | None = None
-    depth_error: float = float("nan")
-    surface_error: float = float("nan")
-    margins: tuple[float, float] = (float("nan"), float("nan"))
     iou: tuple[float, float] = (float("nan"), float("nan"))
+
+    @property
+    def cause(self) -> str:
+        """Of a failure, as far as the run and the truth tell; empty for none."""
+        return self.depth.cause if self.servo.centered else self.servo.cause
 
 
 def place_objects(world: MobileWorld, names: tuple[str, ...], rng: np.random.Generator) -> None:
@@ -109,90 +118,120 @@ def locate(
     segmenter: Segmenter,
     pinv: np.ndarray,
     *,
+    printed_pinv: np.ndarray | None = None,
     method: Method = "robust",
     on_look: Callable | None = None,
     on_view: Callable | None = None,
 ) -> ObjectTrial:
-    """Search, center and estimate the depth of one object from the present place."""
+    """Search, center and estimate the depth of one object from the present place.
+
+    With ``printed_pinv``, a J+ that was learned by VOS-VS (11) as printed, the object is first centered by that; then
+    the robot drives back, by its odometry, and begins anew.
+    """
     result = ObjectTrial(name, support)
     camera, robot = ManipulatorCamera(world, "grasp"), ManipulatorRobot(world)
     found = search_object(camera, robot, segmenter)
     result.looks = found.looks
     if not found.found:
-        result.cause = f"not found in {found.looks} looks"
+        result.servo = ServoScore(False, f"not found in {found.looks} looks")
+        result.printed_servo = None if printed_pinv is None else result.servo
         return result
+    if printed_pinv is not None:
+        start = robot.joints()[0]
+        result.printed_servo = _center(world, name, segmenter, printed_pinv)[0]
+        robot.command(start - robot.joints()[0])
+    result.servo, run, iou = _center(world, name, segmenter, pinv, on_look)
+    result.looks += len(run.looks)
+    result.iou = (iou, float("nan"))
+    if result.servo.centered:
+        _estimate_depth(world, result, segmenter, method, on_view)
+    return result
+
+
+def _center(
+    world: MobileWorld, name: str, segmenter: Segmenter, pinv: np.ndarray, on_look: Callable | None = None
+) -> tuple[ServoScore, ServoRun, float]:
+    """Center the object by H_base; how it went, the run, and the last mask's IoU with the true one."""
     one = configuration("base")
-    overlaps: list[float] = []
+    overlap = float("nan")
 
     def score_look(look: ServoLook, image: np.ndarray, mask: np.ndarray) -> None:
-        overlaps.append(_iou(mask, world.true_mask("grasp", name)))
+        nonlocal overlap
+        overlap = intersection_over_union(mask, world.true_mask("grasp", name))
         if on_look is not None:
             on_look(look, image, mask)
 
-    servo = MaskServo(
-        camera, robot, segmenter, joints=one.joints, pinv=pinv, target=one.target, gain=0.8, on_look=score_look
-    )
-    run = servo.run(20)
-    result.looks += len(run.looks)
-    true = world.true_mask("grasp", name)
-    first_iou = overlaps[-1]
-    offset = float(np.abs(true_centroid(world, "grasp", name) - one.target).max()) if true.any() else float("nan")
-    result.servo = run.end is ServoEnd.CONVERGED and offset < CENTERED_PX
-    if not result.servo:
-        result.iou = (first_iou, float("nan"))
-        where = f"{offset:.0f} px off by the truth" if np.isfinite(offset) else "the object is out of view"
-        result.cause = f"servo {run.end.value}, {where}, mask IoU {first_iou:.2f}"
-        return result
-    views: list[tuple[float, float, float, float, float]] = []
+    run = MaskServo(
+        ManipulatorCamera(world, "grasp"),
+        ManipulatorRobot(world),
+        segmenter,
+        joints=one.joints,
+        pinv=pinv,
+        target=one.target,
+        gain=0.8,
+        on_look=score_look,
+    ).run(20)
+    offset = float(np.abs(true_centroid(world, "grasp", name) - one.target).max())
+    return score_servo(run.end, offset, overlap), run, overlap
 
-    def score(number: int, image: np.ndarray, mask: np.ndarray) -> None:
-        views.append(_true_depths(world, name, mask))
+
+def _estimate_depth(
+    world: MobileWorld, result: ObjectTrial, segmenter: Segmenter, method: Method, on_view: Callable | None
+) -> None:
+    """Approach the centered object; score the depth by the method, and by VOS-VS (20) from the same masks."""
+    views: list[TrueView] = []
+
+    def score_view(number: int, image: np.ndarray, mask: np.ndarray) -> None:
+        views.append(_true_view(world, result.name, mask))
         if on_view is not None:
             on_view(number, image, mask)
 
     approach = DepthApproach(
-        camera, robot, segmenter, joint="arm_lift", method=method, hidden=fingers_in_view(world), on_view=score
+        ManipulatorCamera(world, "grasp"),
+        ManipulatorRobot(world),
+        segmenter,
+        joint="arm_lift",
+        method=method,
+        hidden=fingers_in_view(world),
+        on_view=score_view,
     ).run()
     result.approach = approach
-    if approach.nearest < 0 or approach.z_object is None:
-        result.iou = (first_iou, float("nan"))
-        result.cause = f"depth: {approach.why}"
-        return result
-    outline, surface, top, iou, camera_height = views[approach.nearest]
-    result.iou = (first_iou, iou)
-    distance = float(approach.distance or 0.0)
-    result.depth_error = (distance - outline) / outline
-    result.surface_error = (distance - surface) / surface
-    # The robot's own kinematics: the lift's position and the camera's height differ by a constant.
-    stop = grasp_camera_position(approach.z_object, Z_GRIPPER) + CAMERA_ABOVE_LIFT
-    tips = stop - Z_GRIPPER - FINGERTIP
-    result.margins = (tips - support, camera_height - top - tips)
-    result.depth = min(result.margins) > 0.0 and stop > camera_height - top
-    if not result.depth:
-        missed = "fingertips hit the support" if result.margins[0] <= 0 else "gripper closes above the object"
-        result.cause = (
-            f"depth error {100 * result.depth_error:+.1f} % ({1e3 * (distance - outline):+.0f} mm): {missed} by "
-            f"{-1e3 * min(result.margins):.0f} mm; mask IoU {iou:.2f}"
-        )
-        if approach.end is not ApproachEnd.NEAR:
-            result.cause += f"; approach ended: {approach.end.value}"
-    return result
+    if approach.nearest < 0:
+        result.depth = result.printed_depth = DepthScore(False, cause=f"depth: {approach.why}")
+        return
+    true, camera_z = views[approach.nearest], float(approach.camera_z[approach.nearest])
+    result.iou = (result.iou[0], true.iou)
+    result.printed_depth = printed_depth_score(approach, true, result.support)
+    if approach.z_object is None:
+        result.depth = DepthScore(False, cause=f"depth: {approach.why}")
+        return
+    score = score_depth(approach.z_object, camera_z, true, result.support)
+    if not score.graspable and approach.end is not ApproachEnd.NEAR:
+        score = replace(score, cause=f"{score.cause}; approach ended: {approach.end.value}")
+    result.depth = score
 
 
-def _true_depths(world: MobileWorld, name: str, mask: np.ndarray) -> tuple[float, float, float, float, float]:
-    """Depth of the object's outline, mean of its surface, least, IoU of the mask, and the camera's height [m]."""
-    import cv2
+def printed_depth_score(approach: Approach, true: TrueView, support: float) -> DepthScore:
+    """DE by VOS-VS (20) as printed, from the areas of an approach's masks of the whole object.
 
+    Args:
+        approach: with at least one such view.
+        true: what the simulator knows of the nearest of them.
+        support: height of what the object rests on [m].
+    """
+    try:
+        fit = depth_from_areas(approach.areas[approach.whole], approach.camera_z[approach.whole])
+    except DepthUnobservableError as error:
+        return DepthScore(False, cause=f"depth: {error}")
+    return score_depth(fit.z_object, float(approach.camera_z[approach.nearest]), true, support)
+
+
+def _true_view(world: MobileWorld, name: str, mask: np.ndarray) -> TrueView:
     true = world.true_mask("grasp", name)
     depth = world.depth("grasp")
     height = float(world.camera_pose("grasp")[2, 3])
     if not true.any():
-        return float("nan"), float("nan"), float("nan"), 0.0, height
-    outline = true & ~cv2.erode(true.astype(np.uint8), np.ones((3, 3), np.uint8)).astype(bool)
-    return float(depth[outline].mean()), float(depth[true].mean()), float(depth[true].min()), _iou(mask, true), height
-
-
-def _iou(mask: np.ndarray | None, true: np.ndarray) -> float:
-    if mask is None:
-        return 0.0
-    return float((mask & true).sum() / max(1, (mask | true).sum()))
+        return TrueView(float("nan"), float("nan"), float("nan"), 0.0, height)
+    outline = true & ~cv2.erode(true.view(np.uint8), np.ones((3, 3), np.uint8)).astype(bool)
+    overlap = intersection_over_union(mask, true)
+    return TrueView(float(depth[outline].mean()), float(depth[true].mean()), float(depth[true].min()), overlap, height)

@@ -1,10 +1,11 @@
-"""What a learned J+ should be: joints of a simulated robot moved a little, centroids by the renderer's ids.
+"""The true J+ by finite differences: each joint of the simulated robot moves a little, the renderer tells the centroid.
 
 Truth for scores; nothing of it reaches the robot.
 """
 
 import numpy as np
 
+from dense_vs.segmentation.mask_features import mask_sums
 from dense_vs.sims.mobile_manipulator.model import JOINTS
 from dense_vs.sims.mobile_manipulator.world import MobileWorld
 from dense_vs.sims.papers.vosvs.configurations import Configuration
@@ -35,7 +36,4 @@ def true_pinv(world: MobileWorld, one: Configuration, name: str) -> np.ndarray:
 
 def true_centroid(world: MobileWorld, camera: str, name: str) -> np.ndarray:
     """Centroid ``(2,)`` of the object's pixels [px]; nan where none is seen."""
-    rows, columns = np.nonzero(world.true_mask(camera, name))
-    if not rows.size:
-        return np.full(2, np.nan)
-    return np.array([columns.mean(), rows.mean()])
+    return mask_sums(world.true_mask(camera, name)).centroid

@@ -10,7 +10,7 @@ pytest.importorskip("mujoco", reason="commands of the simulator need MuJoCo")
 from shared_data import SHARED_DATA
 
 from dense_vs.cli.main import main
-from dense_vs.sims.papers.vosvs.fig06_depth_log import COLUMNS, PUBLISHED_Z, read_log
+from dense_vs.sims.papers.vosvs.depth_log import COLUMNS, PUBLISHED_Z, read_log
 
 LOG = SHARED_DATA / "sugar_box_approach.csv"
 

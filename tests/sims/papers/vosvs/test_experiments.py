@@ -13,17 +13,17 @@ from dense_vs.mask_servo.loop import ServoEnd
 from dense_vs.sims.mobile_manipulator.postures import above
 from dense_vs.sims.mobile_manipulator.world import MobileWorld
 from dense_vs.sims.papers.vosvs import (
-    fig10_step_responses,
-    fig13_tracking,
-    fig19_pick_place,
-    table1_learned_jacobians,
-    table2_trials,
+    step_response,
+    track,
+    pick_place,
+    learn,
+    trial,
 )
 from dense_vs.sims.papers.vosvs.configurations import CONFIGURATIONS
 from dense_vs.sims.papers.vosvs.jacobian_learning import Learning
 from dense_vs.sims.papers.vosvs.jacobian_learning import learn as learn_configuration
 from dense_vs.sims.papers.vosvs.object_trial import HEIGHT, ObjectTrial, locate
-from dense_vs.sims.papers.vosvs.pick_and_place import Pick, pick_and_place
+from dense_vs.sims.papers.vosvs.object_pick import Pick, pick_and_place
 
 HIGH, LOW = np.diag([-0.0018, 0.0018]), np.diag([-0.0004, 0.0004])
 
@@ -54,7 +54,7 @@ def test_object_is_found_picked_and_placed(world):
     assert abs(pick.trial.depth_error) < 0.02
     assert pick.placed, pick.cause
     assert pick.truly_held == [True]
-    assert fig19_pick_place.checks_right(pick) == [True]
+    assert pick_place.checks_right(pick) == [True]
 
 
 def test_object_that_is_not_there(world):
@@ -84,8 +84,8 @@ def test_grasp_checks_are_counted_against_the_truth():
     outcomes = [GraspOutcome.JAMMED, GraspOutcome.MISSED, GraspOutcome.HELD]
     run = GraspRun([attempt(outcome) for outcome in outcomes], held=True)
     pick = Pick(ObjectTrial("Mug", 0.25), run, truly_held=[True, True])
-    assert fig19_pick_place.checks_right(pick) == [False, True]
-    rows = {row.name: row.ours for row in fig19_pick_place.table_rows({0: [pick]})}
+    assert pick_place.checks_right(pick) == [False, True]
+    rows = {row.name: row.ours for row in pick_place.table_rows({0: [pick]})}
     assert rows["in the bin, of 1 that fit the gripper"] == 0
     assert rows["grasp check right"] == 50.0
 
@@ -93,14 +93,14 @@ def test_grasp_checks_are_counted_against_the_truth():
 def test_trial_rows():
     good = ObjectTrial("Mug", 0.25, servo=True, depth=True, depth_error=-0.01, surface_error=0.02)
     bad = ObjectTrial("Dice", 0.125, servo=True, cause="depth")
-    rows = {(row.name, row.seeds): row for row in table2_trials.table_rows({4: [good, bad], 7: [good]})}
+    rows = {(row.name, row.seeds): row for row in trial.table_rows({4: [good, bad], 7: [good]})}
     assert rows["VS of 24 (ClickBot 2023: 24)", (4,)].ours == 2
     assert rows["DE of 24 (ClickBot 2023: 16)", (7,)].ours == 1
     assert rows["depth error, median, against the outline's depth", (4, 7)].ours == pytest.approx(1.0)
 
 
 @pytest.mark.parametrize(
-    "experiment", [table1_learned_jacobians, fig19_pick_place, fig10_step_responses, fig13_tracking, table2_trials]
+    "experiment", [learn, pick_place, step_response, track, trial]
 )
 def test_other_devices_are_refused(experiment, tmp_path):
     parser = argparse.ArgumentParser()
@@ -121,7 +121,7 @@ def test_learn_rows():
     outcomes = {"hadamard": learning(pinv), "featurewise": learning(pinv), "original": learning(pinv, False)}
     rows = {
         row.name: row.ours
-        for row in table1_learned_jacobians.table_rows([table1_learned_jacobians.Learned(one, 4, outcomes, true)], (4,))
+        for row in learn.table_rows([learn.Learned(one, 4, outcomes, true)], (4,))
     }
     assert rows["converged of 7, (11)"] == 1
     assert rows["converged of 7, original Broyden"] == 0

@@ -12,7 +12,7 @@ if TYPE_CHECKING:
 
     from dense_vs.depth.mask_fit import Method
     from dense_vs.sims.papers.rows import Row
-    from dense_vs.sims.papers.vosvs.pick_and_place import Pick
+    from dense_vs.sims.papers.vosvs.object_pick import Pick
 
 HELP = "Figs. 5, 19: find, center, estimate depth, grasp, check and place in a bin"
 
@@ -51,8 +51,8 @@ def run_picks(
 
     from dense_vs.sims.mobile_manipulator.postures import above
     from dense_vs.sims.papers.vosvs.learned_setup import Preparation
+    from dense_vs.sims.papers.vosvs.object_pick import FITS, pick_and_place
     from dense_vs.sims.papers.vosvs.object_trial import HEIGHT, PLACES, TRIALS, place_objects
-    from dense_vs.sims.papers.vosvs.pick_and_place import FITS, pick_and_place
 
     ready = Preparation(None, seed, threads)
     world, rng = ready.world, np.random.default_rng([seed, 70])
