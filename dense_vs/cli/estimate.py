@@ -2,21 +2,25 @@
 
 import argparse
 import time
+from contextlib import nullcontext
 from pathlib import Path
 
+from dense_vs.cli.options import add_device_arguments
 from dense_vs.errors import DenseVSError
-from dense_vs.files import write_json
+from dense_vs.files import output_folder, write_json
+from dense_vs.jacobian.error import jacobian_error
+from dense_vs.pipeline.recorded import estimate_recording
+from dense_vs.recording.truth_file import TruthFile
+from dense_vs.recording.video import VideoWriter
+from dense_vs.recording.video_recording import Recording
+from dense_vs.view.panels import JacobianView, as_rgb, label, tile
 from dense_vs.view.progress import progress
 from dense_vs.view.provenance import versions
 from dense_vs.view.tables import table
 
-HELP = "estimate the dense image Jacobian from a video and a joint log"
-
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the command's arguments."""
-    from dense_vs.cli.options import add_device_arguments
-
     parser.add_argument("video", type=Path, help="video file, any that OpenCV reads")
     parser.add_argument("joints", type=Path, help="CSV file: time [s] first, then one named joint [rad] a column")
     parser.add_argument("--out", type=Path, required=True, help="folder for the results")
@@ -48,16 +52,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> None:
     """Run the command."""
-    from contextlib import nullcontext
-
-    from dense_vs.files import output_folder
-    from dense_vs.jacobian.error import jacobian_error
-    from dense_vs.pipeline.recorded import estimate_recording
-    from dense_vs.recording.truth_file import TruthFile
-    from dense_vs.recording.video import VideoWriter
-    from dense_vs.recording.video_recording import Recording
-    from dense_vs.view.panels import JacobianView, as_rgb, label, tile
-
     if arguments.every < 1:
         raise DenseVSError(f"--every is {arguments.every}; expected a whole number of at least 1")
     names = arguments.joint_names.split(",") if arguments.joint_names else None

@@ -15,17 +15,15 @@ feature stands.
 
 import argparse
 from pathlib import Path
-from typing import TYPE_CHECKING
+
+import numpy as np
 
 from dense_vs.errors import DenseVSError
-from dense_vs.files import write_json
+from dense_vs.files import read_arrays, write_json
+from dense_vs.generative import GenerativeModel, Observations
 from dense_vs.view.provenance import versions
 from dense_vs.view.tables import table
 
-if TYPE_CHECKING:
-    from dense_vs.generative import Observations
-
-HELP = "learn an arm's generative model from feature pixels"
 ARRAYS = ("pixels", "image_sizes", "joints", "actions", "poses", "intrinsics", "intrinsics_sigma", "feature_link")
 
 
@@ -58,10 +56,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> None:
     """Run the command."""
-    import numpy as np
-
-    from dense_vs.generative import GenerativeModel
-
     obs = read_recording(arguments.recording)
     kept = len(obs) - arguments.holdout
     if arguments.holdout < 0 or kept < 2:
@@ -115,15 +109,12 @@ def run(arguments: argparse.Namespace) -> None:
     print(f"model in {arguments.out}")
 
 
-def read_recording(path: Path) -> "Observations":
+def read_recording(path: Path) -> Observations:
     """Observations from an .npz file as the command takes it.
 
     Raises:
         DenseVSError: not such a file, or arrays missing, unknown or unfit.
     """
-    from dense_vs.files import read_arrays
-    from dense_vs.generative import Observations
-
     content = read_arrays(path, "a recording of features")
     unknown = sorted(set(content) - set(ARRAYS))
     missing = [name for name in ("pixels", "image_sizes") if name not in content]

@@ -2,18 +2,22 @@
 
 import argparse
 from collections.abc import Iterator
+from contextlib import nullcontext
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from dense_vs.errors import DenseVSError
-from dense_vs.files import write_json
+from dense_vs.files import output_folder, write_json
+from dense_vs.recording.video import VideoReader, VideoWriter
+from dense_vs.segmentation import FewShotSegmenter, OnnxSegmenter, assess_mask, read_mask, write_mask
+from dense_vs.segmentation.annotated_folder import IMAGE_SUFFIXES, image_files, read_image, write_image
+from dense_vs.view.mask_picture import draw_mask
 from dense_vs.view.progress import progress
 from dense_vs.view.provenance import versions
 from dense_vs.view.tables import table
 
-HELP = "find an object in images or a video"
 SHOWN_ROWS = 20
 
 
@@ -40,11 +44,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> None:
     """Run the command."""
-    from dense_vs.files import output_folder
-    from dense_vs.segmentation import assess_mask, write_mask
-    from dense_vs.segmentation.annotated_folder import write_image
-    from dense_vs.view.mask_picture import draw_mask
-
     segmenter = _segmenter(arguments)
     frames, count, fps = _frames(arguments.input)
     out = output_folder(arguments.out)
@@ -83,8 +82,6 @@ def run(arguments: argparse.Namespace) -> None:
 
 
 def _segmenter(arguments: argparse.Namespace) -> Any:
-    from dense_vs.segmentation import FewShotSegmenter, OnnxSegmenter, read_mask
-
     if arguments.model.suffix.lower() != ".onnx":
         return FewShotSegmenter.load(arguments.model)
     size = tuple(arguments.size) if arguments.size else None
@@ -104,9 +101,6 @@ def _segmenter(arguments: argparse.Namespace) -> Any:
 
 def _frames(source: Path) -> tuple[Iterator[tuple[str, np.ndarray]], int, float | None]:
     """Named images, how many (0 if unknown), and the frame rate of a video."""
-    from dense_vs.recording.video import VideoReader
-    from dense_vs.segmentation.annotated_folder import IMAGE_SUFFIXES, image_files, read_image
-
     if source.is_dir():
         files = image_files(source)
         return ((path.stem, read_image(path)) for path in files), len(files), None
@@ -119,8 +113,4 @@ def _frames(source: Path) -> tuple[Iterator[tuple[str, np.ndarray]], int, float 
 
 
 def _video(out: Path, fps: float | None) -> Any:
-    from contextlib import nullcontext
-
-    from dense_vs.recording.video import VideoWriter
-
     return nullcontext() if fps is None else VideoWriter(out / "segmented.mp4", fps)

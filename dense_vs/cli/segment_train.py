@@ -7,9 +7,9 @@ from pathlib import Path
 import numpy as np
 
 from dense_vs.errors import DenseVSError
+from dense_vs.segmentation import AnnotatedFolder, FewShotSegmenter, read_images
+from dense_vs.view.progress import progress
 from dense_vs.view.tables import table
-
-HELP = "learn to segment an object from about ten annotated images"
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -36,8 +36,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> None:
     """Run the command."""
-    from dense_vs.segmentation import AnnotatedFolder, FewShotSegmenter, read_images
-
     annotated = AnnotatedFolder.read(arguments.folder)
     if arguments.folds and not 2 <= arguments.folds <= len(annotated.names):
         raise DenseVSError(f"--folds is {arguments.folds}; expected 0 or 2 to {len(annotated.names)}, one an image")
@@ -59,9 +57,6 @@ def run(arguments: argparse.Namespace) -> None:
 
 def _left_out(annotated, others, nothing, folds: int, seed: int) -> list[list[str]]:
     """A row an image: what a segmenter makes of it that learnt from the other folds."""
-    from dense_vs.segmentation import FewShotSegmenter
-    from dense_vs.view.progress import progress
-
     fold = np.random.default_rng(seed).permutation(len(annotated.names)) % folds
     rows = {}
     with progress("folds", folds, unit="fold") as bar:

@@ -15,7 +15,6 @@ from dense_vs.sims.papers.gothoskar.protocol import add_protocol_arguments, tria
 from dense_vs.sims.papers.rows import Row
 from dense_vs.view.progress import progress
 
-HELP = "Table 7: gradient norm when a camera is shifted; which camera, after how many samples"
 PAPER = (40.618, 945.384, 1788.127, 2666.490, 3404.664, 4287.491, 5127.693, 5930.182, 6762.114, 7630.604, 8403.353)
 BUFFER = 50
 

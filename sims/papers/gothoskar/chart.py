@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from dense_vs.files import atomic_write
+from dense_vs.view.canvas import new_figure, save_figure
 
 
 def draw_lines(
@@ -51,7 +51,7 @@ def draw_lines(
     axes.set(title=title, xlabel=x_label, ylabel=y_label)
     axes.grid(alpha=0.3, which="both" if logarithmic else "major")
     axes.legend(fontsize="small")
-    save(figure, path)
+    save_figure(figure, path)
 
 
 def draw_points(
@@ -64,7 +64,7 @@ def draw_points(
     axes.set(title=title, xlabel=x_label, ylabel=y_label)
     axes.grid(alpha=0.3)
     axes.legend(fontsize="small")
-    save(figure, path)
+    save_figure(figure, path)
 
 
 def draw_bars(
@@ -88,16 +88,12 @@ def draw_bars(
     axes.set(title=title, ylabel=y_label)
     axes.grid(alpha=0.3, axis="y")
     axes.legend(fontsize="small", loc="upper left", bbox_to_anchor=(1.0, 1.0))
-    save(figure, path)
+    save_figure(figure, path)
 
 
 def draw_images(path: Path, rows: Sequence[Sequence[np.ndarray]], titles: Sequence[str]) -> None:
     """Write a PNG of images (H, W, 3) in rows, a title a column."""
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from matplotlib.figure import Figure
-
-    figure = Figure(figsize=(2.0 * len(titles), 2.0 * len(rows) + 0.3), layout="constrained")
-    FigureCanvasAgg(figure)
+    figure = new_figure(2.0 * len(titles), 2.0 * len(rows) + 0.3)
     grid = figure.subplots(len(rows), len(titles), squeeze=False)
     for row, images in zip(grid, rows, strict=True):
         for axes in row:
@@ -106,7 +102,7 @@ def draw_images(path: Path, rows: Sequence[Sequence[np.ndarray]], titles: Sequen
             axes.imshow(image)
     for axes, title in zip(grid[0], titles, strict=True):
         axes.set_title(title, fontsize="small")
-    save(figure, path)
+    save_figure(figure, path)
 
 
 def close_up(images: Sequence[np.ndarray], pixels: np.ndarray) -> list[np.ndarray]:
@@ -121,16 +117,6 @@ def close_up(images: Sequence[np.ndarray], pixels: np.ndarray) -> list[np.ndarra
     return parts
 
 
-def save(figure: Any, path: Path) -> None:
-    """Write a figure as PNG, whole or not at all."""
-    with atomic_write(path) as stream:
-        figure.savefig(stream, format="png", dpi=110)
-
-
 def _figure() -> tuple[Any, Any]:
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from matplotlib.figure import Figure
-
-    figure = Figure(figsize=(7.5, 5), layout="constrained")
-    FigureCanvasAgg(figure)
+    figure = new_figure(7.5, 5)
     return figure, figure.subplots()

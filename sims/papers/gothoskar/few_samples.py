@@ -22,7 +22,6 @@ from dense_vs.sims.papers.gothoskar.protocol import (
 from dense_vs.sims.papers.rows import Row
 from dense_vs.view.progress import progress
 
-HELP = "Table 5, Fig. 3: error against the number of training samples"
 PAPER = {30: (49.3582, 43.5229), 40: (3.2066, 2.3041), 50: (0.6235, 0.0143), 60: (0.6168, 0.0082), 70: (0.5991, 0.0082)}
 LIMITS_PX = (1.0, 2.0)
 

@@ -19,7 +19,6 @@ from dense_vs.errors import DenseVSError
 from dense_vs.sims.papers.rows import Row
 from dense_vs.view.progress import progress
 
-HELP = "Fig. 12: grasp a block with an inaccurate arm"
 FACTORS = (1.3, 1.2, 1.1, 1.0)
 FIRST_FACTOR, FIRST_ATTEMPTS = 1.4, 4
 LIFTED = 0.03  # m

@@ -19,7 +19,6 @@ from dense_vs.sims.papers.gothoskar.grasp import add_cell_arguments, make_cell
 from dense_vs.sims.papers.rows import Row
 from dense_vs.view.progress import progress
 
-HELP = "Fig. 13: insert a peg with 1 mm clearance with an inaccurate arm"
 # Stretch factors and motions at most. The peg's end is level with the hole's edge at a factor of 1.284. There the steps
 # are short, as a motion errs by a share of its length: one of 3.5 mm may end 1 mm to the side.
 ABOVE = ((1.4, 4), (1.32, 8), (1.295, 8), (1.289, 6))

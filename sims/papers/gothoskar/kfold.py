@@ -12,7 +12,6 @@ from dense_vs.sims.papers.gothoskar.protocol import add_protocol_arguments, held
 from dense_vs.sims.papers.rows import Row
 from dense_vs.view.progress import progress
 
-HELP = "Table 4: k-fold cross validation"
 PAPER = {2: (0.5600, 0.0205), 3: (0.5502, 0.0417), 4: (0.5577, 0.0663), 5: (0.6368, 0.2268), 6: (0.5445, 0.0667)}
 
 

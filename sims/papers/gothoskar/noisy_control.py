@@ -31,7 +31,6 @@ if TYPE_CHECKING:
     from dense_vs.sims.marked_arm.evidence import Evidence
     from dense_vs.sims.marked_arm.noise import NoisyController
 
-HELP = "Fig. 10, 11: learn from actions of a noisy controller, joint or Cartesian, and servo with it"
 CONTROLLERS = {"cartesian": "Fig. 10", "joint": "Fig. 11"}
 # Fig. 10 in words: "pixel accuracy" at 0.01, "approximately 5 pixel accuracy" at 0.02.
 PAPER_FINAL_PX = {("cartesian", 0.02): 5.0}

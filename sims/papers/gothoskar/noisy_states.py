@@ -30,7 +30,6 @@ from dense_vs.view.progress import progress
 if TYPE_CHECKING:
     from dense_vs.sims.marked_arm.evidence import Evidence
 
-HELP = "Table 8: noisy readings of joints or poses, with and without a model of the noise"
 PAPER = {
     (0.01, "observed"): (1.715, 0.086),
     (0.01, "noisy"): (1.394, 0.109),

@@ -33,7 +33,6 @@ if TYPE_CHECKING:
     from dense_vs.generative import GenerativeModel, Observations
     from dense_vs.sims.marked_arm.evidence import Evidence
 
-HELP = "Fig. 4-7: relearn a camera, the structure, the base or the kinematics from few samples"
 PARTS = {
     "moved camera": "camera:1",
     "added camera": "camera:2",

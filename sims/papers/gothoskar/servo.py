@@ -14,7 +14,6 @@ from dense_vs.sims.papers.gothoskar.protocol import Trial, add_protocol_argument
 from dense_vs.sims.papers.rows import Row
 from dense_vs.view.progress import progress
 
-HELP = "Fig. 8, 9: servo moves against classical IBVS with the true Jacobian, over its gains"
 LAWS = ("exact", "independent", "proportional")
 
 

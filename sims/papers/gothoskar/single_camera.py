@@ -30,7 +30,6 @@ if TYPE_CHECKING:
     from dense_vs.generative import GenerativeModel
     from dense_vs.sims.marked_arm.evidence import Evidence
 
-HELP = "Table 6: inference from both images or one; learning from one camera"
 PAPER = {
     "both cameras: joints": (0.0536, 0.0134),
     "one camera: joints": (0.0519, 0.0095),

@@ -16,7 +16,6 @@ from dense_vs.sims.papers.gothoskar.protocol import Trial
 from dense_vs.sims.papers.rows import Row
 from dense_vs.view.progress import progress
 
-HELP = "Table 3: time of queries"
 PAPER = {
     "forward kinematics": 1.27,
     "forward cameras and features": 1.43,

@@ -20,7 +20,6 @@ from dense_vs.view.progress import progress
 if TYPE_CHECKING:
     from dense_vs.generative import Observations
 
-HELP = "Tables 1, 2: before and after learning end to end; orders of the stages"
 PAPER_BEFORE, PAPER_AFTER = 414.21, 0.47
 PAPER_ALL, PAPER_CAMERA_ALL = 549.4, 27077.9
 STARTS = 100

@@ -1,4 +1,4 @@
-"""Learning J+ of one configuration from step responses, VOS-VS section 7.3: servo, update, begin again when lost."""
+"""J+ of one configuration from step responses, VOS-VS section 7.3: servo, update, begin again when lost."""
 
 from dataclasses import dataclass, field
 from enum import StrEnum
@@ -75,7 +75,7 @@ class Learning:
     true: list[np.ndarray] = field(default_factory=list)
 
 
-def learn(
+def learn_configuration(
     world: MobileWorld,
     one: Configuration,
     name: str,

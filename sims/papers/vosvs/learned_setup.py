@@ -9,7 +9,7 @@ from dense_vs.segmentation import Segmenter
 from dense_vs.sims.mobile_manipulator.annotations import learn_segmenter
 from dense_vs.sims.mobile_manipulator.world import MobileWorld
 from dense_vs.sims.papers.vosvs.configurations import configuration
-from dense_vs.sims.papers.vosvs.jacobian_learning import Learning, Update, learn
+from dense_vs.sims.papers.vosvs.jacobian_learning import Learning, Update, learn_configuration
 
 TEACHERS = {"base": "Plastic Chain", "base grasp": "Tuna"}  # the object that a configuration learns with
 TEACHER = "Mug"
@@ -57,7 +57,9 @@ class LearnedSetup:
             for attempt in range(ATTEMPTS):
                 self.world.store()
                 rng = np.random.default_rng([self.seed, 51, attempt])
-                learning = learn(self.world, configuration(config), name, segmenter, rng, update=update, looks=LOOKS)
+                learning = learn_configuration(
+                    self.world, configuration(config), name, segmenter, rng, update=update, looks=LOOKS
+                )
                 self.world.store()
                 self._learned[key] = learning
                 if learning.converged:

@@ -46,6 +46,7 @@ TRIALS = (
 )
 PLACES = (SUPPORTS[2], SUPPORTS[1], SUPPORTS[0])
 HEIGHT = 0.86  # m, of the grasp camera while it looks for objects
+_NO_SERVO, _NO_DEPTH = ServoScore(False), DepthScore(False)
 
 
 @dataclass
@@ -65,10 +66,10 @@ class ObjectTrial:
 
     name: str
     support: float
-    servo: ServoScore = ServoScore(False)
+    servo: ServoScore = _NO_SERVO
     printed_servo: ServoScore | None = None
-    depth: DepthScore = DepthScore(False)
-    printed_depth: DepthScore = DepthScore(False)
+    depth: DepthScore = _NO_DEPTH
+    printed_depth: DepthScore = _NO_DEPTH
     looks: int = 0
     approach: Approach | None = None
     iou: tuple[float, float] = (float("nan"), float("nan"))

@@ -104,9 +104,9 @@ def score_depth(z_object: float, camera_z: float, true: TrueView, support: float
         ("camera hits the object", stop - top),
         key=lambda one: one[1],
     )
+    off_mm = 1e3 * (distance - true.outline)
     cause = (
-        f"depth error {100 * error:+.1f} % ({1e3 * (distance - true.outline):+.0f} mm): {missed} by {-1e3 * by:.0f} mm; "
-        f"mask IoU {true.iou:.2f}"
+        f"depth error {100 * error:+.1f} % ({off_mm:+.0f} mm): {missed} by {-1e3 * by:.0f} mm; mask IoU {true.iou:.2f}"
     )
     return DepthScore(False, error, surface_error, margins, cause)
 

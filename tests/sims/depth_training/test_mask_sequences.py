@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from dense_vs.depth import depth_from_masks
-from dense_vs.sims.cli.depth_train import train
 from dense_vs.sims.depth_training.mask_sequences import simulate_masks
+from dense_vs.sims.depth_training.training import train
 
 
 @pytest.fixture(scope="module")

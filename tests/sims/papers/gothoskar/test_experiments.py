@@ -6,7 +6,7 @@ import pytest
 
 from dense_vs.cli.main import main
 from dense_vs.sims.marked_arm.noise import NoisyController
-from dense_vs.sims.papers import EXPERIMENTS
+from dense_vs.sims.papers import PAPERS
 from dense_vs.sims.papers.gothoskar import relearning
 from dense_vs.sims.papers.gothoskar.protocol import pixel_error, spread_rows
 from dense_vs.sims.papers.gothoskar.servoing import joint_tasks, moves_needed, servo_model
@@ -87,11 +87,11 @@ def test_rows_of_a_spread():
 def test_every_experiment_has_help_and_arguments():
     from importlib import import_module
 
-    for home in EXPERIMENTS["generative"].values():
-        module = import_module(home)
+    for experiment in PAPERS["generative"].experiments.values():
+        module = import_module(experiment.home)
         parser = argparse.ArgumentParser()
         module.add_arguments(parser)
-        assert module.HELP
+        assert experiment.help
         assert module.__doc__
 
 

@@ -13,17 +13,17 @@ from dense_vs.mask_servo.loop import ServoEnd
 from dense_vs.sims.mobile_manipulator.postures import above
 from dense_vs.sims.mobile_manipulator.world import MobileWorld
 from dense_vs.sims.papers.vosvs import (
+    learn,
+    pick_place,
     step_response,
     track,
-    pick_place,
-    learn,
     trial,
 )
 from dense_vs.sims.papers.vosvs.configurations import CONFIGURATIONS
 from dense_vs.sims.papers.vosvs.jacobian_learning import Learning
 from dense_vs.sims.papers.vosvs.jacobian_learning import learn as learn_configuration
-from dense_vs.sims.papers.vosvs.object_trial import HEIGHT, ObjectTrial, locate
 from dense_vs.sims.papers.vosvs.object_pick import Pick, pick_and_place
+from dense_vs.sims.papers.vosvs.object_trial import HEIGHT, ObjectTrial, locate
 
 HIGH, LOW = np.diag([-0.0018, 0.0018]), np.diag([-0.0004, 0.0004])
 
@@ -99,9 +99,7 @@ def test_trial_rows():
     assert rows["depth error, median, against the outline's depth", (4, 7)].ours == pytest.approx(1.0)
 
 
-@pytest.mark.parametrize(
-    "experiment", [learn, pick_place, step_response, track, trial]
-)
+@pytest.mark.parametrize("experiment", [learn, pick_place, step_response, track, trial])
 def test_other_devices_are_refused(experiment, tmp_path):
     parser = argparse.ArgumentParser()
     experiment.add_arguments(parser)
@@ -119,10 +117,7 @@ def test_learn_rows():
     one = next(config for config in CONFIGURATIONS if config.name == "arm both")
     pinv, true = [[-0.0004, 0], [-0.001, 0], [0, 0.003]], np.array([[-0.0008, 0], [-0.002, 0], [0, 0.004]])
     outcomes = {"hadamard": learning(pinv), "featurewise": learning(pinv), "original": learning(pinv, False)}
-    rows = {
-        row.name: row.ours
-        for row in learn.table_rows([learn.Learned(one, 4, outcomes, true)], (4,))
-    }
+    rows = {row.name: row.ours for row in learn.table_rows([learn.Learned(one, 4, outcomes, true)], (4,))}
     assert rows["converged of 7, (11)"] == 1
     assert rows["converged of 7, original Broyden"] == 0
     assert rows["steps taken back, (11)"] == 3
