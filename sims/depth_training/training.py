@@ -1,6 +1,7 @@
 """Training of the learned depth (:mod:`dense_vs.depth.learned_depth`) on simulated mask sequences only."""
 
 from concurrent.futures import ProcessPoolExecutor
+from multiprocessing import get_context
 from typing import Any
 
 import cv2
@@ -20,9 +21,13 @@ MEMBERS = 6  # networks whose outputs are averaged
 
 def simulated_features(sequences: int, seed: int, processes: int) -> tuple[np.ndarray, np.ndarray]:
     """Features ``(n, f)`` and the logarithms ``(n,)`` of true over robust distance."""
+    # Spawned, not forked: a forked process inherits Warp in whatever state its threads left it.
     chunks = [(seed, first, min(first + CHUNK, sequences)) for first in range(0, sequences, CHUNK)]
     rows = []
-    with ProcessPoolExecutor(processes) as pool, progress("simulate", len(chunks), unit="chunk") as bar:
+    with (
+        ProcessPoolExecutor(processes, get_context("spawn")) as pool,
+        progress("simulate", len(chunks), unit="chunk") as bar,
+    ):
         for part in pool.map(_chunk, chunks):
             rows.extend(part)
             bar.update()

@@ -20,10 +20,10 @@ from dense_vs.sims.papers.vosvs import (
     trial,
 )
 from dense_vs.sims.papers.vosvs.configurations import CONFIGURATIONS
-from dense_vs.sims.papers.vosvs.jacobian_learning import Learning
-from dense_vs.sims.papers.vosvs.jacobian_learning import learn as learn_configuration
+from dense_vs.sims.papers.vosvs.jacobian_learning import Learning, Update, learn_configuration
 from dense_vs.sims.papers.vosvs.object_pick import Pick, pick_and_place
 from dense_vs.sims.papers.vosvs.object_trial import HEIGHT, ObjectTrial, locate
+from dense_vs.sims.papers.vosvs.trial_scores import DepthScore, ServoScore
 
 HIGH, LOW = np.diag([-0.0018, 0.0018]), np.diag([-0.0004, 0.0004])
 
@@ -48,10 +48,10 @@ def test_object_is_found_picked_and_placed(world):
     world.place("Tuna", (1.0, 0.03, 0.125), 0.4)
     world.set_posture(above(0.92, 0.1, HEIGHT))
     pick = pick_and_place(world, "Tuna", 0.125, Ids(world, "Tuna"), HIGH, LOW, method="vos-de")
-    assert pick.trial.servo
-    assert pick.trial.depth
+    assert pick.trial.servo.centered
+    assert pick.trial.depth.graspable
     assert pick.trial.approach.end is ApproachEnd.NEAR
-    assert abs(pick.trial.depth_error) < 0.02
+    assert abs(pick.trial.depth.error) < 0.02
     assert pick.placed, pick.cause
     assert pick.truly_held == [True]
     assert pick_place.checks_right(pick) == [True]
@@ -62,7 +62,7 @@ def test_object_that_is_not_there(world):
     world.set_posture(above(1.0, 0.0, HEIGHT))
     before = world.joints()
     result = locate(world, "Potted Meat", 0.125, Ids(world, "Potted Meat"), HIGH)
-    assert not result.servo
+    assert not result.servo.centered
     assert result.cause == "not found in 9 looks"
     np.testing.assert_allclose(world.joints(), before, atol=5e-3)  # though a bin stood in the way of some places
 
@@ -91,12 +91,24 @@ def test_grasp_checks_are_counted_against_the_truth():
 
 
 def test_trial_rows():
-    good = ObjectTrial("Mug", 0.25, servo=True, depth=True, depth_error=-0.01, surface_error=0.02)
-    bad = ObjectTrial("Dice", 0.125, servo=True, cause="depth")
-    rows = {(row.name, row.seeds): row for row in trial.table_rows({4: [good, bad], 7: [good]})}
-    assert rows["VS of 24 (ClickBot 2023: 24)", (4,)].ours == 2
-    assert rows["DE of 24 (ClickBot 2023: 16)", (7,)].ours == 1
-    assert rows["depth error, median, against the outline's depth", (4, 7)].ours == pytest.approx(1.0)
+    yes, no = ServoScore(True), ServoScore(False, "lost")
+    good = ObjectTrial("Mug", 0.25, yes, yes, DepthScore(True, -0.01, 0.02), DepthScore(False, 0.08), iou=(0.9, 0.8))
+    bad = ObjectTrial("Dice", 0.125, yes, no, DepthScore(False, cause="depth"), DepthScore(True, -0.04))
+    lost = ObjectTrial("Tuna", 0.0, no, no)
+    found = trial.table_rows({4: [good, bad], 7: [good, lost]}, {4: True, 7: False}, "robust")
+    rows = {(row.name, row.seeds): row.ours for row in found}
+    assert rows["VS of 24 (ClickBot 2023: 24), J+ feature by feature", (4,)] == 2
+    assert rows["VS of 24 (ClickBot 2023: 24), J+ feature by feature", (7,)] == 1
+    assert rows["VS of 24, J+ by (11) as printed", (4,)] == 1
+    assert rows["J+ by (11) as printed converged (1) or not (0)", (4,)] == 1
+    assert rows["J+ by (11) as printed converged (1) or not (0)", (7,)] == 0
+    assert rows["DE of 24 (ClickBot 2023: 16), depth by robust", (4,)] == 1
+    assert rows["DE of 24, depth by (20) as printed", (4,)] == 1
+    assert rows["DE of 24, depth by (20) as printed", (7,)] == 0
+    assert rows["depth error by robust, median, against the outline's depth", (4, 7)] == pytest.approx(1.0)
+    assert rows["depth error by (20) as printed, median", (4, 7)] == pytest.approx(8.0)
+    assert bad.cause == "depth"
+    assert lost.cause == "lost"
 
 
 @pytest.mark.parametrize("experiment", [learn, pick_place, step_response, track, trial])
@@ -116,10 +128,12 @@ def test_learn_rows():
 
     one = next(config for config in CONFIGURATIONS if config.name == "arm both")
     pinv, true = [[-0.0004, 0], [-0.001, 0], [0, 0.003]], np.array([[-0.0008, 0], [-0.002, 0], [0, 0.004]])
-    outcomes = {"hadamard": learning(pinv), "featurewise": learning(pinv), "original": learning(pinv, False)}
+    outcomes = {update: learning(pinv, update is not Update.ORIGINAL) for update in Update}
     rows = {row.name: row.ours for row in learn.table_rows([learn.Learned(one, 4, outcomes, true)], (4,))}
-    assert rows["converged of 7, (11)"] == 1
+    assert rows["converged of 7, (11), denominator guarded"] == 1
     assert rows["converged of 7, original Broyden"] == 0
-    assert rows["steps taken back, (11)"] == 3
-    assert rows["arm both: part of the error in s_x that a step (10) removes, (11)"] == pytest.approx(1.0)
-    assert rows["arm both: part of the error in s_y that a step (10) removes, (11)"] == pytest.approx(0.75)
+    assert rows["steps taken back, (11) as printed"] == 3
+    assert rows["arm both: part of the error in s_x that a step by (10) removes, (11) as printed"] == pytest.approx(1.0)
+    assert rows["arm both: part of the error in s_y that a step by (10) removes, (11) as printed"] == pytest.approx(
+        0.75
+    )
