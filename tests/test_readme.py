@@ -1,8 +1,6 @@
 """The README's program does what it says."""
 
 import re
-import subprocess
-import sys
 from pathlib import Path
 
 import numpy as np
@@ -28,8 +26,3 @@ def test_it_fits_20_lines():
     program = re.findall(r"```python\n(.*?)```", README.read_text(encoding="utf-8"), flags=re.DOTALL)[0]
     lines = [line for line in program.splitlines() if line.strip() and not line.startswith(("import", "from"))]
     assert len(lines) <= 20
-
-
-def test_figures_are_those_of_the_results():
-    script = README.parent / "profiling" / "readme_table.py"
-    assert subprocess.run([sys.executable, str(script), "--check"], check=False).returncode == 0

@@ -116,3 +116,60 @@ def test_the_order_of_rooms_has_no_cycle():
         for room, below in table.items():
             assert below <= done, f"{room} stands before what it imports"
             done.add(room)
+
+
+LINES_OF_A_FILE, LINES_OF_A_FUNCTION, LINES_OF_A_KERNEL = 400, 80, 120
+# What is still longer than that; nothing may be added.
+TOO_LONG = {
+    "dense_vs/generative/learning/cartesian.py": {"fit_cartesian"},
+    "dense_vs/generative/learning/published.py": {"_everything"},
+    "kernels/arm/joint_inference.py": {"", "joint_inference_kernel"},
+    "kernels/body/kmeans.py": {"kmeans_kernels"},
+    "kernels/flow/displacement_solution.py": {"solution_kernels"},
+    "kernels/jacobian/image_jacobian.py": {"jacobian_kernels"},
+    "kernels/masks/reducers.py": {"_kernels"},
+    "kernels/tracking/patch_alignment.py": {"align_patches_kernel"},
+    "sims/mobile_manipulator/objects.py": {"_kitchen", "_tools"},
+}
+
+
+def has_kernels(function) -> bool:
+    """Whether it is a Warp kernel or function, or a factory of some."""
+    decorators = (ast.unparse(one) for node in ast.walk(function) for one in getattr(node, "decorator_list", ()))
+    return any(name.startswith(("wp.kernel", "wp.func", "kernel")) for name in decorators)
+
+
+def too_long(file: Path) -> set[str]:
+    """Names of functions that are too long, and "" where the file is."""
+    text = file.read_text(encoding="utf-8")
+    found = {""} if len(text.splitlines()) > LINES_OF_A_FILE else set()
+    for node in ast.walk(ast.parse(text)):
+        if isinstance(node, ast.FunctionDef):
+            most = LINES_OF_A_KERNEL if has_kernels(node) else LINES_OF_A_FUNCTION
+            if node.end_lineno - node.lineno + 1 > most:
+                found.add(node.name)
+    return found
+
+
+@pytest.mark.parametrize("folder", ["dense_vs", "kernels", "sims", "profiling", "tests", "tools", "examples"])
+def test_files_and_functions_fit_a_screen_or_some(folder):
+    files = {file.relative_to(ROOT).as_posix(): file for file in sorted((ROOT / folder).rglob("*.py"))}
+    found = {name: long for name, file in files.items() if (long := too_long(file))}
+    assert not {name: new for name, long in found.items() if (new := long - TOO_LONG.get(name, set()))}
+
+
+def test_every_package_says_its_duty():
+    for module, file in modules():
+        if file.name == "__init__.py":
+            said = ast.get_docstring(ast.parse(file.read_text(encoding="utf-8"))) or ""
+            assert len(said.split()) >= 5, f"{module} does not say what it is for"
+
+
+def test_no_room_names_the_simulator():
+    """Not even in a string: the core finds what is above it by entry points."""
+    for module, file in modules():
+        if module.startswith("dense_vs.sims"):
+            continue
+        for node in ast.walk(ast.parse(file.read_text(encoding="utf-8"))):
+            if isinstance(node, ast.Constant) and isinstance(node.value, str):
+                assert not node.value.startswith("dense_vs.sims"), f"{module}, line {node.lineno}"

@@ -12,7 +12,6 @@ from typing import Any
 
 import warp as wp
 
-import dense_vs
 from dense_vs.kernels.launch import available_cores
 
 PACKAGES = (
@@ -60,7 +59,7 @@ def versions() -> dict[str, str]:
 
 def commit() -> str | None:
     """Commit of the source that runs, with ``+changes`` where tracked files differ; None outside of a checkout."""
-    source = Path(dense_vs.__file__)
+    source = Path(__file__)
     # A copy installed into an environment that lies inside some other checkout is not that checkout's.
     if shutil.which("git") is None or _git(source.parent, "ls-files", "--error-unmatch", source.name) is None:
         return None

@@ -2,8 +2,10 @@
 
 import argparse
 import time
+from collections.abc import Sequence
 from contextlib import nullcontext
 from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -20,6 +22,9 @@ from dense_vs.view.plots import plot_reach
 from dense_vs.view.progress import progress
 from dense_vs.view.provenance import versions
 from dense_vs.view.tables import table
+
+if TYPE_CHECKING:
+    from dense_vs.sims.papers.dije.reaching import MeasuredReach
 
 REACHED_PX = 2.0
 
@@ -86,7 +91,7 @@ def run(arguments: argparse.Namespace) -> None:
             servo=VisualServo(joints, joint_limits=world.joint_limits, gain=arguments.gain, seed=arguments.seed),
             flow=FlowEstimator(arguments.flow, **size),
         )
-        learnt = experiment.learn()
+        learned = experiment.learn()
         experiment.choose(method=arguments.tracker)
         targets = experiment.targets(arguments.targets)
         measured = []
@@ -96,21 +101,10 @@ def run(arguments: argparse.Namespace) -> None:
     seconds = time.perf_counter() - started
     plot_reach(experiment.trace, world.joint_names, out / "reach.png")
     summary = {
-        "targets": [
-            {
-                "target": list(m.reach.target),
-                "steps": m.reach.frames,
-                "estimated_error_px": m.reach.error_px,
-                "true_error_px": m.true_error_px,
-                "reached": m.reach.reached,
-                "lost": m.reach.lost,
-                "jacobian_error_median": m.jacobian.median,
-            }
-            for m in measured
-        ],
-        "jacobian_error_median": learnt.median,
-        "jacobian_error_p90": learnt.p90,
-        "jacobian_error_inner_median": learnt.inner_median,
+        "targets": [_of_target(m) for m in measured],
+        "jacobian_error_median": learned.median,
+        "jacobian_error_p90": learned.p90,
+        "jacobian_error_inner_median": learned.inner_median,
         "seconds": seconds,
         "fps": len(experiment.trace.times) / seconds,
         "device": str(experiment.loop.estimator.device),
@@ -119,6 +113,33 @@ def run(arguments: argparse.Namespace) -> None:
         "versions": versions(),
     }
     write_json(out / "summary.json", summary)
+    print(_targets_table(measured))
+    close = sum(m.true_error_px < REACHED_PX for m in measured)
+    print(
+        f"J error after {arguments.babble:g} s of babbling: {learned.median:.3f} (median over robot pixels), "
+        f"{learned.inner_median:.3f} at pixels 3 px inside the outline"
+    )
+    print(
+        f"{close} of {len(measured)} targets within {REACHED_PX:g} px (true error); "
+        f"{len(experiment.trace.times)} frames in {seconds:.1f} s, simulation included; results in {out}"
+    )
+
+
+def _of_target(measured: "MeasuredReach") -> dict[str, Any]:
+    """A reach as the summary holds it."""
+    reach = measured.reach
+    return {
+        "target": list(reach.target),
+        "steps": reach.frames,
+        "estimated_error_px": reach.error_px,
+        "true_error_px": measured.true_error_px,
+        "reached": reach.reached,
+        "lost": reach.lost,
+        "jacobian_error_median": measured.jacobian.median,
+    }
+
+
+def _targets_table(measured: "Sequence[MeasuredReach]") -> str:
     rows = [
         [
             f"{m.reach.target[0]:.0f}, {m.reach.target[1]:.0f}",
@@ -130,16 +151,7 @@ def run(arguments: argparse.Namespace) -> None:
         ]
         for m in measured
     ]
-    print(table(["target [px]", "steps", "estimated error [px]", "TRUE error [px]", "J error", "reached"], rows))
-    close = sum(m.true_error_px < REACHED_PX for m in measured)
-    print(
-        f"J error after {arguments.babble:g} s of babbling: {learnt.median:.3f} (median over robot pixels), "
-        f"{learnt.inner_median:.3f} at pixels 3 px inside the outline"
-    )
-    print(
-        f"{close} of {len(measured)} targets within {REACHED_PX:g} px (true error); "
-        f"{len(experiment.trace.times)} frames in {seconds:.1f} s, simulation included; results in {out}"
-    )
+    return table(["target [px]", "steps", "estimated error [px]", "TRUE error [px]", "J error", "reached"], rows)
 
 
 def _point(text: str) -> str | np.ndarray:
