@@ -44,6 +44,7 @@ def test_another_file_is_refused(tmp_path):
         LearnedDepth.load(tmp_path / "half.npz")
 
 
+@pytest.mark.slow
 def test_on_new_simulated_sequences_it_is_no_worse_than_what_it_corrects():
     """Sequences of another seed than those of the training."""
     learned, robust, inside = [], [], []

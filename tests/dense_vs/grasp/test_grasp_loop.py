@@ -53,6 +53,28 @@ def test_gives_up_in_the_end():
     assert world.q[2] == pytest.approx(0.31, abs=0.02)
 
 
+def test_attempts_after_misses_go_deeper_and_turn():
+    world = room()
+    world.slack = -1.0
+    grasp = loop(world)
+    lifts = []
+    close = world.close
+
+    def closing():
+        lifts.append(world.q[2])
+        return close()
+
+    world.close = closing
+    run = grasp.run(0.1)
+    turns = [one.angle for one in run.attempts]
+    assert turns[1] == turns[0]
+    assert abs(turns[2] - turns[0]) >= np.deg2rad(175) / 4
+    stops = lifts[::2]  # the gripper closes once at the object and once more, raised, to be asked how far
+    np.testing.assert_allclose(np.diff(stops), [-0.008, -0.008], atol=1e-9)
+    assert stops[0] == pytest.approx(0.1 + GRIP)
+    assert world.q[3] == pytest.approx(0.0)  # the wrist is back
+
+
 def test_jam_is_reported_and_bounded():
     world = room()
     world.jams = True

@@ -38,6 +38,7 @@ def segmenter():
     return FewShotSegmenter(samples=300, size=WIDTH).fit(*zip(*pairs, strict=True))
 
 
+@pytest.mark.slow
 def test_finds_the_object_in_new_images(segmenter):
     rng = np.random.default_rng(1)
     for _ in range(4):
@@ -47,6 +48,7 @@ def test_finds_the_object_in_new_images(segmenter):
         assert (found & mask).sum() > 0.8 * (found | mask).sum()
 
 
+@pytest.mark.slow
 def test_finds_an_object_smaller_than_a_cell_of_superpixels(segmenter):
     rng = np.random.default_rng(2)
     for _ in range(3):
@@ -56,12 +58,14 @@ def test_finds_an_object_smaller_than_a_cell_of_superpixels(segmenter):
         assert (found & mask).sum() > 0.5 * (found | mask).sum()
 
 
+@pytest.mark.slow
 def test_says_when_the_object_is_not_there(segmenter):
     segmenter.reset()
     assert not segmenter.segment(drawn(np.random.default_rng(3), 0)[0]).any()
     assert segmenter.score == 0.0
 
 
+@pytest.mark.slow
 def test_file_keeps_what_was_learned(segmenter, tmp_path):
     segmenter.save(tmp_path / "object.npz")
     again = FewShotSegmenter.load(tmp_path / "object.npz")

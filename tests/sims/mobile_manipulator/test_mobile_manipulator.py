@@ -41,6 +41,7 @@ def extent(world, name):
     return high - low
 
 
+@pytest.mark.slow
 def test_objects_have_their_published_dimensions():
     everything = MobileWorld(seed=0, device="cpu")
     published = {
@@ -70,6 +71,7 @@ def test_objects_have_their_published_dimensions():
             assert everything.object_position(name)[2] == pytest.approx(height, abs=0.015)
 
 
+@pytest.mark.slow
 def test_signs_and_sizes_of_table_1(room):
     """The paper's robot learned these elements; this robot's true ones have their signs and, about, their sizes."""
     for one in CONFIGURATIONS[:6]:
@@ -137,6 +139,7 @@ def take(world, name, offset, height):
     return world.object_position(name)[2] - before, opening
 
 
+@pytest.mark.slow
 def test_a_grasp_holds_and_can_fail(room):
     room.place("Potted Meat", (0.5, 2.0, 0.0))
     came, opening = take(room, "Potted Meat", 0.0, 0.06)
@@ -164,6 +167,7 @@ def test_a_gripper_that_cannot_open_says_so(room):
     assert room.opening() == pytest.approx(OPENING, abs=2e-3)
 
 
+@pytest.mark.slow
 def test_annotations_show_the_object(world):
     seen = annotate(world, "Tuna", np.random.default_rng(5), count=4)
     assert all(mask.sum() > 300 for mask in seen.masks)
@@ -187,6 +191,7 @@ def test_unknown_names():
     assert next(iter(household_objects())) == "Power Drill"
 
 
+@pytest.mark.slow
 def test_dropped_chain_does_not_burst():
     """Links that began inside one another made the engine's state infinite in one of some hundred heaps."""
     world = MobileWorld(["Plastic Chain"], seed=0, device="cpu")

@@ -15,6 +15,7 @@ def world():
     return MobileWorld([NAME], seed=3, device="cpu")
 
 
+@pytest.mark.slow
 def test_chain_is_dragged_about(world):
     rng = np.random.default_rng(5)
     world.lay_chain(NAME, (1.5, 1.5, 0.0), rng)

@@ -43,6 +43,7 @@ def world():
     return MobileWorld(["Tuna", "Potted Meat"], seed=3, device="cpu")
 
 
+@pytest.mark.slow
 def test_object_is_found_picked_and_placed(world):
     world.store()
     world.place("Tuna", (1.0, 0.03, 0.125), 0.4)
@@ -57,6 +58,7 @@ def test_object_is_found_picked_and_placed(world):
     assert pick_place.checks_right(pick) == [True]
 
 
+@pytest.mark.slow
 def test_object_that_is_not_there(world):
     world.store()
     world.set_posture(above(1.0, 0.0, HEIGHT))
@@ -67,6 +69,7 @@ def test_object_that_is_not_there(world):
     np.testing.assert_allclose(world.joints(), before, atol=5e-3)  # though a bin stood in the way of some places
 
 
+@pytest.mark.slow
 def test_h_base_is_learned_from_a_wrong_sign(world):
     one = next(config for config in CONFIGURATIONS if config.name == "base")
     result = learn_configuration(world, one, "Tuna", Ids(world, "Tuna"), np.random.default_rng(1), responses=1)
