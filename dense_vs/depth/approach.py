@@ -193,7 +193,7 @@ class DepthApproach:
                 z_object, std = camera_z[nearest] - fit.distance, fit.distance * fit.log_std
         except DepthUnobservableError as error:
             return Approach(end, None, None, np.inf, camera_z, areas, whole, nearest, str(error))
-        distance = float(camera_z[nearest] - z_object)
+        distance = float(camera_z[nearest] - z_object)  # VOS-VS (17)
         return Approach(end, float(z_object), distance, float(std), camera_z, areas, whole, nearest)
 
 

@@ -67,7 +67,7 @@ def depth_from_areas(areas: Any, camera_z: Any, *, keep_empty: bool = False) -> 
             f"the mask area is {areas[used][0]:g} px in all {len(size)} views while the camera moves "
             f"{np.ptp(camera_z[used]):g} m; expected it to change, else the object is infinitely far"
         )
-    A = np.stack([size, np.ones_like(size)], axis=1)
+    A = np.stack([size, np.ones_like(size)], axis=1)  # a row is VOS-VS (19)
     b = camera_z[used] * size
     solution = np.linalg.lstsq(A, b, rcond=None)[0]  # VOS-VS (20)
     z_object, c_object = float(solution[0]), float(solution[1])

@@ -53,7 +53,7 @@ def check_grasp(
         area_grasp: s_A [px] at the grasp, fingers closed.
         area_raised: s_A [px] after lifting.
         opening: between the fingers after lifting [m]; None where they do not tell.
-        behind: s_A,raised / s_A,grasp of an object that was left behind, by perspective, VOS-VS (14); 1 where it
+        behind: s_A,raised / s_A,grasp of an object that was left behind, by perspective, VOS-VS (15); 1 where it
             is not known.
         share: what must be left for a held object, above 0 and below 1.
         min_area: a smaller area [px] counts as not seen.

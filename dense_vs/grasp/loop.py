@@ -210,7 +210,7 @@ class GraspLoop:
         area = self._area()
         self._move(self._lift, self._raise_by)
         raised = self._area(remember=True)
-        behind = (self.hand.z_gripper / (self.hand.z_gripper + self._raise_by)) ** 2
+        behind = (self.hand.z_gripper / (self.hand.z_gripper + self._raise_by)) ** 2  # VOS-VS (15)
         check = check_grasp(area, raised, opening=self.gripper.close().opening, behind=behind)
         return GraspAttempt(end.end, choice.verdict, choice.angle, contact, opening, check, (area, raised))
 

@@ -54,7 +54,7 @@ class BroydenStep:
 
 
 class HadamardBroyden:
-    """Learns ``dq = J+ de`` online, for n joints and k image features.
+    """Learns ``dq = J+ de``, the inverse of VOS-VS (9), online, for n joints and k image features.
 
     Args:
         pinv0: ``(n, k)`` [rad/px, m/px], the estimate to begin with; the paper uses 0.001 H.

@@ -218,7 +218,7 @@ class MaskServo:
             return False
         if view is View.ANEW:
             self.learner.forget_observation()
-        error = np.array(quality.centroid) - self.servo.target
+        error = np.array(quality.centroid) - self.servo.target  # VOS-VS (12)
         self.learner.observe(positions, error)
         self.region.advance(view, positions, error, quality)
         self.servo.max_step = np.asarray(self.region.step)

@@ -12,7 +12,7 @@ from dense_vs.sims.mobile_manipulator.objects import CHAIN_DIAMETER, CHAIN_LENGT
 from dense_vs.sims.mobile_manipulator.paint import Paint, add_material, painted_texture
 from dense_vs.sims.mobile_manipulator.parts import Part
 
-JOINTS = (  # the order of (1)
+JOINTS = (  # the order of VOS-VS (1)
     "head_tilt",
     "head_pan",
     "arm_lift",

@@ -101,7 +101,7 @@ class MobileWorld:
 
     @property
     def joint_names(self) -> tuple[str, ...]:
-        """The ten joints in the order of (1)."""
+        """The ten joints in the order of VOS-VS (1)."""
         return JOINTS
 
     @property

@@ -40,7 +40,7 @@ class Configuration:
 
     @property
     def coupling(self) -> np.ndarray:
-        """H ``(n, 2)``."""
+        """H ``(n, 2)``: which elements of J+, VOS-VS (13), are in use."""
         rows = [(1.0, 0.0)] * len(self.along_x) + [(0.0, 1.0)] * len(self.along_y)
         return np.array(rows)
 

@@ -14,7 +14,7 @@ _STEP = {"arm_lift": 0.01, "base_forward": 0.01, "base_lateral": 0.01}  # m; oth
 
 
 def true_pinv(world: MobileWorld, one: Configuration, name: str) -> np.ndarray:
-    """dq_i/ds_j ``(n, 2)`` where H is 1 and 0 elsewhere, of the joint alone, at the present posture [rad/px, m/px].
+    """VOS-VS (13): dq_i/ds_j ``(n, 2)`` of each joint alone at the present posture [rad/px, m/px], 0 where H is 0.
 
     ``nan`` where the object is not seen.
     """

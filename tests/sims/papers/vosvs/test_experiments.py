@@ -79,6 +79,22 @@ def test_h_base_is_learned_from_a_wrong_sign(world):
     assert result.pinv[0, 1] == result.pinv[1, 0] == 0.0
 
 
+@pytest.mark.slow
+def test_object_is_centered_by_both_updates_from_one_place(world):
+    """What was learned as printed goes first; the robot then begins where it began."""
+    world.store()
+    world.place("Tuna", (1.0, 0.03, 0.125), 0.4)
+    world.set_posture(above(0.92, 0.1, HEIGHT))
+    result = locate(world, "Tuna", 0.125, Ids(world, "Tuna"), HIGH, printed_pinv=np.zeros((2, 2)))
+    assert result.printed_servo is not None
+    assert not result.printed_servo.centered  # a J+ of zeros moves nothing
+    assert result.servo.centered
+    assert result.depth.graspable
+    assert result.printed_depth.graspable
+    assert abs(result.printed_depth.error) < 0.02
+    assert result.iou == pytest.approx((1.0, 1.0))
+
+
 def attempt(outcome):
     return GraspAttempt(ServoEnd.CONVERGED, WristVerdict.CLEAR, 0.0, False, 0.05, GraspCheck(outcome, 0.9), (1.0, 1.0))
 
