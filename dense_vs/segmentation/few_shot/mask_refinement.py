@@ -1,8 +1,8 @@
 """Bring a coarse mask to the outlines of the full image: He, Sun and Tang's guided filter with a color guide (2013).
 
 The mask is regressed on the image's colors in small windows (their equations 19 to 21, sums over windows by box
-filters), so that its edge moves to where the colors change. Only the surroundings of the mask are worked on, and for large
-ones the regression is made on a reduced image and its coefficients enlarged (He and Sun's fast guided filter).
+filters), so that its edge moves to where the colors change. Only the surroundings of the mask are worked on. For large
+masks the regression is made on a reduced image and its coefficients enlarged (He and Sun's fast guided filter).
 """
 
 import cv2
