@@ -57,11 +57,12 @@ def test_attempts_after_misses_go_deeper_and_turn():
     world = room()
     world.slack = -1.0
     grasp = loop(world)
-    lifts = []
+    lifts, wrists = [], []
     close = world.close
 
     def closing():
         lifts.append(world.q[2])
+        wrists.append(world.q[3])
         return close()
 
     world.close = closing
@@ -69,6 +70,7 @@ def test_attempts_after_misses_go_deeper_and_turn():
     turns = [one.angle for one in run.attempts]
     assert turns[1] == turns[0]
     assert abs(turns[2] - turns[0]) >= np.deg2rad(175) / 4
+    np.testing.assert_allclose(wrists[::2], turns, atol=1e-12)
     stops = lifts[::2]  # the gripper closes once at the object and once more, raised, to be asked how far
     np.testing.assert_allclose(np.diff(stops), [-0.008, -0.008], atol=1e-9)
     assert stops[0] == pytest.approx(0.1 + GRIP)

@@ -1,5 +1,8 @@
 """Every score of the trials on hand-made cases that fail, stand at the border, and pass."""
 
+from importlib import resources
+
+import mujoco
 import numpy as np
 import pytest
 
@@ -8,7 +11,7 @@ from dense_vs.grasp import GraspCheck, GraspOutcome, WristVerdict
 from dense_vs.grasp.loop import GraspAttempt, GraspRun
 from dense_vs.mask_servo.loop import ServoEnd
 from dense_vs.sims.mobile_manipulator.postures import CAMERA_ABOVE_LIFT, FINGERTIP
-from dense_vs.sims.papers.vosvs.object_pick import BIN, BIN_HALF, BIN_RIM, Pick, came_along, lies_in_bin
+from dense_vs.sims.papers.vosvs.object_pick import BIN, BIN_FLOOR, BIN_HALF, BIN_RIM, Pick, came_along, lies_in_bin
 from dense_vs.sims.papers.vosvs.object_trial import ObjectTrial, printed_depth_score
 from dense_vs.sims.papers.vosvs.pick_place import checks_right
 from dense_vs.sims.papers.vosvs.trial_scores import TrueView, intersection_over_union, score_depth, score_servo
@@ -120,6 +123,16 @@ def test_object_in_the_gripper_rises(after, held):
 )
 def test_object_in_the_bin(offset, height, inside):
     assert lies_in_bin(np.array([BIN[0] + offset[0], BIN[1] + offset[1], height])) is inside
+
+
+def test_the_bin_is_the_one_of_the_model():
+    """Its bounds are the middles of its walls, its floor the top of its bottom."""
+    text = resources.files("dense_vs.sims").joinpath("models", "mobile_manipulator.xml").read_text(encoding="utf-8")
+    model = mujoco.MjModel.from_xml_string(text)
+    np.testing.assert_allclose(model.body("drop_bin").pos[:2], BIN)
+    np.testing.assert_allclose([model.geom("drop_bin_back").pos[0], model.geom("drop_bin_left").pos[1]], BIN_HALF)
+    bottom = model.geom("drop_bin_bottom")
+    assert bottom.pos[2] + bottom.size[2] == pytest.approx(BIN_FLOOR)
 
 
 def attempt(outcome, areas=(100.0, 100.0), opening=0.05):
