@@ -16,7 +16,7 @@ BOUND = "what a perfect fit to those would have (Cramer-Rao)"
 EXPERIMENTS = (
     ("arm learned from 50 images, lens tolerances given, error on other postures [px]", *FIFTY, KNOWN | NORMAL),
     ("worst of 24 arms and seeds", "few-samples", "50 samples: worst", KNOWN | NORMAL),
-    ("the same without tolerances", *FIFTY, UNKNOWN | NORMAL),
+    ("50 images without tolerances", *FIFTY, UNKNOWN | NORMAL),
     ("20 images, tolerances given", "few-samples", "20 samples: mean", KNOWN | NORMAL),
     ("without tolerances", "few-samples", "20 samples: mean", UNKNOWN | NORMAL),
     ("15 images, joints anywhere within 1 rad, tolerances given", "few-samples", "15 samples: mean", KNOWN | UNIFORM),
@@ -99,8 +99,8 @@ def summary_lines(masks: Result, reducers: Result, arms: Result) -> list[str]:
     least = min(masks[f"{half}: least mean IoU of an object"] for half in halves)
     calls, steps = (arms[f"times as fast as PyTorch's 3 x 200 {unit}"] for unit in ("calls", "steps"))
     return [
-        f"Few-shot masks have IoU {real:.2f} on the hand-drawn masks of VOS-VS, learned from 5 images and asked about 5 "
-        f"others (worst object {least:.2f}), and {masks['simulated: mean IoU']:.2f} on simulated images "
+        f"Few-shot masks have IoU {real:.2f} on the hand-drawn masks of VOS-VS, learned from 5 images and asked about "
+        f"5 others (worst object {least:.2f}), and {masks['simulated: mean IoU']:.2f} on simulated images "
         "(`profiling/segmentation.py`). The figures of a 640x480 mask take "
         f"{reducers['mask, object [ms]']:.2f} ms (`profiling/reducers.py`). An arm is learned from 50 images in "
         f"{arms['learn T = 50']:.2f} s, {calls:.0f} times as fast as three stages of 200 calls of PyTorch's L-BFGS, "

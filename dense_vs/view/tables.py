@@ -14,7 +14,7 @@ _WIDEST = 10_000  # characters; a terminal may wrap a line, but no column is cut
 
 def table(header: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
     """Rows under an underlined header; the first column is aligned left, the others right."""
-    grid = Table(box=_UNDERLINED, show_edge=False, pad_edge=False)
+    grid = Table(box=_UNDERLINED, show_edge=False, pad_edge=False, padding=(0, 0, 0, 1))
     for number, title in enumerate(header):
         grid.add_column(Text(title), justify="right" if number else "left", no_wrap=True)
     for row in rows:
