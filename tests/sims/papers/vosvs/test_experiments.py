@@ -2,6 +2,7 @@
 
 import argparse
 
+import cv2
 import numpy as np
 import pytest
 
@@ -20,11 +21,13 @@ from dense_vs.sims.papers.vosvs import (
     trial,
 )
 from dense_vs.sims.papers.vosvs.configurations import CONFIGURATIONS
-from dense_vs.sims.papers.vosvs.jacobian_learning import Learning, Update, learn_configuration
+from dense_vs.sims.papers.vosvs.jacobian_learning import Episode, Learning, Update, learn_configuration
+from dense_vs.sims.papers.vosvs.learning_figures import draw_learning, until_converged
 from dense_vs.sims.papers.vosvs.object_pick import Pick, pick_and_place
 from dense_vs.sims.papers.vosvs.object_trial import HEIGHT, ObjectTrial, locate
 from dense_vs.sims.papers.vosvs.trial_scores import DepthScore, ServoScore
 
+ENDS = (ServoEnd.LOST, ServoEnd.CONVERGED, ServoEnd.CONVERGED)
 HIGH, LOW = np.diag([-0.0018, 0.0018]), np.diag([-0.0004, 0.0004])
 
 
@@ -156,3 +159,19 @@ def test_learn_rows():
     assert rows["arm both: part of the error in s_y that a step by (10) removes, (11) as printed"] == pytest.approx(
         0.75
     )
+
+
+def test_learning_is_drawn(tmp_path):
+    """Ways in the image of every update up to the first that converged, and the views of H_base."""
+    base = next(config for config in CONFIGURATIONS if config.name == "base")
+    image, mask = np.full((480, 640, 3), 90, np.uint8), np.zeros((480, 640), bool)
+    mask[200:240, 300:360] = True
+    ways = [Episode(end, np.array([[10.0, 20.0], [300.0, 200.0]]), [], [image] * 2, [mask] * 2) for end in ENDS]
+    pinv = np.array([[0.001, 0.0], [0.0, 0.001]])
+    outcomes = {one: Learning(True, 9, 20, 1, 3, pinv, np.stack([pinv, 2 * pinv]), ways) for one in Update}
+    draw_learning([learn.Learned(base, 4, outcomes, 2 * pinv)], tmp_path)
+    assert until_converged(ways) == ways[:2]
+    for name in ("learn.png", "learn_view.png"):
+        drawn = cv2.imread(str(tmp_path / name))
+        assert drawn is not None
+        assert np.ptp(drawn) > 100
