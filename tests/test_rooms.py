@@ -156,9 +156,7 @@ TOO_LONG = {
     "kernels/body/kmeans.py": {"kmeans_kernels"},
     "kernels/flow/displacement_solution.py": {"solution_kernels"},
     "kernels/jacobian/image_jacobian.py": {"jacobian_kernels"},
-    "kernels/masks/reducers.py": {"_kernels"},
     "kernels/tracking/patch_alignment.py": {"align_patches_kernel"},
-    "sims/mobile_manipulator/objects.py": {"_kitchen", "_tools"},
 }
 
 

@@ -1,7 +1,7 @@
 """``dense-vs reproduce vosvs depth-log``: VOS-DE (20) on the recorded approach to the sugar box (VOS-VS, Fig. 6).
 
 The log is a CSV file with the columns mask_area_px and camera_z_m, a row a view. The figure shows the estimate after
-every view, and the linear relation (18) between camera height and the inverse square root of the area.
+every view, and the linear relation VOS-VS (18) between camera height and the inverse square root of the area.
 """
 
 import argparse
