@@ -21,17 +21,22 @@ def main() -> int:
     runs = json.loads(RESULTS.read_text(encoding="utf-8"))["runs"]
     for file in parser.parse_args().files:
         new = json.loads(file.read_text(encoding="utf-8"))
-        runs = [run for run in runs if _asked(run) != _asked(new)] + [new]
+        runs = [run for run in runs if not _replaces(new, run)] + [new]
     runs.sort(key=lambda run: (run["paper"], run["experiment"], run["seeds"]))
     rows = ",\n".join("  " + json.dumps(run) for run in runs)
     RESULTS.write_text(f'{{"runs": [\n{rows}\n]}}\n', encoding="utf-8")
     return 0
 
 
-def _asked(run: dict[str, Any]) -> tuple:
-    """What a run was asked for; the number of threads and where it ran do not change it."""
-    told = {name: value for name, value in run.get("arguments", {}).items() if name not in ("threads", "device")}
-    return run["paper"], run["experiment"], run["seeds"], told
+def _replaces(new: dict[str, Any], old: dict[str, Any]) -> bool:
+    """Whether both were asked for the same; a run that does not say its arguments is taken for the same."""
+    same = all(new[name] == old[name] for name in ("paper", "experiment", "seeds"))
+    return same and ("arguments" not in old or _told(new) == _told(old))
+
+
+def _told(run: dict[str, Any]) -> dict[str, Any]:
+    """Arguments but the number of threads and the device, which do not change what was asked for."""
+    return {name: value for name, value in run["arguments"].items() if name not in ("threads", "device")}
 
 
 if __name__ == "__main__":
