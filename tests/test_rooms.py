@@ -12,6 +12,7 @@ FOLDERS = {"dense_vs": "dense_vs", "dense_vs.kernels": "kernels", "dense_vs.sims
 GROUND = {"errors", "checks", "arrays", "device", "files"}
 KERNEL_ROOMS = {
     "kernels.launch": set(),
+    "kernels.views": set(),
     "kernels.image": set(),
     "kernels.flow": {"kernels.image"},
     "kernels.jacobian": {"kernels.image"},
@@ -83,7 +84,7 @@ def allowed(room: str) -> set[str]:
     if room in GROUND:
         return GROUND | kernels
     if room in KERNEL_ROOMS:
-        return KERNEL_ROOMS[room] | {"kernels.launch"}
+        return KERNEL_ROOMS[room] | {"kernels.launch", "kernels.views"}
     if room in ROOMS:
         return GROUND | kernels | ROOMS[room]
     return GROUND | set(KERNEL_ROOMS) | ALGORITHMS | {"view"} | SIMS_ROOMS[room] | EXTERNAL.get(room, set())

@@ -40,9 +40,9 @@ class SelfBodyStatus:
 
 @dataclass(frozen=True)
 class EvaluatedClusters:
-    """What a run gives for one world: centres ``(k, 2, N)`` and their values ``(k,)``."""
+    """What a run gives for one world: centers ``(k, 2, N)`` and their values ``(k,)``."""
 
-    centres: np.ndarray
+    centers: np.ndarray
     evaluation: np.ndarray
 
 
@@ -92,7 +92,7 @@ class ClusterWorker:
         Args:
             jacobian: (B, H, W) of (2, N); copied.
             members: (B, H, W) int8, pixels that count: those above 0; all for None.
-            warm: begin k-means with the last centres where they are K.
+            warm: begin k-means with the last centers where they are K.
         """
         self.poll()
         self._lag += 1
@@ -127,7 +127,7 @@ class ClusterWorker:
         if error is not None:
             return False
         results = run.result()
-        if not any(len(result.centres) for result in results):
+        if not any(len(result.centers) for result in results):
             return False  # nothing to cluster yet
         self.results = results
         self._runs += 1
@@ -175,19 +175,19 @@ def run_algorithm_1(
         k_means: holds J and which pixels count.
         rngs: of the seeding, a world each.
         previous: results of the last pass; empty in the first.
-        warm: begin with the last pass's centres, where they are as many as wanted.
+        warm: begin with the last pass's centers, where they are as many as wanted.
         reading: of the evaluation's formula.
     """
     starts: list[np.ndarray | None] = [None] * len(rngs)
     if warm and previous:
-        starts = [last.centres if len(last.centres) == k_means.clusters else None for last in previous]
+        starts = [last.centers if len(last.centers) == k_means.clusters else None for last in previous]
     found = k_means(rngs, starts)
     results = []
     for world, clusters in enumerate(found):
         last = previous[world] if previous else None
-        if not len(clusters.centres) and last is not None:
+        if not len(clusters.centers) and last is not None:
             results.append(last)  # nothing to cluster: what is known stays
             continue
-        before = (last.centres, last.evaluation) if last is not None else (None, None)
-        results.append(EvaluatedClusters(clusters.centres, evaluate_clusters(clusters.centres, *before, reading)))
+        before = (last.centers, last.evaluation) if last is not None else (None, None)
+        results.append(EvaluatedClusters(clusters.centers, evaluate_clusters(clusters.centers, *before, reading)))
     return results

@@ -1,4 +1,4 @@
-"""Dense optical flow between two grey images, in the convention that DIJE's equations (13) to (15) use.
+"""Dense optical flow between two gray images, in the convention that DIJE's equations (13) to (15) use.
 
 ``u(x)`` is stored at the pixels of the present frame and points from where the surface point was to where it
 is: ``x - u(x)`` is its old place. OpenCV's functions answer at the pixels of their first image, so they are
@@ -126,7 +126,7 @@ class FlowEstimator:
 
 
 def to_gray(image: Any) -> np.ndarray:
-    """Grey image, uint8 ``(H, W)``, of an RGB ``(H, W, 3)`` or already grey uint8 image.
+    """Gray image, uint8 ``(H, W)``, of an RGB ``(H, W, 3)`` or already gray uint8 image.
 
     Raises:
         DenseVSError: another shape or dtype.

@@ -11,7 +11,7 @@ wp.set_module_options({"enable_backward": False})
 
 @wp.struct
 class Taps:
-    """Where four neighbouring pixels lie and what each counts."""
+    """Where four neighboring pixels lie and what each counts."""
 
     left: int
     top: int

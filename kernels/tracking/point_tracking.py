@@ -240,6 +240,6 @@ def accept_points_kernel(
 
 @wp.func
 def inside(p: wp.vec2d, last_pixel: wp.vec2d) -> bool:
-    """Whether a point lies between the centres of the first and the last pixel."""
+    """Whether a point lies between the centers of the first and the last pixel."""
     zero = wp.float64(0.0)
     return p[0] >= zero and p[1] >= zero and p[0] <= last_pixel[0] and p[1] <= last_pixel[1]

@@ -29,6 +29,7 @@ from dense_vs.kernels.simulation.servo_episode import RESTING, EpisodeState, adv
 from dense_vs.kernels.simulation.surface_projection import project_surface_points
 from dense_vs.kernels.simulation.world_restart import joint_motion
 from dense_vs.kernels.tracking.point_tracking import PointTracks, begin_tracks, carry_tracks, locate_tracks
+from dense_vs.kernels.views import seen_as
 from dense_vs.point_servo.law import ServoOptions
 from dense_vs.point_servo.loop import SAME_SURFACE
 from dense_vs.point_servo.tracker import FIXED_POINT_STEPS, TrackerOptions
@@ -112,10 +113,10 @@ class BatchServo:
             if self._graphs[now] is None:
                 with wp.ScopedCapture(self.device) as capture:
                     self._launch()
-                self.filter.turn()  # capturing ran nothing
+                self.filter.swap()  # capturing ran nothing
                 self._graphs[now] = capture.graph
             wp.capture_launch(self._graphs[now])
-            self.filter.turn()
+            self.filter.swap()
         else:
             self._launch()
         self.world.count_frame()
@@ -245,9 +246,7 @@ class BatchServo:
         self._weigh = surface_weight_kernels(joints, kernels.order, self.filter.layout).surface_weights
         self._weights = wp.full((worlds, height, width), 1.0, dtype=float, device=device)
         self._at_points = wp.zeros((worlds, 1), dtype=kernels.Jacobian, device=device)
-        self._at_points_floats = wp.array(
-            ptr=self._at_points.ptr, dtype=float, shape=(worlds, 2, joints), device=device
-        )
+        self._at_points_floats = seen_as(self._at_points, float, (worlds, 2, joints))
 
     @property
     def stages(self) -> dict[str, Callable[[], None]]:

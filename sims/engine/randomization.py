@@ -1,4 +1,4 @@
-"""Domain randomisation: how the worlds of a batch differ beyond posture, seed and distractor.
+"""Domain randomization: how the worlds of a batch differ beyond posture, seed and distractor.
 
 Every world gets its own copy of those arrays of the model that differ: link sizes with all that follows from them
 (joint places, masses, inertias), the choice of textures, lights, and the camera's pose. MuJoCo computes what depends

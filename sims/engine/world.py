@@ -26,7 +26,7 @@ from dense_vs.sims.engine.scene import FRAME_SECONDS, Scene, load_scene
 from dense_vs.sims.engine.surface_points import SurfacePoint
 from dense_vs.sims.engine.truth import GroundTruth
 
-BYTES_PER_PIXEL = 24  # about: colour, packed and not, depth, and ids with and without their types
+BYTES_PER_PIXEL = 24  # about: color, packed and not, depth, and ids with and without their types
 BYTES_OF_PHYSICS = 50_000  # of a world, about
 
 
@@ -264,7 +264,7 @@ class SimWorld:
 
     @property
     def intrinsics(self) -> np.ndarray:
-        """(3, 3) camera matrix [px], pixel centres at integer coordinates."""
+        """(3, 3) camera matrix [px], pixel centers at integer coordinates."""
         return self._intrinsics.copy()
 
     @property

@@ -21,16 +21,16 @@ def overlay(rgb: np.ndarray, own: np.ndarray, robot: np.ndarray, walker: np.ndar
     """Labels in red over an image ``(H, W, 3)``, with the true outlines of robot (green) and walker (yellow)."""
     painted = rgb.copy()
     painted[own] = (0.45 * rgb[own] + 0.55 * np.array(RED)).astype(np.uint8)
-    for mask, colour in ((walker, YELLOW), (robot, GREEN)):
+    for mask, color in ((walker, YELLOW), (robot, GREEN)):
         outlines, _ = cv2.findContours(mask.astype(np.uint8), cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
-        cv2.drawContours(painted, outlines, -1, colour, 1)
+        cv2.drawContours(painted, outlines, -1, color, 1)
     return label(painted, text)
 
 
 def states_image(states: np.ndarray, text: str) -> np.ndarray:
-    """Own pixels red, others grey, unknown ones black."""
-    colours = np.array([(0, 0, 0), (120, 120, 120), RED], dtype=np.uint8)
-    return label(colours[states.astype(int) + 1], text)
+    """Own pixels red, others gray, unknown ones black."""
+    colors = np.array([(0, 0, 0), (120, 120, 120), RED], dtype=np.uint8)
+    return label(colors[states.astype(int) + 1], text)
 
 
 def clusters_image(index: np.ndarray, own: np.ndarray, text: str) -> np.ndarray:
@@ -52,8 +52,8 @@ def clusters_image(index: np.ndarray, own: np.ndarray, text: str) -> np.ndarray:
 def share_image(share: np.ndarray, text: str) -> np.ndarray:
     """A share from 0 (white) to 1 (black); what is not a number dark blue."""
     known = np.isfinite(share)
-    grey = (255 * (1 - np.clip(np.where(known, share, 1), 0, 1))).astype(np.uint8)
-    image = np.repeat(grey[..., None], 3, axis=2)
+    gray = (255 * (1 - np.clip(np.where(known, share, 1), 0, 1))).astype(np.uint8)
+    image = np.repeat(gray[..., None], 3, axis=2)
     image[~known] = (0, 0, 70)
     return label(image, text)
 
@@ -71,9 +71,9 @@ def draw_leak(run: "LeakRun", methods: Mapping[str, str], path: Path) -> None:
         overlay(moved.rgb, carried, moved.robot, moved.walker, f"{moved.time:.1f} s, only transported, {name}")
         for name, carried in run.transport_labels.items()
     ]
-    legend = label(np.zeros_like(view.rgb), "red: labelled own")
-    for row, (text, colour) in enumerate((("true outline of the robot", GREEN), ("of the walker", YELLOW))):
-        cv2.putText(legend, text, (6, 50 + 24 * row), cv2.FONT_HERSHEY_SIMPLEX, 0.5, colour, 1, cv2.LINE_AA)
+    legend = label(np.zeros_like(view.rgb), "red: labeled own")
+    for row, (text, color) in enumerate((("true outline of the robot", GREEN), ("of the walker", YELLOW))):
+        cv2.putText(legend, text, (6, 50 + 24 * row), cv2.FONT_HERSHEY_SIMPLEX, 0.5, color, 1, cv2.LINE_AA)
     note = "below: J moved for 100 frames, not corrected"
     cv2.putText(legend, note, (6, 110), cv2.FONT_HERSHEY_SIMPLEX, 0.42, WHITE, 1, cv2.LINE_AA)
     write_image(path, tile([*above, *below, legend], columns=3))
@@ -82,18 +82,18 @@ def draw_leak(run: "LeakRun", methods: Mapping[str, str], path: Path) -> None:
 def plot_leak(runs: Sequence["LeakRun"], methods: Mapping[str, str], path: Path) -> None:
     """IoU and leaked pixels over time: a thin line a seed, their median thick."""
     figure, axes = _figure(2)
-    for colour, (name, title) in zip(("tab:red", "tab:blue", "tab:orange"), methods.items(), strict=True):
-        times = np.array(runs[0].labellers[name].times)
+    for color, (name, title) in zip(("tab:red", "tab:blue", "tab:orange"), methods.items(), strict=True):
+        times = np.array(runs[0].labelers[name].times)
         for axis, part in zip(axes, ("iou", "leak_px"), strict=True):
-            values = np.array([getattr(run.labellers[name], part) for run in runs])
-            axis.plot(times, values.T, color=colour, lw=0.6, alpha=0.4)
-            axis.plot(times, np.median(values, axis=0), color=colour, lw=1.8, label=title)
+            values = np.array([getattr(run.labelers[name], part) for run in runs])
+            axis.plot(times, values.T, color=color, lw=0.6, alpha=0.4)
+            axis.plot(times, np.median(values, axis=0), color=color, lw=1.8, label=title)
     axes[0].set(
         ylabel="IoU with the robot's pixels",
         ylim=(0, 1),
         title="Labels of the robot's own body: a thin line a seed, their median thick",
     )
-    axes[1].set(ylabel="walker's pixels labelled own [px]", xlabel="time [s]")
+    axes[1].set(ylabel="walker's pixels labeled own [px]", xlabel="time [s]")
     handles, titles = axes[0].get_legend_handles_labels()
     figure.legend(handles, titles, loc="outside lower center", ncols=len(titles), fontsize="small")
     for axis in axes:

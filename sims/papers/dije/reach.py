@@ -1,6 +1,6 @@
 """Fig. 6, 7: four joints of the left arm bring the wrist, then the elbow, to targets in the image.
 
-At mid-run the controlled point is redefined from wrist to elbow. J is dense, so nothing is learnt anew.
+At mid-run the controlled point is redefined from wrist to elbow. J is dense, so nothing is learned anew.
 """
 
 import argparse

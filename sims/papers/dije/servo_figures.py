@@ -72,9 +72,9 @@ def _over_time(task: ServoTask, run: TaskRun, path: Path) -> None:
         axes[column].set_ylabel(f"{name} [px]")
     axes[2].plot(times, np.hypot(*(true - targets).T), color="black")
     axes[2].set(ylabel="true error [px]", xlabel="time [s]", yscale="log", ylim=(0.05, None))
-    axes[2].axhline(task.close_px, color="grey", ls="--", lw=1)
+    axes[2].axhline(task.close_px, color="gray", ls="--", lw=1)
     axes[0].legend(fontsize="small", ncols=3)
-    axes[0].set_title(f"{task.robot}, seed {run.seed}: as {task.figure}; J was learnt for {times[0]:.0f} s before")
+    axes[0].set_title(f"{task.robot}, seed {run.seed}: as {task.figure}; J was learned for {times[0]:.0f} s before")
     shown = None
     for reach in run.reaches:
         if shown not in (None, reach.point):

@@ -55,7 +55,7 @@ class TaskRun:
     """
 
     seed: int
-    learnt: JacobianError
+    learned: JacobianError
     trace: Any
     reaches: list[TaskReach] = field(default_factory=list)
     moved_into_view: int = 0

@@ -178,7 +178,7 @@ def task_rows(task: ServoTask, runs: list[TaskRun], arguments: argparse.Namespac
     rows = [
         Row("seconds between commands", PAPER_PERIOD, arguments.period, "s", seeds),
         Row("gain of a command", PAPER_GAIN, arguments.gain, "", seeds),
-        Row("J error after learning, median", None, float(np.median([run.learnt.median for run in runs])), "", seeds),
+        Row("J error after learning, median", None, float(np.median([run.learned.median for run in runs])), "", seeds),
     ]
     if len(task.points) > 1:
         moved = float(sum(run.moved_into_view for run in runs))

@@ -14,7 +14,7 @@ LEAST_JACOBIAN = 15.0  # px/rad; where J is larger it counts as the body's
 
 
 class Transport:
-    """The J of labelled pixels, zero elsewhere, under one transport.
+    """The J of labeled pixels, zero elsewhere, under one transport.
 
     Args:
         jacobian: ``(H, W, 2, N)`` at the start [px/rad].

@@ -71,10 +71,10 @@ def test_evaluation_goes_on_from_run_to_run_as_printed(reading):
         assert not own[index == worst].any()
 
 
-def test_a_centre_at_zero_is_inconsistent():
-    centres = np.zeros((1, 2, JOINTS))
+def test_a_center_at_zero_is_inconsistent():
+    centers = np.zeros((1, 2, JOINTS))
     values = evaluate_clusters(
-        np.concatenate([centres, MODES[:1]]), np.concatenate([centres, MODES[:1]]), np.full(2, 0.5)
+        np.concatenate([centers, MODES[:1]]), np.concatenate([centers, MODES[:1]]), np.full(2, 0.5)
     )
     unnormalized = np.array([1 - 0.05, 1 + 0.05 * (1 / np.sqrt(0.1) - 1)])
     np.testing.assert_allclose(values, unnormalized / unnormalized.sum())
@@ -153,7 +153,7 @@ def test_the_last_good_clusters_outlive_a_failure(monkeypatch, synchronous):
         J, _ = patches(0)
         body.submit(J)
         body.wait(30)
-        centres, own = body.centres, body.labels(J)
+        centers, own = body.centres, body.labels(J)
         gate = Gate(MemoryError("no memory left"))
         gate.open.set()
         with monkeypatch.context() as patch:
@@ -162,7 +162,7 @@ def test_the_last_good_clusters_outlive_a_failure(monkeypatch, synchronous):
             body.wait(30)
         assert body.status.state == "failed"
         assert body.status.error == "MemoryError: no memory left"
-        np.testing.assert_array_equal(body.centres, centres)
+        np.testing.assert_array_equal(body.centres, centers)
         np.testing.assert_array_equal(body.labels(J), own)
         body.submit(J)  # and the next one is tried again
         body.wait(30)

@@ -277,7 +277,7 @@ def test_goes_on_after_a_refusal_as_if_it_had_not_been(form, order):
 
 @pytest.mark.parametrize(("form", "order"), FORMS)
 @pytest.mark.parametrize("prediction", ["model", "flow"])
-def test_skipped_pixels_leave_their_neighbours_alone(form, order, prediction):
+def test_skipped_pixels_leave_their_neighbors_alone(form, order, prediction):
     """After a first frame the state is smooth and non-zero; one bad pixel then changes that pixel alone."""
     clean, holed = (make(covariance=form, order=order, prediction=prediction, on_bad_flow="skip") for _ in range(2))
     for estimator in (clean, holed):
@@ -336,7 +336,7 @@ BAD_OPTIONS = [
     ({"initial_hessian_variance": 0}, "initial_hessian_variance is 0; expected a finite number above 0"),
     ({"max_variance": -5}, "max_variance is -5; expected a finite number above 0"),
     ({"measurement_noise": True}, "measurement_noise is True; expected a finite number"),
-    ({"colour": 1}, "unknown option 'colour'; expected device, threads or height, width, joints"),
+    ({"color": 1}, "unknown option 'color'; expected device, threads or height, width, joints"),
     ({"device": "cuda:99"}, "device 'cuda:99' is not present; expected 'auto' or one of cpu"),
     ({"device": "gpu"}, "device 'gpu' is not present; expected 'auto' or one of cpu"),
     ({"device": 0}, "device 0 is not present; expected 'auto' or one of cpu"),

@@ -35,13 +35,13 @@ def test_feeds_flow_and_joint_step(scene, postures):
     np.testing.assert_array_equal(pipeline.estimator.jacobian, by_hand.jacobian)
 
 
-def test_colour_images_count_as_their_grey(scene, postures):
-    grey, colour = make(scene), make(scene)
+def test_color_images_count_as_their_gray(scene, postures):
+    gray, color = make(scene), make(scene)
     for k in range(3):
         image = scene.image(postures[k])
-        grey.process(image, k, postures[k])
-        colour.process(np.repeat(image[..., None], 3, axis=2), k, postures[k])
-    np.testing.assert_array_equal(grey.estimator.jacobian, colour.estimator.jacobian)
+        gray.process(image, k, postures[k])
+        color.process(np.repeat(image[..., None], 3, axis=2), k, postures[k])
+    np.testing.assert_array_equal(gray.estimator.jacobian, color.estimator.jacobian)
 
 
 def test_scale(scene, postures):

@@ -31,7 +31,7 @@ def test_damped_law(joints, damping):
     np.testing.assert_allclose(step, damped_servo_step(J, error, 0.3, damping), rtol=1e-6)
 
 
-def test_unlearnt_jacobian_commands_nothing():
+def test_unlearned_jacobian_commands_nothing():
     servo = VisualServo(4)
     np.testing.assert_array_equal(servo(np.zeros((2, 4)), [10.0, 10.0], [90.0, 50.0]), 0)
 

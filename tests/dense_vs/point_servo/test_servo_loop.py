@@ -32,8 +32,8 @@ class PlaneCamera:
         self.robot, self.scene = robot, scene
 
     def read(self):
-        grey = self.scene.image(self.robot.q)
-        return np.repeat(grey[..., None], 3, axis=2), self.robot.time
+        gray = self.scene.image(self.robot.q)
+        return np.repeat(gray[..., None], 3, axis=2), self.robot.time
 
 
 def make(scene, **options):
@@ -43,7 +43,7 @@ def make(scene, **options):
 
 
 @pytest.fixture(scope="module")
-def learnt(scene):
+def learned(scene):
     """A loop that has babbled for six seconds."""
     robot, loop = make(scene)
     loop.babble(6.0)
@@ -56,8 +56,8 @@ def test_the_users_classes_are_a_camera_and_a_robot(scene):
     assert not isinstance(scene, Robot)
 
 
-def test_babbling_learns_the_image_jacobian(scene, learnt):
-    robot, loop = learnt
+def test_babbling_learns_the_image_jacobian(scene, learned):
+    robot, loop = learned
     J, true = np.array(loop.estimator.jacobian)[16:-16, 16:-16], scene.jacobian(robot.q)[16:-16, 16:-16]
     error = np.linalg.norm(J - true, axis=(2, 3)) / np.linalg.norm(true, axis=(2, 3))
     assert np.median(error) < 0.15
@@ -65,8 +65,8 @@ def test_babbling_learns_the_image_jacobian(scene, learnt):
     assert loop.frame.time == pytest.approx(6.0, abs=1 / 30)
 
 
-def test_reaches_where_the_point_truly_is(scene, learnt):
-    robot, loop = learnt
+def test_reaches_where_the_point_truly_is(scene, learned):
+    robot, loop = learned
     start = np.array([60.0, 50.0])
     on_plane = scene.to_plane(start, robot.q)
     loop.define_point(start)
@@ -83,15 +83,15 @@ def test_reaches_where_the_point_truly_is(scene, learnt):
         assert (np.abs(robot.q) <= 0.5 + 1e-9).all()
 
 
-def test_says_when_it_could_not_reach(learnt):
-    _, loop = learnt
+def test_says_when_it_could_not_reach(learned):
+    _, loop = learned
     loop.define_point([60.0, 50.0])
     reach = loop.reach([4.0, 4.0], max_frames=3)
     assert (reach.reached, reach.frames) == (False, 3)
     assert reach.error_px > 10
 
 
-def test_unlearnt_robot_stands_still(scene):
+def test_unlearned_robot_stands_still(scene):
     robot, loop = make(scene)
     loop.define_point([60.0, 50.0])
     loop.reach([70.0, 50.0], max_frames=4)
@@ -120,8 +120,8 @@ def test_keeps_joint_limits_of_its_own_and_of_a_given_servo(scene):
     assert make(scene, servo=servo)[1].servo is servo
 
 
-def test_refuses(scene, learnt):
-    robot, loop = learnt
+def test_refuses(scene, learned):
+    robot, loop = learned
     before = robot.q.copy()
     for seconds in (0, -1.0, float("nan"), float("inf")):
         with pytest.raises(DenseVSError, match=r"babbling of .* s; expected a finite number above 0"):
@@ -157,7 +157,7 @@ def test_a_robot_that_takes_a_command_only_so_often(scene):
     loop.reach([63.0, 48.0], max_frames=20, tolerance=1e-6)
     moved = np.flatnonzero([np.any(delta != 0) for delta in commands])
     np.testing.assert_array_equal(moved, np.arange(0, 80, 6))  # every 0.2 s of 30 frames a second
-    assert loop.estimator.updates == 80  # J is learnt in between, too
+    assert loop.estimator.updates == 80  # J is learned in between, too
     with pytest.raises(DenseVSError, match="command_period is 0"):
         ServoLoop(PlaneCamera(robot, scene), robot, device="cpu", command_period=0.0)
 

@@ -51,8 +51,8 @@ def test_truth_of_a_halved_image(scene):
         np.ones((1, scene.height, scene.width), dtype=bool),
     )
     y, x = np.mgrid[: scene.height // 2, : scene.width // 2]
-    centres = np.stack([2 * x + 0.5, 2 * y + 0.5], axis=-1)
-    halved = scene.jacobian(q, centres) / 2
+    centers = np.stack([2 * x + 0.5, 2 * y + 0.5], axis=-1)
+    halved = scene.jacobian(q, centers) / 2
     jacobian, mask = truth.at(0.0, scale=0.5)
     assert mask.shape == (scene.height // 2, scene.width // 2)
     error = np.linalg.norm(jacobian - halved, axis=(2, 3)) / np.linalg.norm(halved, axis=(2, 3))

@@ -90,7 +90,7 @@ def test_without_randomization_worlds_share_one_model():
 def test_a_world_that_ends_in_nan_begins_anew_alone():
     batch = make(babble=5.0)
     batch.run(20)
-    learnt = batch.jacobian.numpy().copy()
+    learned = batch.jacobian.numpy().copy()
     qvel = batch.world.physics.data.qvel.numpy()
     qvel[0, 1] = np.nan
     batch.world.physics.data.qvel.assign(qvel)
@@ -98,7 +98,7 @@ def test_a_world_that_ends_in_nan_begins_anew_alone():
     np.testing.assert_array_equal(batch.results().restarts, [1, 0])
     J = batch.jacobian.numpy()
     assert np.abs(J[0]).max() == 0.0
-    assert np.abs(J[1]).max() > 0.5 * np.abs(learnt[1]).max()
+    assert np.abs(J[1]).max() > 0.5 * np.abs(learned[1]).max()
     assert np.isfinite(batch.joint_positions.numpy()).all()
     batch.run(20)
     assert np.abs(batch.jacobian.numpy()[0]).max() > 1.0
