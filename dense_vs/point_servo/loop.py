@@ -28,6 +28,8 @@ SAME_SURFACE = 0.5  # relative difference in J below which two pixels count as o
 class ReachEnd(Enum):
     """How a reach ended."""
 
+    PENDING = "pending"
+    """Not over yet; only in a batch that is still running."""
     REACHED = "reached"
     """The point stayed within the tolerance of its target."""
     MISSED = "missed"
@@ -172,7 +174,7 @@ class ServoLoop:
             raise DenseVSError(f"babbling of {seconds!r} s; expected a finite number above 0")
         end = self.frame.time + seconds
         while self.frame.time < end:
-            self.step(self._when_due(lambda: self._babbling_step()))
+            self.step(self._when_due(self._babbling_step))
 
     def define_point(
         self,

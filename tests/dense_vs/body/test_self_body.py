@@ -318,11 +318,11 @@ def test_what_is_not_the_robot_does_not_slow_its_babbling(scene):
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        ({"clusters": 0}, "clusters is 0; expected a whole number from 1 to 127"),
+        ({"clusters": 0}, "clusters is 0; expected a whole number of at least 1 and at most 127"),
         ({"clusters": -3}, "clusters is -3"),
         ({"clusters": 2.0}, "clusters is 2.0"),
         ({"clusters": 128}, "clusters is 128"),
-        ({"threshold": -0.1}, "threshold is -0.1; expected a number from 0 to 1"),
+        ({"threshold": -0.1}, "threshold is -0.1; expected a finite number of at least 0 and at most 1"),
         ({"threshold": 1.5}, "threshold is 1.5"),
         ({"threshold": float("nan")}, "threshold is nan"),
         ({"threshold": "0.2"}, "threshold is '0.2'"),
@@ -345,7 +345,7 @@ def test_refuses_options(options, message):
 @pytest.mark.parametrize("option", ["decay", "unexplained", "rest", "measurement_noise", "least_energy"])
 def test_refuses_constants_of_the_energies(option):
     for value in (-1.0, float("nan"), "0.5"):
-        with pytest.raises(DenseVSError, match=f"{option} is .*expected a number"):
+        with pytest.raises(DenseVSError, match=f"{option} is .*expected a finite number"):
             SelfMotionOptions(**{option: value})
 
 

@@ -132,7 +132,6 @@ def test_dither():
         ({"damping": -1}, "damping is -1; expected a finite number of at least 0"),
         ({"max_step": float("inf")}, "max_step is inf; expected"),
         ({"dither": float("nan")}, "dither is nan; expected"),
-        ({"speed": 1}, "unknown option .*speed.*expected some of gain, damping, max_step, dither"),
         ({"joint_limits": [[0, 1]]}, "expected 3 pairs"),
         ({"joint_limits": [[0, 1], [0, 1], [1, 0]]}, "expected 3 pairs"),
         ({"joint_limits": [[0, 1], [0, 1], [0, np.nan]]}, "expected 3 pairs"),

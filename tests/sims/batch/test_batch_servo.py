@@ -6,6 +6,7 @@ import warp as wp
 
 from dense_vs import DenseVSError
 from dense_vs.jacobian.filter import JacobianFilter
+from dense_vs.point_servo import ReachEnd
 from dense_vs.sims import BatchServo, DomainRandomization, SimWorld
 from dense_vs.sims.batch.episode import EpisodeOptions
 
@@ -32,7 +33,7 @@ def finished():
 def test_every_world_reaches_its_targets_by_the_simulators_truth(finished):
     results = finished.results()
     assert finished.resting.all()
-    assert (results.outcome == "reached").all()
+    assert (results.outcome == ReachEnd.REACHED).all()
     assert results.true_error_px.max() < 2.0
     assert results.error_px.max() <= 1.0
     assert not results.restarts.any()
@@ -112,10 +113,10 @@ def test_restarting_one_world_leaves_the_other(finished):
     batch.frame()
     results = batch.results()
     np.testing.assert_array_equal(results.outcome[0], before.outcome[0])
-    assert (results.outcome[1] == "pending").all()
+    assert (results.outcome[1] == ReachEnd.PENDING).all()
     np.testing.assert_array_equal(batch.resting, [True, False])
     batch.run()
-    np.testing.assert_array_equal(batch.results().outcome[1], "reached")
+    assert (batch.results().outcome[1] == ReachEnd.REACHED).all()
     assert batch.results().true_error_px.max() < 2.0
 
 
