@@ -1,4 +1,4 @@
-"""How likely each cluster of J is part of the robot's body: the evaluation in Algorithm 1 of DIJE.
+"""How likely each cluster of J is part of the robot's body: the evaluation in DIJE Algorithm 1.
 
 A cluster inherits the value of the previous cluster whose center is nearest to its own, changed by how far it has
 moved:

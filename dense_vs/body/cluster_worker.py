@@ -1,4 +1,4 @@
-"""Algorithm 1 of DIJE beside the frame loop: k-means of J and the values of its clusters, a run at a time.
+"""DIJE Algorithm 1 beside the frame loop: k-means of J and the values of its clusters, one run at a time.
 
 A run has a thread of its own, on a GPU a stream of its own too; k-means takes one CPU core. What comes while a run
 is under way is not queued, so a slow run costs freshness and never a frame. A run that raises leaves the last
@@ -20,7 +20,7 @@ State = Literal["waiting", "ready", "behind", "failed"]
 
 @dataclass(frozen=True)
 class SelfBodyStatus:
-    """How Algorithm 1 gets on.
+    """State of Algorithm 1.
 
     Attributes:
         state: ``"waiting"``, there are no clusters yet; ``"ready"``; ``"behind"``, they are of more than ``max_lag``
@@ -169,7 +169,7 @@ def run_algorithm_1(
     warm: bool,
     reading: Reading,
 ) -> list[EvaluatedClusters]:
-    """One pass of Algorithm 1's loop, a result a world.
+    """One pass of the loop in DIJE Algorithm 1, a result for each world.
 
     Args:
         k_means: holds J and which pixels count.

@@ -1,4 +1,4 @@
-"""k-means clusters of the image Jacobians of all pixels, as Algorithm 1 of DIJE asks for.
+"""k-means clusters of the image Jacobians of all pixels, as DIJE Algorithm 1 asks for.
 
 Seeding is k-means++ (Arthur and Vassilvitskii 2007): the first center is a pixel drawn uniformly, each further one is
 drawn with a probability in proportion to its squared distance from the nearest center so far. Where that is zero

@@ -1,4 +1,4 @@
-"""Which pixels are the robot's own body: DIJE section IV-A, Algorithms 1 and 2, and a better rule.
+"""Which pixels are the robot's own body: DIJE Algorithm 1, DIJE Algorithm 2, and a better rule.
 
 Algorithm 1 clusters J by k-means beside the frame loop and values each cluster by how consistent it is over time;
 Algorithm 2 gives every pixel of every frame the nearest cluster and its label. Both see J only. Beyond the paper,
@@ -115,8 +115,8 @@ class SelfBody:
             DenseVSError: it has another one already.
         """
         if self._shape is None:
-            size = (check_whole(n, side, least=2, most=16384) for n, side in (("height", height), ("width", width)))
-            self._prepare(*size, joints)
+            height = check_whole("height", height, least=2, most=16384)
+            self._prepare(height, check_whole("width", width, least=2, most=16384), joints)
         elif (*self._shape[1:], self._joints) != (height, width, joints):
             raise DenseVSError(
                 f"body is for {self._shape[1:]} pixels and {self._joints} joints; "
@@ -231,7 +231,7 @@ class SelfBody:
 
     @property
     def status(self) -> SelfBodyStatus:
-        """How Algorithm 1 gets on."""
+        """State of Algorithm 1."""
         self._adopt()
         return SelfBodyStatus() if self._worker is None else self._worker.status()
 

@@ -1,4 +1,4 @@
-"""Clusters of image Jacobians: the assignment of DIJE's Algorithm 2 and the steps of the k-means in its Algorithm 1.
+"""Clusters of image Jacobians: the assignment of DIJE Algorithm 2 and the k-means steps of DIJE Algorithm 1.
 
 A pixel's vector is its 2 x N image Jacobian, its distance from a center the Frobenius norm of the difference. Of
 centers at the same distance the one of the lowest index is the nearest. A pixel with an entry that is not finite
@@ -86,7 +86,7 @@ def _assign(Jacobian: Any, functions: SimpleNamespace, joints: int) -> wp.Kernel
         cluster_out: wp.array3d(dtype=wp.int8),
         label_out: wp.array3d(dtype=wp.int8),  # 1 own, 0 not own, -1 unknown
     ):
-        """Algorithm 2: the nearest center of every pixel, and whether its cluster is the robot's own body."""
+        """DIJE Algorithm 2: the nearest center of every pixel, and whether its cluster is the robot's own body."""
         world, row, column = wp.tid()
         y = row_begin + row
         count = count_in[world]

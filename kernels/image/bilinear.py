@@ -1,4 +1,4 @@
-"""Bilinear sampling of per-pixel vectors and matrices, the interpolate() of DIJE equations (13) to (16)."""
+"""Bilinear sampling of per-pixel vectors and matrices, interpolate() of DIJE (13) to DIJE (16)."""
 
 import math
 from functools import cache

@@ -14,6 +14,7 @@ import numpy as np
 from dense_vs.body.self_body import SelfBody
 from dense_vs.flow.estimator import FlowEstimator, to_gray
 from dense_vs.jacobian.estimator import DenseJacobian
+from dense_vs.jacobian.options import Prediction
 from dense_vs.robot.babbling import Babbling
 from dense_vs.sims.engine.adapters import SimRobot
 from dense_vs.sims.engine.scene import FRAME_SECONDS
@@ -75,7 +76,7 @@ class Labeler:
         self.leak_px.append(leaked)
 
 
-def make_labelers(seed: int, device: str, threads: int | None, prediction: str = "model") -> dict[str, Labeler]:
+def make_labelers(seed: int, device: str, threads: int | None, prediction: Prediction = "model") -> dict[str, Labeler]:
     """Ours, ``"default"``, and the paper's, ``"paper"``, whose J is moved by ``prediction``."""
     size: dict[str, Any] = {"height": 240, "width": 320, "joints": len(JOINTS)}
     where: dict[str, Any] = {"device": device, "threads": threads}

@@ -29,8 +29,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(arguments: argparse.Namespace) -> list[Row]:
     """Run the experiment."""
     from dense_vs.sims.engine.scene import FRAME_SECONDS
+    from dense_vs.sims.papers.dije.label_pictures import write_image
     from dense_vs.sims.papers.dije.labeling import make_labelers, views
-    from dense_vs.sims.papers.dije.labeling_figures import write_image
     from dense_vs.view.progress import progress
 
     check_labeling_arguments(arguments, 5.0)
@@ -66,13 +66,13 @@ def run(arguments: argparse.Namespace) -> list[Row]:
 
 def draw_stages(view: "View", labelers: "dict[str, Labeler]") -> np.ndarray:
     """The picture, RGB uint8: the paper's stages in two rows, ours in the third."""
-    from dense_vs.sims.papers.dije.labeling import JOINTS
-    from dense_vs.sims.papers.dije.labeling_figures import (
+    from dense_vs.sims.papers.dije.label_pictures import (
         clusters_image,
         overlay,
         share_image,
         states_image,
     )
+    from dense_vs.sims.papers.dije.labeling import JOINTS
     from dense_vs.view.panels import JacobianView, label, tile
 
     paper, ours = labelers["paper"], labelers["default"]

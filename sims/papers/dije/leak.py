@@ -1,9 +1,9 @@
 """Fig. 4: how much of a person who walks past is taken for the robot's own body.
 
-Two experiments in one run. With estimation on, labels of the paper's algorithms, J moved by the measured flow (13) or
-by the predicted one (14), beside our default: the two transports leak alike then. With J only transported for 100
-frames, without any correction, the effect that the figure shows: (13) leaks and (14) does not, but loses parts of
-the arm.
+Two experiments in one run. With estimation on: labels of the paper's algorithms, J moved by the measured flow,
+DIJE (13), or by the predicted one, DIJE (14), beside our default; the two transports leak alike then. With J only
+transported for 100 frames, without any correction: the effect that the figure shows, DIJE (13) leaks and DIJE (14) does
+not, but loses parts of the arm.
 """
 
 import argparse
@@ -16,7 +16,7 @@ from dense_vs.sims.papers.dije.labeling_arguments import add_labeling_arguments,
 from dense_vs.sims.papers.rows import Row
 
 if TYPE_CHECKING:
-    from dense_vs.sims.papers.dije.leak_run import LeakRun
+    from dense_vs.sims.papers.dije.leak_record import LeakRun
 
 HELP = "Fig. 4: the label leaks into a walker, with (13), with (14) and by default"
 WARM_UP = 4.0  # s of learning before labels are scored
@@ -33,7 +33,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(arguments: argparse.Namespace) -> list[Row]:
     """Run the experiment."""
     from dense_vs.sims.engine.scene import FRAME_SECONDS
-    from dense_vs.sims.papers.dije.labeling_figures import draw_leak, plot_leak
+    from dense_vs.sims.papers.dije.leak_figure import draw_leak, plot_leak
     from dense_vs.view.progress import progress
 
     check_labeling_arguments(arguments, TRANSPORT_FROM + (TRANSPORT_FRAMES + 1) * FRAME_SECONDS)
@@ -51,7 +51,7 @@ def run(arguments: argparse.Namespace) -> list[Row]:
 def run_seed(seed: int, arguments: Any, bar: Any) -> "LeakRun":
     """One walk past one robot."""
     from dense_vs.sims.papers.dije.labeling import make_labelers, views
-    from dense_vs.sims.papers.dije.leak_run import LeakRun
+    from dense_vs.sims.papers.dije.leak_record import LeakRun
     from dense_vs.sims.papers.dije.transport import Transport
 
     where = arguments.device, arguments.threads

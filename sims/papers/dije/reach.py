@@ -5,8 +5,8 @@ At mid-run the controlled point is redefined from wrist to elbow. J is dense, so
 
 import argparse
 
-from dense_vs.sims.papers.dije.servo_run import ServoTask
-from dense_vs.sims.papers.dije.servo_task import add_task_arguments, run_task
+from dense_vs.sims.papers.dije.servo_experiment import add_task_arguments, run_task
+from dense_vs.sims.papers.dije.servo_record import ServoTask
 from dense_vs.sims.papers.rows import Row
 
 HELP = "Fig. 6, 7: reaching, with the point redefined from wrist to elbow"

@@ -293,6 +293,7 @@ class StreetCamera:
 
 class PlaneRobot:
     joint_names = PlanarScene.joint_names
+    joint_limits = None
 
     def __init__(self):
         self.q, self.time = np.zeros(4), 0.0

@@ -102,7 +102,7 @@ def test_bad_options_are_refused_before_the_first_frame(recording):
             estimate_recording(source, **options)
     bad_arguments: list[tuple[dict[str, Any], str]] = [
         ({"time_offset": float("nan")}, "time_offset is nan"),
-        ({"joint_names": ["x", "elbow"]}, "joint 'elbow' is not in the log; it has x, y, turn, zoom"),
+        ({"joint_names": ["x", "elbow"]}, "joint 'elbow' is not in the log; expected one of x, y, turn, zoom"),
     ]
     for arguments, message in bad_arguments:
         with pytest.raises(DenseVSError, match=message):

@@ -1,5 +1,7 @@
 """The closed loop on a robot and camera of the user's own: it learns, it reaches, it says what is wrong."""
 
+from typing import Any
+
 import numpy as np
 import pytest
 from planar_scene import PlanarScene
@@ -137,7 +139,7 @@ def test_refuses(scene, learned):
     with pytest.raises(DenseVSError, match=r"no point is defined; expected define_point\(\) first"):
         fresh.reach([1.0, 2.0])
     estimator = DenseJacobian(height=scene.height, width=scene.width, joints=7, device="cpu")
-    with pytest.raises(DenseVSError, match="estimator has 7 joints; the robot has 4: x, y, turn, zoom"):
+    with pytest.raises(DenseVSError, match="estimator has 7 joints; expected 4: x, y, turn, zoom"):
         make(scene, estimator=estimator)
     with pytest.raises(DenseVSError, match=r"once scaled by 1.0; expected 64 x 48"):
         make(scene, estimator=DenseJacobian(height=48, width=64, joints=4, device="cpu"))
@@ -177,3 +179,33 @@ def test_a_patch_that_is_renewed_stays_on_its_point(scene):
     for value in (0.0, 1.0, np.nan):
         with pytest.raises(DenseVSError, match="renew_patch is"):
             make(scene, renew_patch=value)
+
+
+def test_some_of_the_joints_in_an_order_of_their_own(scene):
+    robot, loop = make(scene, joints=["y", "x"])
+    loop.babble(3.0)
+    np.testing.assert_array_equal(robot.q[2:], 0)
+    assert (robot.q[:2] != 0).all()
+    np.testing.assert_allclose(loop.frame.positions, robot.q[[1, 0]])
+    middle = (slice(32, -32), slice(32, -32))
+    J, true = np.array(loop.estimator.jacobian)[middle], scene.jacobian(robot.q)[middle][..., [1, 0]]
+    assert np.median(np.linalg.norm(J - true, axis=(2, 3)) / np.linalg.norm(true, axis=(2, 3))) < 0.2
+    with pytest.raises(DenseVSError, match="joint 'elbow' is not in the robot; expected one of x, y, turn, zoom"):
+        make(scene, joints=["elbow"])
+
+
+def test_says_what_a_robot_lacks(scene):
+    class NoLimits:
+        joint_names = PlanarRobot.joint_names
+
+        def joints(self):
+            return np.zeros(4), 0.0
+
+        def command(self, delta):
+            pass
+
+    robot: Any = NoLimits()
+    with pytest.raises(DenseVSError, match="robot is a NoLimits without joint_limits; expected joint_names, joint_"):
+        ServoLoop(PlaneCamera(PlanarRobot(), scene), robot, device="cpu")
+    robot.joint_limits = None
+    assert not ServoLoop(PlaneCamera(PlanarRobot(), scene), robot, device="cpu").group.limited

@@ -28,7 +28,7 @@ def test_truth_comes_back(truth, tmp_path):
         assert getattr(back, name).dtype == getattr(truth, name).dtype
     some = TruthFile.read(path, ["zoom", "x"])
     np.testing.assert_array_equal(some.jacobians, truth.jacobians[..., [3, 0]])
-    with pytest.raises(DenseVSError, match=r"truth of joint 'elbow' is not in .*; it has x, y, turn, zoom"):
+    with pytest.raises(DenseVSError, match=r"joint 'elbow' is not in .*; expected one of x, y, turn, zoom"):
         TruthFile.read(path, ["x", "elbow"])
 
 

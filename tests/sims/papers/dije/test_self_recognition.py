@@ -12,7 +12,7 @@ from dense_vs.errors import DenseVSError
 from dense_vs.sims.papers.dije.labeling import Labeler, View, views
 from dense_vs.sims.papers.dije.labeling_arguments import check_labeling_arguments
 from dense_vs.sims.papers.dije.leak import leak_rows
-from dense_vs.sims.papers.dije.leak_run import LeakRun
+from dense_vs.sims.papers.dije.leak_record import LeakRun
 from dense_vs.sims.papers.dije.transport import Transport
 
 

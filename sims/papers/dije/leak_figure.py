@@ -1,64 +1,20 @@
-"""Pictures of self-recognition: labels over the camera image, as DIJE's Fig. 4, and the stages before them, Fig. 2."""
+"""Fig. 4 of DIJE: labels where a walker passes, with J corrected and with J only moved, and their errors over time."""
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import cv2
 import numpy as np
 
 from dense_vs.errors import DenseVSError
 from dense_vs.files import atomic_write
-from dense_vs.view.panels import GREEN, RED, WHITE, label, tile
-
-if TYPE_CHECKING:
-    from dense_vs.sims.papers.dije.leak_run import LeakRun
-
-YELLOW = (255, 220, 60)
+from dense_vs.sims.papers.dije.label_pictures import YELLOW, overlay, write_image
+from dense_vs.sims.papers.dije.leak_record import LeakRun
+from dense_vs.view.panels import GREEN, WHITE, label, tile
 
 
-def overlay(rgb: np.ndarray, own: np.ndarray, robot: np.ndarray, walker: np.ndarray, text: str) -> np.ndarray:
-    """Labels in red over an image ``(H, W, 3)``, with the true outlines of robot (green) and walker (yellow)."""
-    painted = rgb.copy()
-    painted[own] = (0.45 * rgb[own] + 0.55 * np.array(RED)).astype(np.uint8)
-    for mask, color in ((walker, YELLOW), (robot, GREEN)):
-        outlines, _ = cv2.findContours(mask.astype(np.uint8), cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
-        cv2.drawContours(painted, outlines, -1, color, 1)
-    return label(painted, text)
-
-
-def states_image(states: np.ndarray, text: str) -> np.ndarray:
-    """Own pixels red, others gray, unknown ones black."""
-    colors = np.array([(0, 0, 0), (120, 120, 120), RED], dtype=np.uint8)
-    return label(colors[states.astype(int) + 1], text)
-
-
-def clusters_image(index: np.ndarray, own: np.ndarray, text: str) -> np.ndarray:
-    """Each cluster in its own shade, as Fig. 2: of red where it is the body's, of blue elsewhere; -1 black.
-
-    Args:
-        index: ``(H, W)``.
-        own: ``(H, W)`` bool.
-        text: label.
-    """
-    count = max(int(index.max()) + 1, 1)
-    shade = np.where(index >= 0, 90 + 165 * (index.astype(int) + 1) // count, 0).astype(np.uint8)
-    image = np.zeros((*index.shape, 3), np.uint8)
-    image[..., 0] = np.where(own, shade, 0)
-    image[..., 2] = np.where(own, 0, shade)
-    return label(image, text)
-
-
-def share_image(share: np.ndarray, text: str) -> np.ndarray:
-    """A share from 0 (white) to 1 (black); what is not a number dark blue."""
-    known = np.isfinite(share)
-    gray = (255 * (1 - np.clip(np.where(known, share, 1), 0, 1))).astype(np.uint8)
-    image = np.repeat(gray[..., None], 3, axis=2)
-    image[~known] = (0, 0, 70)
-    return label(image, text)
-
-
-def draw_leak(run: "LeakRun", methods: Mapping[str, str], path: Path) -> None:
+def draw_leak(run: LeakRun, methods: Mapping[str, str], path: Path) -> None:
     """Above, the labels where most of the walker is seen; below, where J has got to when it is only transported."""
     view, moved = run.shown, run.transport_view
     assert view is not None
@@ -79,7 +35,7 @@ def draw_leak(run: "LeakRun", methods: Mapping[str, str], path: Path) -> None:
     write_image(path, tile([*above, *below, legend], columns=3))
 
 
-def plot_leak(runs: Sequence["LeakRun"], methods: Mapping[str, str], path: Path) -> None:
+def plot_leak(runs: Sequence[LeakRun], methods: Mapping[str, str], path: Path) -> None:
     """IoU and leaked pixels over time: a thin line a seed, their median thick."""
     figure, axes = _figure(2)
     for color, (name, title) in zip(("tab:red", "tab:blue", "tab:orange"), methods.items(), strict=True):
@@ -100,15 +56,6 @@ def plot_leak(runs: Sequence["LeakRun"], methods: Mapping[str, str], path: Path)
         axis.grid(alpha=0.3)
     with atomic_write(path) as stream:
         figure.savefig(stream, format="png", dpi=110)
-
-
-def write_image(path: Path, image: np.ndarray) -> None:
-    """Write an RGB image as PNG, twice as large."""
-    large = cv2.resize(image, None, fx=2, fy=2, interpolation=cv2.INTER_LINEAR)
-    done, data = cv2.imencode(".png", cv2.cvtColor(large, cv2.COLOR_RGB2BGR))
-    assert done
-    with atomic_write(path) as stream:
-        stream.write(data.tobytes())
 
 
 def _figure(rows: int) -> tuple[Any, Any]:

@@ -1,4 +1,4 @@
-"""What the experiment on DIJE's Fig. 4 brings."""
+"""Results of one seed of the experiment on DIJE's Fig. 4."""
 
 from dataclasses import dataclass, field
 
@@ -9,7 +9,7 @@ from dense_vs.sims.papers.dije.labeling import Labeler, View
 
 @dataclass
 class LeakRun:
-    """What a seed brought.
+    """Results of a seed.
 
     Attributes:
         labelers: ``"default"``, and the paper's with either transport, ``"(13)"`` and ``"(14)"``.
