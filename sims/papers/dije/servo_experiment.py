@@ -130,8 +130,8 @@ def run_seed(
             device=arguments.device,
             threads=arguments.threads,
             on_bad_flow="skip",
-            # Noise in the joint steps makes J too small, and by DIJE (14) a J that is too small falls behind its surface
-            # and gets smaller still: tips of tools then swing about their target. DIJE (13) moves J without using J.
+            # Noise in the joint steps makes J too small, and by DIJE (14) a J that is too small falls behind its
+            # surface and gets smaller still: tips of tools then swing about their target. DIJE (13) does not use J.
             prediction=arguments.prediction or ("flow" if arguments.compliance else "model"),
         ),
         # A step lasts 0.7 s instead of a frame, so it may be longer.

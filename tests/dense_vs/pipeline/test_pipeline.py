@@ -103,7 +103,7 @@ def test_refuses_parts_that_do_not_fit(scene):
     with pytest.raises(DenseVSError, match=r"flow is for images of \(48, 64\); the estimator has \(96, 128\)"):
         FramePipeline(estimator, FlowEstimator(height=48, width=64))
     for scale in (0, -1, 1.5, float("nan")):
-        with pytest.raises(DenseVSError, match=r"scale is .*expected a number above 0 and at most 1"):
+        with pytest.raises(DenseVSError, match=r"scale is .*expected a finite number above 0 and at most 1"):
             FramePipeline(estimator, scale=scale)
     with pytest.raises(DenseVSError, match="estimator has 3 worlds; a pipeline takes one"):
         FramePipeline(DenseJacobian(height=96, width=128, joints=4, worlds=3, device="cpu"))
