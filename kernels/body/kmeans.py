@@ -16,8 +16,6 @@ import warp as wp
 
 wp.set_module_options({"enable_backward": False})
 
-UNASSIGNED = -1
-
 
 @cache
 def kmeans_kernels(joints: int) -> SimpleNamespace:

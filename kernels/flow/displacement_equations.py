@@ -71,9 +71,7 @@ def equations_kernel(lanes: int) -> wp.Kernel:
         last_x = float(width - 1)
         last_y = float(height - 1)
         first = slot_in[0] * worlds + world
-        second = first
-        if restarted_in[world] == 0:
-            second = (1 - slot_in[0]) * worlds + world
+        second = wp.where(restarted_in[world] == 0, (1 - slot_in[0]) * worlds + world, first)
         for run in range(column, (width + wp.static(lanes - 1)) // wp.static(lanes), column_step):
             x = run_begin(run, wp.static(lanes), width)
             dx = displacement_in[world, y, 0, x]

@@ -305,6 +305,7 @@ class PlaneRobot:
         self.q, self.time = self.q + delta, self.time + 1 / 30
 
 
+@pytest.mark.slow
 def test_what_is_not_the_robot_does_not_slow_its_babbling(scene):
     rates = {}
     for name, body in (("known", make(method="motion")), ("unknown", None)):

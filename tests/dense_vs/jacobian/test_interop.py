@@ -19,6 +19,7 @@ def learned(device, worlds=1):
     return estimator
 
 
+@pytest.mark.slow
 def test_j_on_a_cpu_is_shared_with_torch():
     torch = pytest.importorskip("torch", reason="torch is not installed")
     estimator = learned("cpu")

@@ -58,6 +58,7 @@ def test_the_users_classes_are_a_camera_and_a_robot(scene):
     assert not isinstance(scene, Robot)
 
 
+@pytest.mark.slow
 def test_babbling_learns_the_image_jacobian(scene, learned):
     robot, loop = learned
     J, true = np.array(loop.estimator.jacobian)[16:-16, 16:-16], scene.jacobian(robot.q)[16:-16, 16:-16]
@@ -67,6 +68,7 @@ def test_babbling_learns_the_image_jacobian(scene, learned):
     assert loop.frame.time == pytest.approx(6.0, abs=1 / 30)
 
 
+@pytest.mark.slow
 def test_reaches_where_the_point_truly_is(scene, learned):
     robot, loop = learned
     start = np.array([60.0, 50.0])
@@ -164,6 +166,7 @@ def test_a_robot_that_takes_a_command_only_so_often(scene):
         ServoLoop(PlaneCamera(robot, scene), robot, device="cpu", command_period=0.0)
 
 
+@pytest.mark.slow
 def test_a_patch_that_is_renewed_stays_on_its_point(scene):
     robot, loop = make(scene, renew_patch=0.999999)
     loop.babble(4.0)

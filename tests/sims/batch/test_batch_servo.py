@@ -165,7 +165,7 @@ def test_refuses_episode_options(options, message):
 
 @pytest.mark.parametrize(
     ("options", "message"),
-    [({"link_size": 0.6}, "from 0 to 0.5"), ({"texture_sets": 0}, "at least 1"), ({"light": -1}, "from 0 to 1")],
+    [({"link_size": 0.6}, "at most 0.5"), ({"texture_sets": 0}, "at least 1"), ({"light": -1}, "at most 1")],
 )
 def test_refuses_randomization(options, message):
     with pytest.raises(DenseVSError, match=message):
