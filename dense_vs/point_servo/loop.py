@@ -254,7 +254,7 @@ class ServoLoop:
         late = self.frame.time - self._next_command
         if late < -1e-6:  # s; stamps are sums of rounded numbers
             return np.zeros(self.estimator.options.joints)
-        # On a grid, which begins anew after a pause.
+        # On a grid, which restarts after a pause.
         self._next_command += self.command_period * (
             1 if late < self.command_period else late // self.command_period + 1
         )

@@ -127,7 +127,7 @@ class BatchServo:
         if most is None:
             episode = self._episode_options
             reaches = self.episode.outcome.shape[1] * (episode.max_frames + 1)
-            # Twice the longest course, for worlds that begin anew.
+            # Twice the longest course, for worlds that start again.
             most = 2 * (self._babble_frames + reaches + 1)
         for count in range(most):
             self.frame()

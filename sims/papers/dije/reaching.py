@@ -1,7 +1,7 @@
 """The reaching experiment: babble, learn J, bring a point of the body to targets; DIJE section V-B, Figs. 6 and 7.
 
 The loop sees images and joint readings only. The simulator's truth chooses targets that can be reached and
-measures what came of it.
+measures the result.
 """
 
 from collections.abc import Callable
