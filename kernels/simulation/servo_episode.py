@@ -89,7 +89,7 @@ def advance_episodes(
         tracked: vec2d ``(B, 1)``, tracked points [px].
         lost: int ``(B, 1)``.
         true_points: vec2d ``(B, 1)`` [px].
-        restarted: int ``(B,)``, not 0 in worlds that start again: they babble, then go on with the target that they had.
+        restarted: int ``(B,)``, not 0 in worlds that start again: they babble, then keep their target.
         babble_frames: frames of babbling before the point is defined.
         tolerance: distance that counts as there [px].
         settle_frames: frames it has to stay there.
