@@ -2,15 +2,13 @@
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any
 
 import cv2
 import numpy as np
 
-from dense_vs.errors import DenseVSError
-from dense_vs.files import atomic_write
 from dense_vs.sims.papers.dije.label_pictures import YELLOW, overlay, write_image
 from dense_vs.sims.papers.dije.leak_record import LeakRun
+from dense_vs.view.canvas import new_figure, save_figure
 from dense_vs.view.panels import GREEN, WHITE, label, tile
 
 
@@ -37,7 +35,8 @@ def draw_leak(run: LeakRun, methods: Mapping[str, str], path: Path) -> None:
 
 def plot_leak(runs: Sequence[LeakRun], methods: Mapping[str, str], path: Path) -> None:
     """IoU and leaked pixels over time: a thin line a seed, their median thick."""
-    figure, axes = _figure(2)
+    figure = new_figure(9, 6)
+    axes = figure.subplots(2, 1, sharex=True)
     for color, (name, title) in zip(("tab:red", "tab:blue", "tab:orange"), methods.items(), strict=True):
         times = np.array(runs[0].labelers[name].times)
         for axis, part in zip(axes, ("iou", "leak_px"), strict=True):
@@ -54,16 +53,4 @@ def plot_leak(runs: Sequence[LeakRun], methods: Mapping[str, str], path: Path) -
     figure.legend(handles, titles, loc="outside lower center", ncols=len(titles), fontsize="small")
     for axis in axes:
         axis.grid(alpha=0.3)
-    with atomic_write(path) as stream:
-        figure.savefig(stream, format="png", dpi=110)
-
-
-def _figure(rows: int) -> tuple[Any, Any]:
-    try:
-        from matplotlib.backends.backend_agg import FigureCanvasAgg
-        from matplotlib.figure import Figure
-    except ImportError as error:
-        raise DenseVSError("plots need Matplotlib, which is not installed; pip install 'dense-vs[viz]'") from error
-    figure = Figure(figsize=(9, 6), layout="constrained")
-    FigureCanvasAgg(figure)
-    return figure, figure.subplots(rows, 1, sharex=True)
+    save_figure(figure, path)

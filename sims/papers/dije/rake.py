@@ -10,7 +10,6 @@ from dense_vs.sims.papers.dije.servo_experiment import add_task_arguments, run_t
 from dense_vs.sims.papers.dije.servo_record import ServoTask
 from dense_vs.sims.papers.rows import Row
 
-HELP = "Fig. 8: the tip of a rake held with both hands"
 TASK = ServoTask(
     figure="Fig. 8",
     robot="upper-body-rake",

@@ -3,7 +3,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from dense_vs.errors import DenseVSError
-from dense_vs.sims.papers.gothoskar.hand_eye_work import rigid_motion, stand_off, with_features
+from dense_vs.sims.papers.gothoskar.guided_motion import rigid_motion, stand_off, with_features
 from dense_vs.sims.papers.gothoskar.insertion import sides
 
 

@@ -1,6 +1,7 @@
-"""Learning J+ of one configuration from step responses, VOS-VS section 7.3: servo, update, begin again when lost."""
+"""J+ of one configuration from step responses, VOS-VS section 7.3: servo, update, begin again when lost."""
 
 from dataclasses import dataclass, field
+from enum import StrEnum
 
 import numpy as np
 
@@ -8,17 +9,26 @@ from dense_vs.mask_servo.featurewise_broyden import FeaturewiseBroyden
 from dense_vs.mask_servo.hadamard_broyden import HadamardBroyden
 from dense_vs.mask_servo.loop import MaskServo, ServoEnd, ServoLook
 from dense_vs.segmentation import Segmenter
+from dense_vs.segmentation.segmenter import forget_images
 from dense_vs.sims.mobile_manipulator.adapters import ManipulatorCamera, ManipulatorRobot
 from dense_vs.sims.mobile_manipulator.world import MobileWorld
 from dense_vs.sims.papers.vosvs.configurations import Configuration
-from dense_vs.sims.papers.vosvs.staging import put_in_view, start_posture
+from dense_vs.sims.papers.vosvs.object_placement import put_in_view, start_posture
 from dense_vs.sims.papers.vosvs.true_jacobian import true_pinv
 
 INITIAL = 0.001  # of J+ wherever H is 1
 ALPHA = 0.1
 MIN_MOTION = 0.008  # m or rad, sum of |dq| to learn from; the authors' 0.02 moves a near object 50 px
 MAX_STEP = 0.3  # m or rad a command
-UPDATES = ("hadamard", "featurewise", "original")
+
+
+class Update(StrEnum):
+    """How J+ is learned; the text is how tables call it."""
+
+    PRINTED = "(11) as printed"
+    GUARDED = "(11), denominator guarded"
+    FEATUREWISE = "(11) a feature at a time"
+    ORIGINAL = "original Broyden"
 
 
 @dataclass
@@ -65,14 +75,14 @@ class Learning:
     true: list[np.ndarray] = field(default_factory=list)
 
 
-def learn(
+def learn_configuration(
     world: MobileWorld,
     one: Configuration,
     name: str,
     segmenter: Segmenter,
     rng: np.random.Generator,
     *,
-    update: str = "hadamard",
+    update: Update = Update.GUARDED,
     responses: int = 5,
     looks: int = 150,
     keep_images: bool = False,
@@ -80,7 +90,8 @@ def learn(
     """Learn J+ from 0.001 H.
 
     Args:
-        update: ``"hadamard"``, (11); ``"featurewise"``, (11) a feature at a time; ``"original"``, Broyden's.
+        update: VOS-VS (11) as printed, with its denominator held away from zero, or a feature at a time; or Broyden's.
+            The robot moves alike for all, within a trust region, which is beyond the paper.
         responses: step responses in all once the first has converged: the object is put elsewhere for each.
         looks: images in all.
         keep_images: keep those of the first response, for Fig. 18.
@@ -110,7 +121,7 @@ def learn(
     )
     left, reached = looks, 0
     while left > 0 and reached < responses:
-        getattr(segmenter, "reset", lambda: None)()
+        forget_images(segmenter)
         shown.clear()
         run = servo.run(left)
         left -= len(run.looks)
@@ -144,9 +155,9 @@ def learn(
     return result
 
 
-def _learner(one: Configuration, update: str) -> HadamardBroyden | FeaturewiseBroyden:
-    if update == "featurewise":
+def _learner(one: Configuration, update: Update) -> HadamardBroyden | FeaturewiseBroyden:
+    if update is Update.FEATUREWISE:
         return FeaturewiseBroyden(INITIAL * one.coupling, one.coupling, ALPHA)
-    return HadamardBroyden(
-        INITIAL * one.coupling, one.coupling if update == "hadamard" else None, ALPHA, min_motion=MIN_MOTION
-    )
+    coupling = None if update is Update.ORIGINAL else one.coupling
+    least = {"min_cosine": 0.0} if update is Update.PRINTED else {}
+    return HadamardBroyden(INITIAL * one.coupling, coupling, ALPHA, min_motion=MIN_MOTION, **least)

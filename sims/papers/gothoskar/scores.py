@@ -1,80 +1,19 @@
-"""What the experiments on the generative model share: arms, samples, learning, the error in pixels, rows of a spread.
+"""Scores of a learned model: its error in pixels, and the rows of such errors over seeds and arms.
 
 The error is the paper's "average pixel norm": the mean distance between generated and observed pixels of the features
 seen. With pixel noise of 0.5 px it is 0.627 px for a perfect model.
 """
 
-import argparse
 from collections.abc import Sequence
-from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from dense_vs.errors import DenseVSError
 from dense_vs.sims.papers.rows import Row
 
 if TYPE_CHECKING:
     from dense_vs.generative import GenerativeModel, Observations
-    from dense_vs.sims.marked_arm.evidence import Evidence, Truth
-
-ARMS = ("ur5", "baxter")
-TEST_SAMPLES = 100
-
-
-@dataclass(frozen=True)
-class Trial:
-    """One seed of one arm, with what was drawn for it."""
-
-    arm: str
-    seed: int
-    cameras: int
-    postures: str
-
-    def rng(self, purpose: int) -> np.random.Generator:
-        """Random numbers of a purpose, apart from those of the others."""
-        return np.random.default_rng([self.seed, 100 + purpose, ARMS.index(self.arm)])
-
-    def evidence(self, samples: int, purpose: int = 0, **options: Any) -> "Evidence":
-        """Observations of random postures, see :func:`dense_vs.sims.marked_arm.evidence.observe`."""
-        from dense_vs.sims.marked_arm.evidence import draw_joints, observe
-
-        arm, rng = self.observed_arm(), self.rng(purpose)
-        return observe(arm, draw_joints(arm, samples, rng, self.postures), rng, **options)
-
-    def observed_arm(self) -> Any:
-        """The arm with its features before its cameras."""
-        from dense_vs.sims.marked_arm.observed_arm import make_observed_arm
-
-        return make_observed_arm(self.arm, seed=self.seed, cameras=self.cameras)
-
-
-def add_protocol_arguments(parser: argparse.ArgumentParser, *, cameras: int = 2) -> None:
-    """Which arms, postures and how many cameras."""
-    parser.add_argument(
-        "--arm",
-        nargs="+",
-        default=list(ARMS),
-        choices=ARMS,
-        metavar="ARM",
-        help="ur5, baxter (default: both)",
-    )
-    parser.add_argument(
-        "--postures",
-        default="normal",
-        choices=("normal", "uniform"),
-        help="of the samples: N(0, 0.3 rad) about home, or within 1 rad of it (default: normal)",
-    )
-    parser.add_argument("--cameras", type=int, default=cameras, help=f"how many (default: {cameras})")
-
-
-def trials(arguments: argparse.Namespace) -> list[Trial]:
-    """Every seed of every arm."""
-    if any(seed < 0 for seed in arguments.seeds):
-        raise DenseVSError(f"--seed is {arguments.seeds}; expected whole numbers of at least 0")
-    return [
-        Trial(arm, seed, arguments.cameras, arguments.postures) for arm in arguments.arm for seed in arguments.seeds
-    ]
+    from dense_vs.sims.marked_arm.evidence import Truth
 
 
 def pixel_error(generated: np.ndarray, observed: np.ndarray) -> float:
@@ -85,7 +24,7 @@ def pixel_error(generated: np.ndarray, observed: np.ndarray) -> float:
 
 
 def held_out_error(model: "GenerativeModel", observations: "Observations") -> float:
-    """Error [px] of a model on samples that it was not learnt from."""
+    """Error [px] of a model on samples that it was not learned from."""
     return pixel_error(model.pixels(observations.joints), observations.pixels)
 
 

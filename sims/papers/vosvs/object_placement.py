@@ -9,7 +9,7 @@ from dense_vs.sims.papers.vosvs.configurations import Configuration
 from dense_vs.sims.papers.vosvs.true_jacobian import true_centroid
 
 MARGIN = 12  # px, at least, between a whole object and the image border
-# m from a camera to an object: the hand's images of objects reach no farther, nor does the arm's lift centre on more.
+# m from a camera to an object: the hand's images of objects reach no farther, nor does the arm's lift center on more.
 FARTHEST = {"head": 2.2, "grasp": 1.2}
 CLEARANCE = 0.15  # m, more than from the middle of a part to its surface
 ROOM = (-3.0, 2.5)  # clear floor, away from bins [m]

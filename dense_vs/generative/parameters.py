@@ -1,4 +1,4 @@
-"""The unknowns of the generative model, and how they move by a step of the solver.
+"""The unknowns of the generative model.
 
 Beyond the paper, which uses DH parameters: a joint is a line, a unit direction and a point, in the home pose, with two
 tangent parameters each; features are given in the home pose as well, so neither base nor tool frame is needed. Unlike
@@ -8,7 +8,6 @@ DH parameters this has no singularity at parallel axes. The origin is camera 0 u
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 
 @dataclass
@@ -18,7 +17,7 @@ class ModelParameters:
     Attributes:
         axes: ``(n, 3)`` unit directions of the joints in the home pose.
         points: ``(n, 3)`` a point on each joint's line.
-        centre: ``(n,)`` [rad] the home pose: angles enter the chain as q - centre.
+        home: ``(n,)`` [rad] the home pose: angles enter the chain as q - home.
         features: ``(m, 3)`` in the home pose.
         links: ``(m,)`` the joint, counted from 1, behind which a feature stands.
         camera_rotation: ``(c, 3, 3)`` world to camera.
@@ -32,7 +31,7 @@ class ModelParameters:
 
     axes: np.ndarray
     points: np.ndarray
-    centre: np.ndarray
+    home: np.ndarray
     features: np.ndarray
     links: np.ndarray
     camera_rotation: np.ndarray
@@ -54,35 +53,3 @@ class ModelParameters:
 def finite_rows(points: np.ndarray) -> np.ndarray:
     """Which points ``(..., 3)`` are known, bool ``(...)``: unknown ones are NaN."""
     return np.asarray(np.isfinite(points).all(axis=-1))
-
-
-def turn(vectors: np.ndarray) -> np.ndarray:
-    """Rotation matrices of rotation vectors ``(..., 3)`` [rad]."""
-    return Rotation.from_rotvec(np.reshape(vectors, (-1, 3))).as_matrix().reshape(*np.shape(vectors), 3)
-
-
-def rotation_vector(matrices: np.ndarray) -> np.ndarray:
-    """Rotation vectors [rad] of rotation matrices ``(..., 3, 3)``."""
-    vectors = Rotation.from_matrix(np.reshape(matrices, (-1, 3, 3))).as_rotvec()
-    return vectors.reshape(np.shape(matrices)[:-1])
-
-
-def tangents(axes: np.ndarray) -> np.ndarray:
-    """Two unit vectors across each unit vector, ``(..., 3)`` to ``(..., 2, 3)``."""
-    smallest = np.eye(3)[np.abs(axes).argmin(axis=-1)]
-    first = np.cross(axes, smallest)
-    first /= np.linalg.norm(first, axis=-1, keepdims=True)
-    return np.stack([first, np.cross(axes, first)], axis=-2)
-
-
-def link_poses(parameters: ModelParameters, joints: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Rotation ``(T, n + 1, 3, 3)`` and translation ``(T, n + 1, 3)`` of every link's motion from the home pose."""
-    samples = len(joints)
-    rotation, translation = parameters.base_rotation, parameters.base_translation
-    rotations = [np.broadcast_to(rotation, (samples, 3, 3))]
-    translations = [np.broadcast_to(translation, (samples, 3))]
-    for axis, point, angle in zip(parameters.axes, parameters.points, (joints - parameters.centre).T, strict=True):
-        step = turn(angle[:, None] * axis)
-        translations.append(translations[-1] + np.einsum("tij,tj->ti", rotations[-1], point - step @ point))
-        rotations.append(rotations[-1] @ step)
-    return np.stack(rotations, axis=1), np.stack(translations, axis=1)

@@ -15,11 +15,11 @@ from dense_vs.generative import GenerativeModel, Observations
 from dense_vs.sims.workcell.cell import HAND_MARKERS, Workcell
 
 ENCODER_SIGMA = 0.01  # rad; readings, and springs that they do not see
-LEAST_VIEWS = 2  # a corner seen less often is not learnt
+LEAST_VIEWS = 2  # a corner seen less often is not learned
 LEAST_CORNERS = 8  # of all cameras together, for a posture to count
 
 _SPREAD = 0.3  # rad, of the learning postures about home
-_NEAR_SPREAD = 0.2  # rad, of those in which a held part is learnt
+_NEAR_SPREAD = 0.2  # rad, of those in which a held part is learned
 _LOWEST_TOOL = 0.28  # m, of the flange: what an operator would allow before he knows the arm better
 _POSTURES_A_SAMPLE = 10
 _FURTHEST_STEP = 1.5  # rad in all joints together: more is a wrong inference, not a motion
@@ -73,7 +73,7 @@ def learn_structure(
     """Corners (4 * markers, 3) of what moves with the hand, in the model's home pose; NaN where hardly seen.
 
     Args:
-        guide: the learnt arm.
+        guide: the learned arm.
         markers: whose corners.
         rng: draws the postures.
         samples: how many.
@@ -177,7 +177,7 @@ def rigid_motion(before: np.ndarray, after: np.ndarray) -> tuple[np.ndarray, np.
 
     both = np.isfinite(before[:, 0]) & np.isfinite(after[:, 0])
     if both.sum() < 3:
-        raise DenseVSError(f"{both.sum()} corners were learnt both times; expected at least 3")
+        raise DenseVSError(f"{both.sum()} corners were learned both times; expected at least 3")
     a, b = before[both], after[both]
     rotation = Rotation.align_vectors(b - b.mean(axis=0), a - a.mean(axis=0))[0].as_matrix()
     return rotation, b.mean(axis=0) - rotation @ a.mean(axis=0)
@@ -199,10 +199,10 @@ def _postures_for(samples: int, kept: list) -> Iterator[int]:
         )
 
 
-def _allowed_posture(cell: Workcell, centre: np.ndarray, spread: float, rng: np.random.Generator) -> np.ndarray:
+def _allowed_posture(cell: Workcell, center: np.ndarray, spread: float, rng: np.random.Generator) -> np.ndarray:
     """Random joints at which the tool stays above the table by what the operator knows of such an arm."""
     while True:
-        joints = centre + rng.uniform(-spread, spread, len(centre))
+        joints = center + rng.uniform(-spread, spread, len(center))
         if cell.chain.flange_pose(joints)[2, 3] > _LOWEST_TOOL:
             return joints
 

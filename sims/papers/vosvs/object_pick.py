@@ -1,4 +1,4 @@
-"""Pick an object and place it in the bin, VOS-VS Figs. 5 and 19: find, centre, estimate depth, grasp, check, place."""
+"""Pick an object and place it in the bin, VOS-VS Figs. 5 and 19: find, center, estimate depth, grasp, check, place."""
 
 from dataclasses import dataclass, field
 
@@ -11,12 +11,14 @@ from dense_vs.sims.mobile_manipulator.adapters import ManipulatorCamera, Manipul
 from dense_vs.sims.mobile_manipulator.postures import GRIPPER_BEHIND, above
 from dense_vs.sims.mobile_manipulator.world import MobileWorld
 from dense_vs.sims.papers.vosvs.configurations import configuration
-from dense_vs.sims.papers.vosvs.hand import hand_geometry
-from dense_vs.sims.papers.vosvs.trials import ObjectTrial, locate
+from dense_vs.sims.papers.vosvs.gripper_geometry import hand_geometry
+from dense_vs.sims.papers.vosvs.object_trial import ObjectTrial, locate
 
 BIN = (1.0, -1.4)  # m, middle of the bin on the floor
 BIN_HALF = (0.246, 0.306)
-BIN_FLOOR = 0.012  # m; the centre of what lies in the bin is higher
+BIN_RIM = 0.3  # m; the center of what lies in the bin is lower
+LIFTED = 0.05  # m, that an object in the gripper rises at least
+BIN_FLOOR = 0.012  # m; the center of what lies in the bin is higher
 FITS = 0.125  # m, widest grip that leaves the fingers room
 DROP = (0.92, -1.4)  # m, above the bin: as near to its front as long objects allow, which keeps the base away from it
 CARRY = 0.72  # m, of the lift while carrying
@@ -27,9 +29,9 @@ class Pick:
     """What came of one object.
 
     Attributes:
-        trial: finding, centring and depth.
+        trial: finding, centering and depth.
         grasp: the attempts; None where it was not found or has no depth.
-        truly_held: for each check of (23), whether the object was in the gripper by the simulator.
+        truly_held: for each check by VOS-VS (23), whether the object was in the gripper by the simulator.
         placed: whether it lies in the bin at the end, by the simulator.
         cause: of a failure.
     """
@@ -61,7 +63,7 @@ def pick_and_place(
     before = world.highest_point(name)
 
     def judge(_: GraspAttempt) -> None:
-        pick.truly_held.append(bool(world.highest_point(name) - before > 0.05))
+        pick.truly_held.append(came_along(before, world.highest_point(name)))
 
     loop = GraspLoop(
         camera,
@@ -71,7 +73,7 @@ def pick_and_place(
         hand_geometry(world),
         lift="arm_lift",
         wrist="wrist_roll",
-        base=configuration("base grasp").joints,  # pyright: ignore[reportArgumentType]
+        base=configuration("base grasp").joints,
         pinv=pinv_low,
         on_attempt=judge,
     )
@@ -85,14 +87,24 @@ def pick_and_place(
         )
         return pick
     carry_to_bin(world, robot)
-    held = world.highest_point(name) > 0.3
+    held = world.highest_point(name) > BIN_RIM
     gripper.open()
     world.wait(20)
-    x, y, z = world.object_centre(name)
-    pick.placed = abs(x - BIN[0]) < BIN_HALF[0] and abs(y - BIN[1]) < BIN_HALF[1] and BIN_FLOOR < z < 0.3
+    pick.placed = lies_in_bin(world.object_center(name))
     if not pick.placed:
         pick.cause = "fell beside the bin" if held else "slipped out on the way"
     return pick
+
+
+def came_along(before: float, after: float) -> bool:
+    """Whether an object was lifted: its highest point [m] before and after the gripper rose."""
+    return after - before > LIFTED
+
+
+def lies_in_bin(center: np.ndarray) -> bool:
+    """Whether an object's center of mass (3,) [m] is inside the bin."""
+    x, y, z = center
+    return bool(abs(x - BIN[0]) < BIN_HALF[0] and abs(y - BIN[1]) < BIN_HALF[1] and BIN_FLOOR < z < BIN_RIM)
 
 
 def carry_to_bin(world: MobileWorld, robot: ManipulatorRobot) -> None:

@@ -1,4 +1,4 @@
-"""What an experiment with learnt parameters begins with: a world, segmenters, and J+ learnt by servoing, then kept."""
+"""What an experiment begins with: a world, segmenters, and J+ learned by servoing and kept from then on."""
 
 from collections.abc import Sequence
 
@@ -9,7 +9,7 @@ from dense_vs.segmentation import Segmenter
 from dense_vs.sims.mobile_manipulator.annotations import learn_segmenter
 from dense_vs.sims.mobile_manipulator.world import MobileWorld
 from dense_vs.sims.papers.vosvs.configurations import configuration
-from dense_vs.sims.papers.vosvs.learning import Learning, learn
+from dense_vs.sims.papers.vosvs.jacobian_learning import Learning, Update, learn_configuration
 
 TEACHERS = {"base": "Plastic Chain", "base grasp": "Tuna"}  # the object that a configuration learns with
 TEACHER = "Mug"
@@ -27,8 +27,8 @@ def require_cpu(device: str) -> None:
         raise DenseVSError(f"device is {device!r}; expected 'cpu' or 'auto': this experiment runs on the CPU")
 
 
-class Preparation:
-    """A world of one seed; segmenters and J+ are learnt when first asked for, and J+ is then kept (alpha = 0).
+class LearnedSetup:
+    """A world of one seed; segmenters and J+ are learned when first asked for, and J+ is then kept (alpha = 0).
 
     Args:
         objects: that the experiment needs; all 24 when None.
@@ -40,7 +40,7 @@ class Preparation:
         self.seed = seed
         self.world = MobileWorld(objects, seed=seed, threads=threads)
         self._segmenters: dict[str, Segmenter] = {}
-        self._learnt: dict[str, Learning] = {}
+        self._learned: dict[tuple[str, Update], Learning] = {}
 
     def segmenter(self, name: str) -> Segmenter:
         """Of an object, from ten annotated images; the robot's posture and the other objects are not kept."""
@@ -48,31 +48,34 @@ class Preparation:
             self._segmenters[name] = learn_segmenter(self.world, name, self.seed)
         return self._segmenters[name]
 
-    def learning(self, config: str) -> Learning:
-        """How J+ of a configuration was learnt.
-
-        Raises:
-            DenseVSError: it did not converge.
-        """
-        if config not in self._learnt:
+    def learning(self, config: str, update: Update = Update.FEATUREWISE) -> Learning:
+        """How J+ of a configuration was learned; the last of :data:`ATTEMPTS` where none converged."""
+        key = config, update
+        if key not in self._learned:
             name = TEACHERS.get(config, TEACHER)
             segmenter = self.segmenter(name)
             for attempt in range(ATTEMPTS):
                 self.world.store()
                 rng = np.random.default_rng([self.seed, 51, attempt])
-                one = configuration(config)
-                learning = learn(self.world, one, name, segmenter, rng, update="featurewise", looks=LOOKS)
+                learning = learn_configuration(
+                    self.world, configuration(config), name, segmenter, rng, update=update, looks=LOOKS
+                )
                 self.world.store()
+                self._learned[key] = learning
                 if learning.converged:
                     break
-            else:
-                raise DenseVSError(
-                    f"J+ of {config!r} was not learnt in {ATTEMPTS} times {LOOKS} looks; "
-                    "expected a step response to converge"
-                )
-            self._learnt[config] = learning
-        return self._learnt[config]
+        return self._learned[key]
 
     def pinv(self, config: str) -> np.ndarray:
-        """J+ ``(n, 2)`` of a configuration, learnt."""
-        return self.learning(config).pinv
+        """J+ ``(n, 2)`` of a configuration, learned feature by feature.
+
+        Raises:
+            DenseVSError: learning did not converge.
+        """
+        learning = self.learning(config)
+        if not learning.converged:
+            raise DenseVSError(
+                f"J+ of {config!r} was not learned in {ATTEMPTS} times {LOOKS} looks; "
+                "expected a step response to converge"
+            )
+        return learning.pinv

@@ -2,11 +2,10 @@
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
-from dense_vs.files import atomic_write
+from dense_vs.view.canvas import new_figure, save_figure
 
 
 def draw_lines(
@@ -30,41 +29,43 @@ def draw_lines(
         levels: label -> height of a dotted line.
         logarithmic: the scale of y.
     """
-    figure, axes = _figure()
+    figure = new_figure(7.5, 5.0)
+    axes = figure.subplots()
     for number, (label, (places, values)) in enumerate(series.items()):
         table = np.where(np.isfinite(values), values, np.nan)
         drawn = np.isfinite(table).any(axis=0)
         shown, table = np.asarray(list(places), dtype=float)[drawn], table[:, drawn]
-        colour = f"C{number % 10}"
-        axes.plot(shown, np.nanmedian(table, axis=0), marker="o", ms=3, color=colour, label=label)
+        color = f"C{number % 10}"
+        axes.plot(shown, np.nanmedian(table, axis=0), marker="o", ms=3, color=color, label=label)
         if len(table) > 1:
             low, high = np.nanmin(table, axis=0), np.nanmax(table, axis=0)
-            axes.fill_between(shown, low, high, color=colour, alpha=0.15, lw=0)
+            axes.fill_between(shown, low, high, color=color, alpha=0.15, lw=0)
     for number, (label, (places, values)) in enumerate((paper or {}).items()):
         marker = "xs^d*+"[number % 6]
         axes.plot(places, values, color="black", marker=marker, ls="--", lw=0.8, ms=5, label=label)
     for label, height in (levels or {}).items():
-        axes.axhline(height, color="grey", ls=":", lw=1)
-        axes.annotate(label, (0.01, height), xycoords=("axes fraction", "data"), ha="left", va="top", color="grey")
+        axes.axhline(height, color="gray", ls=":", lw=1)
+        axes.annotate(label, (0.01, height), xycoords=("axes fraction", "data"), ha="left", va="top", color="gray")
     if logarithmic:
         axes.set_yscale("log")
     axes.set(title=title, xlabel=x_label, ylabel=y_label)
     axes.grid(alpha=0.3, which="both" if logarithmic else "major")
     axes.legend(fontsize="small")
-    save(figure, path)
+    save_figure(figure, path)
 
 
 def draw_points(
     path: Path, series: Mapping[str, tuple[np.ndarray, np.ndarray]], *, title: str, x_label: str, y_label: str
 ) -> None:
     """Write a PNG of points: label -> x (k,) and y (k,)."""
-    figure, axes = _figure()
+    figure = new_figure(7.5, 5.0)
+    axes = figure.subplots()
     for label, (x, y) in series.items():
         axes.plot(x, y, ls="", marker="o", ms=4, alpha=0.7, label=label)
     axes.set(title=title, xlabel=x_label, ylabel=y_label)
     axes.grid(alpha=0.3)
     axes.legend(fontsize="small")
-    save(figure, path)
+    save_figure(figure, path)
 
 
 def draw_bars(
@@ -77,7 +78,8 @@ def draw_bars(
     logarithmic: bool = True,
 ) -> None:
     """Write a PNG of groups of bars: a group a label, a bar a series."""
-    figure, axes = _figure()
+    figure = new_figure(7.5, 5.0)
+    axes = figure.subplots()
     width = 0.8 / len(series)
     for number, (label, values) in enumerate(series.items()):
         places = np.arange(len(labels)) + (number - (len(series) - 1) / 2) * width
@@ -88,16 +90,12 @@ def draw_bars(
     axes.set(title=title, ylabel=y_label)
     axes.grid(alpha=0.3, axis="y")
     axes.legend(fontsize="small", loc="upper left", bbox_to_anchor=(1.0, 1.0))
-    save(figure, path)
+    save_figure(figure, path)
 
 
 def draw_images(path: Path, rows: Sequence[Sequence[np.ndarray]], titles: Sequence[str]) -> None:
     """Write a PNG of images (H, W, 3) in rows, a title a column."""
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from matplotlib.figure import Figure
-
-    figure = Figure(figsize=(2.0 * len(titles), 2.0 * len(rows) + 0.3), layout="constrained")
-    FigureCanvasAgg(figure)
+    figure = new_figure(2.0 * len(titles), 2.0 * len(rows) + 0.3)
     grid = figure.subplots(len(rows), len(titles), squeeze=False)
     for row, images in zip(grid, rows, strict=True):
         for axes in row:
@@ -106,7 +104,7 @@ def draw_images(path: Path, rows: Sequence[Sequence[np.ndarray]], titles: Sequen
             axes.imshow(image)
     for axes, title in zip(grid[0], titles, strict=True):
         axes.set_title(title, fontsize="small")
-    save(figure, path)
+    save_figure(figure, path)
 
 
 def close_up(images: Sequence[np.ndarray], pixels: np.ndarray) -> list[np.ndarray]:
@@ -119,18 +117,3 @@ def close_up(images: Sequence[np.ndarray], pixels: np.ndarray) -> list[np.ndarra
         top = int(np.clip(y - 200, 0, image.shape[0] - 280))
         parts.append(image[top : top + 280, left : left + 280])
     return parts
-
-
-def save(figure: Any, path: Path) -> None:
-    """Write a figure as PNG, whole or not at all."""
-    with atomic_write(path) as stream:
-        figure.savefig(stream, format="png", dpi=110)
-
-
-def _figure() -> tuple[Any, Any]:
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from matplotlib.figure import Figure
-
-    figure = Figure(figsize=(7.5, 5), layout="constrained")
-    FigureCanvasAgg(figure)
-    return figure, figure.subplots()

@@ -6,7 +6,7 @@ from dense_vs.grasp import GripperModel
 from dense_vs.grasp.loop import HandGeometry
 from dense_vs.sims.mobile_manipulator.postures import FINGERTIP, GRIPPER_BEHIND, Z_GRIPPER
 from dense_vs.sims.mobile_manipulator.world import HEIGHT, OPENING, WIDTH, MobileWorld
-from dense_vs.sims.papers.vosvs.configurations import CENTRE, GRASP_CENTRE
+from dense_vs.sims.papers.vosvs.configurations import CENTER, GRASP_CENTER
 
 
 def hand_geometry(world: MobileWorld) -> HandGeometry:
@@ -16,7 +16,7 @@ def hand_geometry(world: MobileWorld) -> HandGeometry:
         [[0, -1, 0, -GRIPPER_BEHIND], [1, 0, 0, 0], [0, 0, 1, Z_GRIPPER + FINGERTIP], [0, 0, 0, 1]], dtype=float
     )
     model = GripperModel(opening=OPENING, width=0.022, thickness=0.012, length=0.036, T_camera_hand=pose)
-    return HandGeometry(Z_GRIPPER, GRASP_CENTRE, CENTRE, world.intrinsics("grasp"), model)
+    return HandGeometry(Z_GRIPPER, GRASP_CENTER, CENTER, world.intrinsics("grasp"), model)
 
 
 def fingers_in_view(world: MobileWorld) -> np.ndarray:

@@ -1,4 +1,4 @@
-"""Pictures that the experiments share: an image with the mask's outline, and a grid of labelled images."""
+"""Pictures that the experiments share: an image with the mask's outline, and a grid of labeled images."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -22,7 +22,7 @@ def outlined(image: np.ndarray, mask: np.ndarray, target: Sequence[float] | None
 
 
 def write_tiles(tiles: Sequence[tuple[str, np.ndarray]], path: Path, *, columns: int = 4) -> None:
-    """Write labelled RGB images as one PNG."""
+    """Write labeled RGB images as one PNG."""
     cells = []
     for label, image in tiles:
         cell = cv2.resize(image, TILE, interpolation=cv2.INTER_AREA)

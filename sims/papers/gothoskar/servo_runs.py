@@ -1,4 +1,4 @@
-"""Servoing many targets at once, with a learnt model or by classical IBVS, through a controller that may be noisy.
+"""Servoing many targets at once, with a learned model or by classical IBVS, through a controller that may be noisy.
 
 What a servo is given: pixels with noise, and joint readings where the experiment says so. Errors are true ones: the
 mean distance of the features that are seen at the target from where they are there, without noise.
