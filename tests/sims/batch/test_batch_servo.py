@@ -30,6 +30,7 @@ def finished():
     return batch
 
 
+@pytest.mark.slow
 def test_every_world_reaches_its_targets_by_the_simulators_truth(finished):
     results = finished.results()
     assert finished.resting.all()
@@ -88,6 +89,7 @@ def test_without_randomization_worlds_share_one_model():
     assert world.physics.model.geom_size.shape[0] == 1
 
 
+@pytest.mark.slow
 def test_a_world_that_ends_in_nan_begins_anew_alone():
     batch = make(babble=5.0)
     batch.run(20)
@@ -106,6 +108,7 @@ def test_a_world_that_ends_in_nan_begins_anew_alone():
     np.testing.assert_array_equal(batch.results().restarts, [1, 0])
 
 
+@pytest.mark.slow
 def test_restarting_one_world_leaves_the_other(finished):
     batch = finished
     before = batch.results()

@@ -88,6 +88,7 @@ def test_refuses_times_out_of_range():
             check_labeling_arguments(Namespace(seconds=seconds, period=period), 5.0)
 
 
+@pytest.mark.slow
 def test_a_walker_is_seen_and_is_not_the_robot():
     arguments = Namespace(distractor="walker-behind", device="cpu", threads=None, seconds=0.1, period=0.0)
     frames = list(views(1, arguments))
@@ -98,6 +99,7 @@ def test_a_walker_is_seen_and_is_not_the_robot():
     assert np.abs(frames[-1].dq).max() > 0
 
 
+@pytest.mark.slow
 def test_labels_command(tmp_path, capsys):
     out, figures = tmp_path / "out", tmp_path / "rows.json"
     command = ["reproduce", "dije", "labels", "--seconds", "5", "--seed", "1", "--device", "cpu"]
