@@ -7,7 +7,7 @@ import numpy as np
 import warp as wp
 
 from dense_vs.device import resolve_threads
-from dense_vs.kernels.image.vector_colors import vector_colours_kernel
+from dense_vs.kernels.image.vector_colors import vector_colors_kernel
 from dense_vs.kernels.launch import launch_pixels
 from dense_vs.point_servo.loop import ServoLoop
 
@@ -25,7 +25,7 @@ def vectors_to_rgb(vectors: np.ndarray, full_scale: float) -> np.ndarray:
     content = np.ascontiguousarray(vectors, dtype=np.float32).reshape(1, height, width, 2)
     out = wp.zeros((1, height, width), dtype=wp.vec3ub, device="cpu")
     arguments = [wp.array(content, dtype=wp.vec2, device="cpu", copy=False), max(float(full_scale), 1e-9), out]
-    launch_pixels(vector_colours_kernel, out.shape, arguments, "cpu", resolve_threads())
+    launch_pixels(vector_colors_kernel, out.shape, arguments, "cpu", resolve_threads())
     return out.numpy()[0]
 
 

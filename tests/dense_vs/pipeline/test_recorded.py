@@ -95,14 +95,14 @@ def test_bad_options_are_refused_before_the_first_frame(recording):
         ({"covariance": "huge"}, "covariance is 'huge'"),
         ({"threads": 0}, "threads is 0"),
         ({"scale": 0}, "scale is 0"),
-        ({"scale": 2.0}, "scale is 2.0; expected a number above 0 and at most 1"),
+        ({"scale": 2.0}, "scale is 2.0; expected a finite number above 0 and at most 1"),
     ]
     for options, message in bad_options:
         with pytest.raises(DenseVSError, match=message):
             estimate_recording(source, **options)
     bad_arguments: list[tuple[dict[str, Any], str]] = [
         ({"time_offset": float("nan")}, "time_offset is nan"),
-        ({"joint_names": ["x", "elbow"]}, "joint 'elbow' is not in the log; it has x, y, turn, zoom"),
+        ({"joint_names": ["x", "elbow"]}, "joint 'elbow' is not in the log; expected one of x, y, turn, zoom"),
     ]
     for arguments, message in bad_arguments:
         with pytest.raises(DenseVSError, match=message):

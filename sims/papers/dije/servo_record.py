@@ -1,4 +1,4 @@
-"""What a servo experiment of DIJE section V-B is asked for and what it brings."""
+"""The task of a servo experiment of DIJE section V-B, and the results of one seed."""
 
 from dataclasses import dataclass, field
 from typing import Any
@@ -48,14 +48,14 @@ class TaskReach:
 
 @dataclass
 class TaskRun:
-    """What a seed brought; ``trace`` as :class:`dense_vs.sims.papers.dije.reaching.Trace`.
+    """Results of a seed; ``trace`` as :class:`dense_vs.sims.papers.dije.reaching.Trace`.
 
     ``moved_into_view`` counts the points that were so near the image's border when they were defined that a place
     farther inside was taken.
     """
 
     seed: int
-    learnt: JacobianError
+    learned: JacobianError
     trace: Any
     reaches: list[TaskReach] = field(default_factory=list)
     moved_into_view: int = 0

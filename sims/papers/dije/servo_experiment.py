@@ -1,19 +1,20 @@
 """What the servo experiments of DIJE section V-B share: a robot that learns J, then brings points to targets.
 
 As in the paper, images come at 30 frames a second and a joint command every 0.7 s. Unlike the paper's robot, which
-began with J = 0 and the control law, ours babbles first: (17) commands nothing where J is zero. With muscle-like
-joints, which are read with noise, J moves by the measured flow (13), else by the predicted one (14). The loop sees
-images and joint readings only; the simulator chooses targets that can be reached and says what came of it.
+began with J = 0 and the control law, ours babbles first: DIJE (17) commands nothing where J is zero. With muscle-like
+joints, which are read with noise, J moves by the measured flow, DIJE (13), else by the predicted one, DIJE (14). The
+loop sees images and joint readings only; the simulator chooses targets that can be reached and measures the result.
 """
 
 import argparse
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from dense_vs.errors import DenseVSError
-from dense_vs.sims.papers.dije.servo_run import ServoTask, TaskReach, TaskRun
+from dense_vs.sims.papers.dije.servo_record import ServoTask, TaskReach, TaskRun
 from dense_vs.sims.papers.rows import Row
 
 PAPER_GAIN, PAPER_PERIOD = 0.034, 0.7
@@ -34,7 +35,7 @@ def add_task_arguments(parser: argparse.ArgumentParser, task: ServoTask) -> None
     parser.add_argument(
         "--period", type=float, default=PAPER_PERIOD, metavar="S", help="seconds between commands (default: 0.7)"
     )
-    parser.add_argument("--gain", type=float, default=0.5, help="k_p of (17) (default: 0.5; the paper's is 0.034)")
+    parser.add_argument("--gain", type=float, default=0.5, help="k_p of DIJE (17) (default: 0.5; the paper's is 0.034)")
     parser.add_argument(
         "--commands", type=int, default=20, help="commands after which a target is given up (default: 20)"
     )
@@ -42,8 +43,8 @@ def add_task_arguments(parser: argparse.ArgumentParser, task: ServoTask) -> None
     parser.add_argument(
         "--prediction",
         choices=("model", "flow"),
-        help="J moves with the flow that it predicts (14) or with the measured one (13) (default: model; flow with "
-        "--compliance)",
+        help="J moves with the flow that it predicts, DIJE (14), or with the measured one, DIJE (13) (default: model; "
+        "flow with --compliance)",
     )
     parser.add_argument("--distractor", default="none", help="what passes by, as walker-behind (default: none)")
     parser.add_argument(
@@ -57,7 +58,6 @@ def add_task_arguments(parser: argparse.ArgumentParser, task: ServoTask) -> None
 def run_task(arguments: argparse.Namespace) -> list[Row]:
     """Run the task of the arguments for every seed, draw it, and return its rows."""
     from dense_vs.sims.engine.world import FRAME_SECONDS
-    from dense_vs.sims.papers.dije.servo_figures import draw_run
     from dense_vs.view.progress import progress
 
     task: ServoTask = arguments.task
@@ -71,9 +71,20 @@ def run_task(arguments: argparse.Namespace) -> list[Row]:
         for seed in arguments.seeds:
             bar.set_description(f"seed {seed}")
             run = run_seed(task, seed, targets, arguments, bar.update)
-            draw_run(task, run, arguments.out)
+            draw_task(task, run, arguments.out)
             runs.append(run)
     return task_rows(task, runs, arguments)
+
+
+def draw_task(task: ServoTask, run: TaskRun, out: Path) -> None:
+    """Write ``seedN_images.png``, ``seedN_jacobian.png`` and ``seedN_time.png``."""
+    from dense_vs.sims.papers.dije.label_pictures import write_image
+    from dense_vs.sims.papers.dije.path_pictures import jacobian_columns, path_images
+    from dense_vs.sims.papers.dije.time_plot import plot_over_time
+
+    write_image(out / f"seed{run.seed}_images.png", path_images(run), scale=1)
+    write_image(out / f"seed{run.seed}_jacobian.png", jacobian_columns(task, run), scale=1)
+    plot_over_time(task, run, out / f"seed{run.seed}_time.png")
 
 
 def run_seed(
@@ -119,8 +130,8 @@ def run_seed(
             device=arguments.device,
             threads=arguments.threads,
             on_bad_flow="skip",
-            # Noise in the joint steps makes J too small, and by (14) a J that is too small falls behind its surface and
-            # gets smaller still: tips of tools then swing about their target. (13) does not ask J where J goes.
+            # Noise in the joint steps makes J too small, and by DIJE (14) a J that is too small falls behind its
+            # surface and gets smaller still: tips of tools then swing about their target. DIJE (13) does not use J.
             prediction=arguments.prediction or ("flow" if arguments.compliance else "model"),
         ),
         # A step lasts 0.7 s instead of a frame, so it may be longer.
@@ -178,7 +189,7 @@ def task_rows(task: ServoTask, runs: list[TaskRun], arguments: argparse.Namespac
     rows = [
         Row("seconds between commands", PAPER_PERIOD, arguments.period, "s", seeds),
         Row("gain of a command", PAPER_GAIN, arguments.gain, "", seeds),
-        Row("J error after learning, median", None, float(np.median([run.learnt.median for run in runs])), "", seeds),
+        Row("J error after learning, median", None, float(np.median([run.learned.median for run in runs])), "", seeds),
     ]
     if len(task.points) > 1:
         moved = float(sum(run.moved_into_view for run in runs))
