@@ -16,6 +16,7 @@ from dense_vs.checks import check_number, check_whole
 from dense_vs.depth import METHODS, DepthUnobservableError, depth_from_areas, depth_from_masks
 from dense_vs.depth.mask_fit import Method
 from dense_vs.errors import DenseVSError
+from dense_vs.robot.joint_group import JointGroup
 from dense_vs.robot.protocols import Camera, Robot
 from dense_vs.segmentation import MaskQuality, MaskVerdict, Segmenter, assess_mask
 from dense_vs.segmentation.segmenter import forget_images
@@ -91,15 +92,12 @@ class DepthApproach:
         hidden: np.ndarray | None = None,
         on_view: Callable[[int, np.ndarray, np.ndarray], None] | None = None,
     ):
-        names = list(robot.joint_names)
-        if joint not in names:
-            raise DenseVSError(f"joint is {joint!r}; expected one of {', '.join(names)}")
         if method not in METHODS:
             raise DenseVSError(f"method is {method!r}; expected one of {', '.join(METHODS)}")
         least = check_number("the smallest of steps", steps[0], above=0.0)
         most = check_number("the largest of steps", steps[1], least=least)
         self.camera, self.robot, self.segmenter = camera, robot, segmenter
-        self.column = names.index(joint)
+        self.group = JointGroup.of_robot(robot, [joint])
         self.method: Method = method
         self.near = check_number("near", near, above=0.0)
         self.steps = least, most
@@ -117,7 +115,7 @@ class DepthApproach:
             forget_images(self.segmenter)  # views are far apart
             masks.append(self.segmenter.segment(image))
             qualities.append(assess_mask(masks[-1], hidden=self.hidden))
-            positions.append(float(np.asarray(self.robot.joints()[0])[self.column]))
+            positions.append(self._position())
             if self.on_view is not None:
                 self.on_view(len(masks) - 1, image, masks[-1])
             if _last(qualities, (MaskVerdict.EMPTY, MaskVerdict.FLOODED), 3):
@@ -157,17 +155,15 @@ class DepthApproach:
 
     def _advance(self, step: float) -> bool:
         """Step toward the object; False where the joint does not follow, at its limit or against something."""
-        before = np.asarray(self.robot.joints()[0], dtype=np.float64)[self.column]
-        limits = getattr(self.robot, "joint_limits", None)
-        if limits is not None:
-            step = min(step, before - float(np.asarray(limits)[self.column, 0]))
+        before = self._position()
+        step = min(step, before - float(self.group.limits[0, 0]))
         if step < 0.5 * self.steps[0]:
             return False
-        delta = np.zeros(len(self.robot.joint_names))
-        delta[self.column] = -step
-        self.robot.command(delta)
-        after = np.asarray(self.robot.joints()[0], dtype=np.float64)[self.column]
-        return bool(before - after > 0.5 * step)
+        self.robot.command(self.group.spread([-step]))
+        return before - self._position() > 0.5 * step
+
+    def _position(self) -> float:
+        return float(self.group.take(self.robot.joints()[0])[0])
 
     def _answer(
         self, end: ApproachEnd, masks: list[np.ndarray], qualities: list[MaskQuality], camera_z: np.ndarray

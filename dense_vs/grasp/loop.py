@@ -7,12 +7,11 @@ down ends where the lift no longer follows, and the fingers close below the top 
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 
 from dense_vs.checks import check_number
-from dense_vs.errors import DenseVSError
 from dense_vs.grasp import (
     GraspAction,
     GraspCheck,
@@ -25,35 +24,10 @@ from dense_vs.grasp import (
     grasp_camera_position,
 )
 from dense_vs.mask_servo.loop import MaskServo, ServoEnd
-from dense_vs.robot.protocols import Camera, Robot
+from dense_vs.robot.joint_group import JointGroup
+from dense_vs.robot.protocols import Camera, Gripper, Robot
 from dense_vs.segmentation import Segmenter, assess_mask
 from dense_vs.segmentation.segmenter import forget_images
-
-
-class GripperState(Protocol):
-    """What a gripper says after a command."""
-
-    @property
-    def opening(self) -> float:
-        """Distance between the fingertips [m]."""
-        ...
-
-    @property
-    def jammed(self) -> bool:
-        """It did not get where an unhindered gripper gets."""
-        ...
-
-
-class Gripper(Protocol):
-    """A parallel gripper."""
-
-    def open(self) -> GripperState:
-        """Open fully."""
-        ...
-
-    def close(self) -> GripperState:
-        """Close on whatever is between the fingers."""
-        ...
 
 
 @dataclass(frozen=True)
@@ -139,12 +113,9 @@ class GraspLoop:
         contact_lag: float = 0.001,
         on_attempt: Callable[[GraspAttempt], None] | None = None,
     ):
-        names = list(robot.joint_names)
-        for joint in (lift, wrist, *base):
-            if joint not in names:
-                raise DenseVSError(f"joint {joint!r} is unknown; expected one of {', '.join(names)}")
         self.camera, self.robot, self.segmenter, self.gripper, self.hand = camera, robot, segmenter, gripper, hand
-        self._lift, self._wrist = names.index(lift), names.index(wrist)
+        JointGroup.of_robot(robot, [lift, wrist, *base])
+        self._lift, self._wrist = JointGroup.of_robot(robot, [lift]), JointGroup.of_robot(robot, [wrist])
         self._base, self._pinv = base, np.asarray(pinv, dtype=np.float64)
         self.policy = policy if policy is not None else RegraspPolicy()
         self._raise_by = check_number("raise_by", raise_by, above=0.0)
@@ -218,11 +189,7 @@ class GraspLoop:
         """To VOS-VS (21) and the bite below it, in small steps; whether something was in the way and ended them."""
         stop = grasp_camera_position(z_object, self.hand.z_gripper) - self.hand.bite - deeper
         target = self._joint(self._lift)
-        low = -np.inf
-        limits = getattr(self.robot, "joint_limits", None)
-        if limits is not None:
-            low = float(np.asarray(limits)[self._lift, 0])
-        stop = max(stop, low)
+        stop = max(stop, float(self._lift.limits[0, 0]))
         while target - stop > 1e-4:
             step = min(0.008, target - stop)
             self._move(self._lift, -step)
@@ -240,13 +207,11 @@ class GraspLoop:
         image, _ = self.camera.read()
         return float(assess_mask(self.segmenter.segment(image)).area)
 
-    def _joint(self, column: int) -> float:
-        return float(np.asarray(self.robot.joints()[0], dtype=np.float64)[column])
+    def _joint(self, joint: JointGroup) -> float:
+        return float(joint.take(self.robot.joints()[0])[0])
 
-    def _move(self, column: int, by: float) -> None:
-        delta = np.zeros(len(self.robot.joint_names))
-        delta[column] = by
-        self.robot.command(delta)
+    def _move(self, joint: JointGroup, by: float) -> None:
+        self.robot.command(joint.spread([by]))
 
 
 def _jammed(opening: float) -> GraspAttempt:

@@ -14,11 +14,11 @@ from typing import Any
 import numpy as np
 
 from dense_vs.checks import check_number, check_whole
-from dense_vs.errors import DenseVSError
 from dense_vs.mask_servo.featurewise_broyden import FeaturewiseBroyden
 from dense_vs.mask_servo.hadamard_broyden import HadamardBroyden
 from dense_vs.mask_servo.law import FeatureServo, FeatureState
 from dense_vs.mask_servo.trust_region import TrustRegion, View
+from dense_vs.robot.joint_group import JointGroup
 from dense_vs.robot.protocols import Camera, Robot
 from dense_vs.segmentation import MaskQuality, Segmenter, assess_mask
 from dense_vs.segmentation.segmenter import forget_images
@@ -122,22 +122,17 @@ class MaskServo:
         stalled: int = 4,
         on_look: Callable[[ServoLook, np.ndarray, np.ndarray], None] | None = None,
     ):
-        names = list(robot.joint_names)
-        unknown = [joint for joint in joints if joint not in names]
-        if unknown or not joints:
-            raise DenseVSError(f"joints are {list(joints)}; expected some of {', '.join(names)}")
         self.camera, self.robot, self.segmenter = camera, robot, segmenter
-        self.columns = np.array([names.index(joint) for joint in joints])
+        self.group = JointGroup.of_robot(robot, joints)
         self.learner = pinv if isinstance(pinv, (HadamardBroyden, FeaturewiseBroyden)) else None
         self._fixed = None if self.learner is not None else np.asarray(pinv, dtype=np.float64)
         largest = check_number("max_step", max_step, above=0.0)
         image_step = check_number("max_image_step", max_image_step, above=0.0)
-        limits = getattr(robot, "joint_limits", None)
         self.servo = FeatureServo(
             target,
             gain,
             max_step=largest,
-            joint_limits=None if limits is None else np.asarray(limits)[self.columns],
+            joint_limits=self.group.limits if self.group.limited else None,
             tolerance=tolerance,
             patience=patience,
         )
@@ -172,7 +167,7 @@ class MaskServo:
             forget_images(self.segmenter)
             mask = self.segmenter.segment(image)
             quality = assess_mask(mask)
-            positions = np.asarray(self.robot.joints()[0], dtype=np.float64)[self.columns]
+            positions = self.group.take(self.robot.joints()[0]).astype(np.float64)
             features = np.array(quality.centroid) if quality.servoable else None
             whole = self._learn(quality, positions, looks[-1].joints if looks else None)
             pinv = self.pinv if self.region is None else self.region.active(self.pinv)
@@ -231,8 +226,6 @@ class MaskServo:
         return np.clip(dq, np.minimum(limits[:, 0] - positions, 0.0), np.maximum(limits[:, 1] - positions, 0.0))
 
     def _command(self, dq: np.ndarray) -> None:
-        delta = np.zeros(len(self.robot.joint_names))
-        delta[self.columns] = dq
         if self.region is not None:
             self.region.command(dq)
-        self.robot.command(delta)
+        self.robot.command(self.group.spread(dq))

@@ -11,6 +11,7 @@ import numpy as np
 
 from dense_vs.checks import check_whole
 from dense_vs.errors import DenseVSError
+from dense_vs.robot.joint_group import JointGroup
 from dense_vs.robot.protocols import Camera, Robot
 from dense_vs.segmentation import MaskQuality, Segmenter, assess_mask
 from dense_vs.segmentation.segmenter import forget_images
@@ -74,17 +75,14 @@ def search_object(
     Raises:
         DenseVSError: a joint that the robot does not have, or an option out of range.
     """
-    names = list(robot.joint_names)
-    if len(joints) != 2 or any(joint not in names for joint in joints):
-        raise DenseVSError(f"joints are {list(joints)}; expected two of {', '.join(names)}")
-    columns = [names.index(joint) for joint in joints]
-    limits = getattr(robot, "joint_limits", None)
-    bounds = np.tile([-np.inf, np.inf], (2, 1)) if limits is None else np.asarray(limits)[columns]
+    group = JointGroup.of_robot(robot, joints)
+    if len(group.names) != 2:
+        raise DenseVSError(f"joints are {list(joints)}; expected two of {', '.join(robot.joint_names)}")
     offsets = search_offsets(reach, rings)
-    start = np.asarray(robot.joints()[0], dtype=np.float64)[columns]
+    start = group.take(robot.joints()[0]).astype(np.float64)
     looks = 0
     for offset in offsets:
-        _go(robot, columns, np.clip(start + offset, bounds[:, 0], bounds[:, 1]))
+        _go(robot, group, np.clip(start + offset, group.limits[:, 0], group.limits[:, 1]))
         forget_images(segmenter)
         image, _ = camera.read()
         mask = segmenter.segment(image)
@@ -92,12 +90,11 @@ def search_object(
         looks += 1
         if quality.servoable and quality.area >= min_area:
             return SearchResult(True, looks, quality, mask)
-    _go(robot, columns, start)
+    _go(robot, group, start)
     return SearchResult(False, looks, quality, mask)
 
 
-def _go(robot: Robot, columns: list[int], place: np.ndarray) -> None:
-    delta = np.zeros(len(robot.joint_names))
-    delta[columns] = place - np.asarray(robot.joints()[0], dtype=np.float64)[columns]
+def _go(robot: Robot, group: JointGroup, place: np.ndarray) -> None:
+    delta = group.spread(place - group.take(robot.joints()[0]))
     if np.abs(delta).max() > 1e-3:
         robot.command(delta)

@@ -10,6 +10,7 @@ import warp as wp
 
 from dense_vs.kernels.masks.mask_words import stage
 from dense_vs.kernels.masks.region_sums import PartialSums, RegionSums, RowSums, add_row, band_of
+from dense_vs.kernels.views import seen_as
 
 wp.set_module_options({"enable_backward": False})
 
@@ -33,8 +34,7 @@ class LabelReducer:
         pairs = -(-width // 2)
         # Rows are filled up by a label that no row of the result counts.
         self._image = wp.full((worlds, height, 2 * pairs), -1, dtype=wp.int32, device=device)
-        view = wp.array(ptr=self._image.ptr, dtype=wp.uint64, shape=(worlds, height, pairs), device=device)
-        view._source = self._image  # the view does not own the memory
+        view = seen_as(self._image, wp.uint64, (worlds, height, pairs))
         self._partial = PartialSums(worlds, labels, (height, width), device, threads)
         self._launch = self._partial.row_launch(reduce_label_rows, (worlds, height, pairs), GPU_RUN // 2, view)
 

@@ -3,6 +3,8 @@
 import numpy as np
 import warp as wp
 
+from dense_vs.kernels.views import seen_as
+
 wp.set_module_options({"enable_backward": False})
 
 WORD = 8  # pixels
@@ -39,9 +41,7 @@ def words(masks: wp.array) -> wp.array:
     count, height, width = masks.shape
     if not masks.is_contiguous or width % WORD:
         raise ValueError(f"masks of shape {masks.shape} have rows that are no whole contiguous words of {WORD} pixels")
-    view = wp.array(ptr=masks.ptr, dtype=wp.uint64, shape=(count, height, width // WORD), device=masks.device)
-    view._source = masks  # the view does not own the memory
-    return view
+    return seen_as(masks, wp.uint64, (count, height, width // WORD))
 
 
 class WordMasks:

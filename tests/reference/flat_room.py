@@ -26,8 +26,7 @@ class FlatRoom:
         self.disc = disc
         self.q = np.array(start, dtype=float)
         self.commands: list[np.ndarray] = []
-        if limits is not None:
-            self.joint_limits = np.array(limits, dtype=float)
+        self.joint_limits = None if limits is None else np.array(limits, dtype=float)
         self.before_look = lambda: None
         self.held = False
         self.grip = 0.0  # how far the fingertips reach below the camera [m]
@@ -58,7 +57,7 @@ class FlatRoom:
     def command(self, delta):
         self.commands.append(np.array(delta))
         self.q = self.q + delta
-        if hasattr(self, "joint_limits"):
+        if self.joint_limits is not None:
             self.q = np.clip(self.q, *self.joint_limits.T)
 
     def open(self):

@@ -110,7 +110,7 @@ def test_way_down_ends_at_what_is_in_the_way():
 
 def test_unknown_joint():
     world = room()
-    with pytest.raises(DenseVSError, match="'tower' is unknown"):
+    with pytest.raises(DenseVSError, match="joint 'tower' is not in the robot"):
         GraspLoop(
             world,
             world,

@@ -108,7 +108,7 @@ def test_object_nearer_than_when_j_was_learned():
 
 
 def test_unknown_joint():
-    with pytest.raises(DenseVSError, match="expected some of forward, right"):
+    with pytest.raises(DenseVSError, match="joint 'elbow' is not in the robot; expected one of forward, right"):
         servo(FlatRoom(None), joints=("elbow",))
 
 

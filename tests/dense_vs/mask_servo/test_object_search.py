@@ -50,5 +50,5 @@ def test_bad_offsets(options):
 
 
 def test_unknown_joints():
-    with pytest.raises(DenseVSError, match="expected two of forward"):
+    with pytest.raises(DenseVSError, match="joint 'base' is not in the robot; expected one of forward"):
         search_object(FlatRoom(None), FlatRoom(None), FlatRoom(None), joints=("base", "right"))
