@@ -104,7 +104,7 @@ def _segmenter(arguments: argparse.Namespace) -> Any:
 
 def _frames(source: Path) -> tuple[Iterator[tuple[str, np.ndarray]], int, float | None]:
     """Named images, how many (0 if unknown), and the frame rate of a video."""
-    from dense_vs.recording.video import VideoReader
+    from dense_vs.recording.video_reader import VideoReader
     from dense_vs.segmentation.annotated_folder import IMAGE_SUFFIXES, image_files, read_image
 
     if source.is_dir():
@@ -121,6 +121,6 @@ def _frames(source: Path) -> tuple[Iterator[tuple[str, np.ndarray]], int, float 
 def _video(out: Path, fps: float | None) -> Any:
     from contextlib import nullcontext
 
-    from dense_vs.recording.video import VideoWriter
+    from dense_vs.recording.video_writer import VideoWriter
 
     return nullcontext() if fps is None else VideoWriter(out / "segmented.mp4", fps)

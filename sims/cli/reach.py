@@ -49,7 +49,7 @@ def run(arguments: argparse.Namespace) -> None:
     from dense_vs.jacobian.estimator import DenseJacobian
     from dense_vs.point_servo.law import VisualServo
     from dense_vs.point_servo.tracker import TrackerOptions
-    from dense_vs.recording.video import VideoWriter
+    from dense_vs.recording.video_writer import VideoWriter
     from dense_vs.sims.engine.world import FRAME_SECONDS
     from dense_vs.sims.papers.dije.reaching import ReachingExperiment
     from dense_vs.view.panels import ReachView

@@ -1,7 +1,10 @@
-"""``dense-vs record``: a simulated robot's video and joint log, with the truth beside them."""
+"""``dense-vs record``: a simulated robot's video and joint log, with the truth beside them.
+
+--format lerobot writes a LeRobot v3.0 dataset and --format mcap a ROS 2 bag, into the folder ``recording`` of --out. A
+real robot is recorded by :class:`dense_vs.recording.Recorder`.
+"""
 
 import argparse
-import csv
 from pathlib import Path
 
 import numpy as np
@@ -17,6 +20,7 @@ VIDEO_QUALITY = 3  # compression artefacts are flow errors
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the command's arguments."""
     parser.add_argument("--out", type=Path, required=True, help="folder for video.mp4, joints.csv and truth.npz")
+    parser.add_argument("--format", default="video", help="video, lerobot or mcap (default: video)")
     parser.add_argument("--seconds", type=float, default=20.0, help="length of the recording (default: 20)")
     parser.add_argument(
         "--log-rate", type=float, default=100.0, metavar="HZ", help="rate of the joint log (default: 100)"
@@ -43,10 +47,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> None:
     """Run the command."""
-    from dense_vs.files import atomic_write, output_folder
+    from dense_vs.files import output_folder
     from dense_vs.flow.estimator import FlowEstimator, to_gray
     from dense_vs.recording.truth_file import TruthFile
-    from dense_vs.recording.video import VideoWriter
+    from dense_vs.recording.writers import FORMATS, open_writer, written
     from dense_vs.robot.babbling import Babbling
     from dense_vs.sims.engine.world import FRAME_SECONDS
 
@@ -57,6 +61,8 @@ def run(arguments: argparse.Namespace) -> None:
         raise DenseVSError(
             "--jitter and --time-offset are finite seconds, --truth-every is a whole number of at least 1"
         )
+    if arguments.format not in FORMATS:
+        raise DenseVSError(f"--format is {arguments.format!r}; expected one of {', '.join(FORMATS)}")
     world = make_world(arguments)
     out = output_folder(arguments.out)
     frames = max(2, round(arguments.seconds / FRAME_SECONDS))
@@ -67,11 +73,11 @@ def run(arguments: argparse.Namespace) -> None:
     truth_times, truth_jacobians, truth_masks = [], [], []
     image = world.frame().rgb
     gray, last_flow = to_gray(image), None
-    with (
-        VideoWriter(out / "video.mp4", 1 / FRAME_SECONDS, quality=VIDEO_QUALITY) as video,
-        progress("record", frames) as bar,
-    ):
-        video.write(image)
+    folder = out if arguments.format == "video" else out / "recording"
+    names = tuple(world.joint_names)
+    writer = open_writer(arguments.format, folder, names, fps=1 / FRAME_SECONDS, quality=VIDEO_QUALITY)
+    with written(writer), progress("record", frames) as bar:
+        writer.add_image(image, world.time)
         bar.update()
         for frame in range(1, frames):
             q = world.joints()[0]
@@ -82,20 +88,16 @@ def run(arguments: argparse.Namespace) -> None:
             image = world.frame().rgb
             previous, gray = gray, to_gray(image)
             last_flow = flow(previous, gray)
-            video.write(image)
+            writer.add_image(image, world.time)
             if frame % arguments.truth_every == 0 or frame == frames - 1:
                 truth_times.append(world.time)
                 truth_jacobians.append(world.true_jacobian())
                 truth_masks.append(world.robot_mask())
             bar.update()
-    times, positions = _sampled(
-        np.concatenate(log_times), np.concatenate(log_positions), arguments.log_rate, arguments.jitter, arguments.seed
-    )
-    with atomic_write(out / "joints.csv", "w") as stream:
-        writer = csv.writer(stream, lineterminator="\n")
-        writer.writerow(["time", *world.joint_names])
+        times, positions = np.concatenate(log_times), np.concatenate(log_positions)
+        times, positions = _sampled(times, positions, arguments.log_rate, arguments.jitter, arguments.seed)
         for time, row in zip(times - arguments.time_offset, positions, strict=True):
-            writer.writerow([f"{time:.6f}", *(f"{q:.8f}" for q in row)])
+            writer.add_joints(row, time)
     truth = TruthFile(tuple(world.joint_names), np.array(truth_times), np.array(truth_jacobians), np.array(truth_masks))
     truth.write(out / "truth.npz")
     print(f"{frames} frames, {len(times)} joint readings, truth at {len(truth_times)} frames in {out}")

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from dense_vs import DenseVSError
-from dense_vs.recording.video import VideoReader, VideoWriter
+from dense_vs.recording import VideoReader, VideoWriter
 
 pytest.importorskip("av", reason="writing video needs PyAV")
 
@@ -110,7 +110,7 @@ def test_refuses_to_write(tmp_path, frames):
 @pytest.mark.parametrize(
     ("content", "message"),
     [
-        (b"", "cannot be opened; expected a file that OpenCV reads"),
+        (b"", "cannot be opened: .*; expected a video file"),
         (b"time,a\n0,1\n", "cannot be opened"),
         (bytes(5000), "cannot be opened"),
     ],
