@@ -1,12 +1,13 @@
 """How much of the image motion J explains one frame ahead: quality without a truth.
 
 E = 1 - sum |u - J dq|^2 / sum |u|^2 over pixels that move by more than 0.7 px, with J as it was before the frame, moved
-along with its own prediction DIJE (14). 1 is all of the motion, 0 is none, and less than 0 is worse than no J. A joint's
+along with its own prediction DIJE (14). 1 is all of the motion, 0 is none; less than 0 is worse than no J. A joint's
 part is the mean of (2 u - J dq) . J_n dq_n over |u|^2; the parts add up to E. Beyond the paper, which has a simulator's
 truth or none.
 """
 
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 
@@ -84,7 +85,7 @@ class ExplainedMotion:
             return [float("nan")] * 4
         edges = np.linspace(self._begin, spans[-1].time, 5)
         edges[0] = -np.inf
-        return [self.explained(a, b) for a, b in zip(edges[:-1], edges[1:], strict=True)]
+        return [self.explained(a, b) for a, b in pairwise(edges)]
 
     def settled(self) -> float:
         """E after the first quarter of the time."""

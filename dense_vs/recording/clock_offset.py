@@ -11,6 +11,7 @@ standard error. Windows overlap by half, so each draw takes half as many.
 """
 
 from dataclasses import dataclass, field
+from typing import Any
 
 import cv2
 import numpy as np
@@ -26,7 +27,8 @@ RIDGE = 0.01  # of the trace; about the noise of coarse flow
 SMOOTHING = 1 / 30  # s; evens out that interpolation between two readings smooths and a reading itself does not
 LEAST_MOTION = 0.02  # px a pair at 160 px width, root mean square: below it there is no motion to compare
 DRAWS = 200
-ENOUGH = 0.7  # confidence from which an offset is used
+ENOUGH = 0.7  # confidence from which an offset is used; joints of other episodes, reversed in time, reach 0.7
+MOST_ERROR = 0.04  # s
 ONE_IMAGE = 1 / 30  # s
 LEAST_DRIFT_SECONDS = 60.0  # a clock's drift shows over minutes
 MOST_PAIRS = 9000  # kept, ten minutes at 15 images a second
@@ -73,7 +75,7 @@ class MotionSamples:
     flows: list[np.ndarray] = field(default_factory=list)
 
     def __post_init__(self):
-        self._flow = cv2.DISOpticalFlow.create(cv2.DISOPTICAL_FLOW_PRESET_FAST)
+        self._flow: Any = cv2.DISOpticalFlow.create(cv2.DISOPTICAL_FLOW_PRESET_FAST)
         self._last: tuple[np.ndarray, float] | None = None
 
     def add(self, gray: np.ndarray, time: float) -> None:
@@ -123,8 +125,11 @@ def find_clock_offset(samples: MotionSamples, log: JointLog, *, seed: int = 0) -
     found = np.array([_peak(curves[chosen].sum(axis=0), lags) for chosen in draws])
     confidence = float(np.mean(np.abs(found - best) < ONE_IMAGE))
     error = float(np.quantile(found, 0.84) - np.quantile(found, 0.16)) / 2
-    if confidence < ENOUGH or abs(best) > REACH - LAG:
-        reason = f"the motion does not tell it well enough (confidence {confidence:.2f}, {ENOUGH} needed)"
+    if confidence < ENOUGH or error > MOST_ERROR or abs(best) > REACH - LAG:
+        reason = (
+            f"the motion does not tell it well enough (confidence {confidence:.2f} and standard error {error:.3f} s; "
+            f"{ENOUGH} and {MOST_ERROR} s are needed)"
+        )
         return ClockOffset(0.0, confidence, error, best=-best, reason=reason)
     drift, middle = _drift(curves, middles, lags, best, draws), float(np.mean(middles))
     return ClockOffset(-best, confidence, error, -drift, middle, -best)

@@ -33,7 +33,7 @@ class ImageFolder:
     """
 
     name = "folder of images and joint log"
-    episodes = (0,)
+    episodes: tuple[int, ...] = (0,)
 
     def __init__(self, path: Path, images: Sequence[Path], joints: Path):
         self.path = path
@@ -52,11 +52,11 @@ class ImageFolder:
                 f"{len(self._log.times)} rows"
             )
 
-    def log(self, _episode: int) -> JointLog:
+    def log(self, episode: int) -> JointLog:
         """All joints."""
         return self._log
 
-    def images(self, _episode: int, _camera: str) -> ImageStream:
+    def images(self, episode: int, camera: str) -> ImageStream:
         """The images in the order of their times."""
         return _ImageFiles(self._files or [])
 

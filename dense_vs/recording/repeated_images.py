@@ -16,6 +16,7 @@ BLOCK = 16  # px
 IDENTICAL = 0.02  # mean difference of gray levels below which nothing was encoded anew
 SURE_DIFFERENCE = 2.5  # mean difference of gray levels that no encoder makes of the same image
 UNEVEN = 4.5  # ratio of the strongest blocks' difference to the median one's; re-encoding made up to 3.8
+LEAST_UNEVEN = 3.0  # gray levels; an encoder that improves a few blocks of the same image made up to 1.9
 EXPLAINED = 0.65  # share of the strongest blocks' difference that a displacement explains; re-encoding up to 0.57
 LEAST_NOISE = 0.3  # gray levels; below it a block's difference counts as none
 WHOLE_IMAGE_NOISE = 0.4  # gray levels; the median block of an image that was encoded anew, at rest
@@ -53,7 +54,7 @@ class ImageChange:
         """Whether something moved in between."""
         if self.identical:
             return False
-        uneven = self.strongest > UNEVEN * self.noise
+        uneven = self.strongest > max(UNEVEN * self.noise, LEAST_UNEVEN)
         directed = self.explained > EXPLAINED and self.strongest > LEAST_NOISE
         return self.mean > SURE_DIFFERENCE or uneven or directed
 

@@ -42,7 +42,7 @@ class RosBag:
         DenseVSError: rosbags is not installed; no bag, damaged, or without joints.
     """
 
-    episodes = (0,)
+    episodes: tuple[int, ...] = (0,)
 
     def __init__(self, path: Path):
         self.path = path
@@ -65,11 +65,11 @@ class RosBag:
         self._log = self._read_joints()
         self.joint_names = self._log.names
 
-    def log(self, _episode: int) -> JointLog:
+    def log(self, episode: int) -> JointLog:
         """All joints; time 0 is the first image's."""
         return self._log
 
-    def images(self, _episode: int, camera: str) -> ImageStream:
+    def images(self, episode: int, camera: str) -> ImageStream:
         """The images of a topic, on the joints' clock."""
         return _BagImages(self, camera)
 

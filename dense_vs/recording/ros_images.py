@@ -100,11 +100,11 @@ class ImageDecoder:
         yield from self._packet(packet)
 
     def _packet(self, packet: Any) -> Iterator[tuple[np.ndarray, float]]:
-        import av
+        from av.error import FFmpegError
 
         try:
             frames = self._codec.decode(packet)
-        except av.FFmpegError as error:
+        except FFmpegError as error:
             raise DenseVSError(f"{self._what} has damaged video: {error.strerror or error}") from error
         for frame in frames:
             if frame.pts in self._times:

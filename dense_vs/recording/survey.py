@@ -1,4 +1,4 @@
-"""What is in an episode, from one pass over it: rates, repeated and missing images, the clock, and the joints' motion."""
+"""What is in an episode, from one pass over it: rates, repeated and missing images, the clock, the joints' motion."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -139,15 +139,14 @@ def joint_motions(log: JointLog) -> tuple[JointMotion, ...]:
     span = max(1, min(round(STEP_SECONDS * rate), len(even) - 1))
     change = np.sqrt(np.mean((even[span:] - even[:-span]) ** 2, axis=0))
     excitation = change / (np.sqrt(2) * noise)
+    excitation = np.minimum(excitation, MOST)
     low, high = log.positions.min(axis=0), log.positions.max(axis=0)
     moves = excitation > MOVES
     moves &= [np.unique(column[:: max(1, len(column) // 10_000)]).size >= DISTINCT for column in log.positions.T]
-    # Trembling is no motion either: its changes are no larger over a fifth of a second than from one reading to the next.
+    # Trembling is no motion either: it changes as much from one reading to the next as over a fifth of a second.
     moves &= change > 1.5 * np.sqrt(np.mean(np.diff(even, axis=0) ** 2, axis=0))
     return tuple(
-        JointMotion(
-            name, float(low[n]), float(high[n]), float(noise[n]), float(min(excitation[n], MOST)), bool(moves[n])
-        )
+        JointMotion(name, float(low[n]), float(high[n]), float(noise[n]), float(excitation[n]), bool(moves[n]))
         for n, name in enumerate(log.names)
     )
 

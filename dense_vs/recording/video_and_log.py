@@ -19,8 +19,8 @@ class VideoAndLog:
     """
 
     name = "video and joint log"
-    cameras = ("video",)
-    episodes = (0,)
+    cameras: tuple[str, ...] = ("video",)
+    episodes: tuple[int, ...] = (0,)
 
     def __init__(self, video: Path, joints: Path):
         self.path = video
@@ -28,10 +28,10 @@ class VideoAndLog:
         self._log = JointLog.read_csv(joints)
         self.joint_names = self._log.names
 
-    def log(self, _episode: int) -> JointLog:
+    def log(self, episode: int) -> JointLog:
         """All joints."""
         return self._log
 
-    def images(self, _episode: int, _camera: str) -> ImageStream:
+    def images(self, episode: int, camera: str) -> ImageStream:
         """The video's images, from its beginning."""
         return VideoReader(self.path)

@@ -1,5 +1,6 @@
 """What to do about a recording, in words."""
 
+import math
 from collections.abc import Sequence
 from typing import Any
 
@@ -35,7 +36,7 @@ def advice(summary: dict[str, Any]) -> list[str]:
         together=summary["joints_moved_together"],
     )
     explained = summary["explained_motion"]
-    if explained != explained:  # NaN: nothing moved
+    if math.isnan(explained):
         lines.append("Nothing moved in the images by more than 0.7 px a frame: J is not known.")
     elif explained < LITTLE_EXPLAINED:
         lines.append(

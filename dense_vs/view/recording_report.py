@@ -1,4 +1,4 @@
-"""One picture of an estimate from a recording: motion explained, by time and by joint, joints' motion, J over the image."""
+"""One picture of an estimate from a recording: the motion explained, by time and by joint, the joints, and J."""
 
 import os
 from typing import Any
