@@ -10,6 +10,7 @@ is the share of these answers within 1/30 s of the one for all windows; their sp
 standard error. Windows overlap by half, so each draw takes half as many.
 """
 
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -164,18 +165,19 @@ def _window_curves(
         if end - first >= LEAST_PAIRS:
             windows.append((first, end))
         start += WINDOW / 2
-    steps = [_joint_steps(pairs[first:end], times, joints, lags) for first, end in windows]
-    energies = [motion[first:end] @ motion[first:end].T for first, end in windows]
+
+    def each_window() -> Iterator[tuple[np.ndarray, np.ndarray]]:
+        """Joint steps and products of the flows; made anew, as those of a long recording would fill the memory."""
+        for first, end in windows:
+            yield _joint_steps(pairs[first:end], times, joints, lags), motion[first:end] @ motion[first:end].T
+
     # A joint that by itself predicts little of the motion, as one that only shivers, must not dilute the others.
-    singly = [
-        np.sum(
-            [_predicted(step[:, :, n : n + 1], energy) for step, energy in zip(steps, energies, strict=True)], axis=0
-        )
-        for n in range(joints.shape[1])
-    ]
-    weights = np.maximum([curve.max() if np.ndim(curve) else 0.0 for curve in singly], 0.0)
-    weights = (weights / max(weights.max(initial=0.0), 1e-12)) ** 2
-    curves = [_predicted(step * weights, energy) for step, energy in zip(steps, energies, strict=True)]
+    singly = np.zeros((joints.shape[1], len(lags)))
+    for steps, energy in each_window():
+        singly += [_predicted(steps[:, :, n : n + 1], energy) for n in range(joints.shape[1])]
+    weights = np.maximum(singly.max(axis=1), 0.0)
+    weights = (weights / max(weights.max(), 1e-12)) ** 2
+    curves = [_predicted(steps * weights, energy) for steps, energy in each_window()]
     middles = [0.5 * (pairs[first, 0] + pairs[end - 1, 1]) for first, end in windows]
     return np.array(curves), np.array(middles)
 

@@ -116,7 +116,9 @@ class ParquetColumns:
         except DenseVSError:
             raise
         except self._errors as error:
-            raise DenseVSError(f"cannot read {self.path} as a parquet file: {error}") from error
+            raise DenseVSError(
+                f"cannot read {self.path} as a parquet file: {' '.join(str(error).split())[:300]}"
+            ) from error
 
 
 def _fixed(kind: Any) -> bool:

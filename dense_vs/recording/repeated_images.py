@@ -108,8 +108,7 @@ class RepetitionFilter:
         self.repeated = 0
         self._meter = ChangeMeter()
         self._kept: np.ndarray | None = None
-        self._held: list[ImageChange] = []
-        self._last_held: np.ndarray | None = None
+        self._held: list[ImageChange | None] = []  # None where it is counted
 
     def keep(self, gray: np.ndarray) -> bool:
         """Whether the next image, gray uint8 ``(H, W)``, is to be used with the last kept one."""
@@ -119,15 +118,10 @@ class RepetitionFilter:
             self._kept = image
             return True
         change = self._meter.change(self._kept, image)
-        if not change.moved:
-            self._count_identical(change)
-            if len(self._held) < LONGEST_REPETITION:
-                self._held.append(change)
-                return False
-        else:
-            self.repeated += sum(
-                _would_have_shown(change, held, (k + 1) / (len(self._held) + 1)) for k, held in enumerate(self._held)
-            )
+        self._count(change)
+        if not change.moved and len(self._held) < LONGEST_REPETITION:
+            self._held.append(change)
+            return False
         self._held = []
         self._kept = image
         return True
@@ -136,13 +130,19 @@ class RepetitionFilter:
         """Forget the last image, after a gap."""
         self._kept, self._held = None, []
 
-    def _count_identical(self, change: ImageChange) -> None:
-        """Images that were equal to the kept one before a whole image was encoded anew, though nothing moved."""
-        if change.identical or change.usual < WHOLE_IMAGE_NOISE:
-            return
-        again = sum(held.identical for held in self._held)
-        self.repeated += again
-        self._held = [held for held in self._held if not held.identical]
+    def _count(self, change: ImageChange) -> None:
+        """Count the images held back that this one proves to be repetitions.
+
+        It does by a motion that had shown in them, or by a whole image encoded anew where they were equal bit by bit.
+        """
+        anew = not change.identical and change.usual >= WHOLE_IMAGE_NOISE
+        for k, held in enumerate(self._held):
+            if held is None:
+                continue
+            share = (k + 1) / (len(self._held) + 1)
+            if (anew and held.identical) or (change.moved and _would_have_shown(change, held, share)):
+                self.repeated += 1
+                self._held[k] = None
 
 
 def _would_have_shown(change: ImageChange, held: ImageChange, share: float) -> bool:

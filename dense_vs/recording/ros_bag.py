@@ -144,9 +144,8 @@ class RosBag:
             raise
         except (Exception, SqliteError) as error:
             # The library reads a damaged file until something breaks, in any of many ways.
-            raise DenseVSError(
-                f"{self.path} cannot be read as a ROS bag: {type(error).__name__}: {str(error)[:300]}"
-            ) from error
+            reason = " ".join(str(error).split())[:300]
+            raise DenseVSError(f"{self.path} cannot be read as a ROS bag: {type(error).__name__}: {reason}") from error
 
 
 class _BagImages:

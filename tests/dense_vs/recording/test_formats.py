@@ -131,7 +131,9 @@ def test_image_folders(tmp_path, how):
     folder = tmp_path / "images"
     folder.mkdir()
     start = 1_600_000_000 if how == "nanoseconds" else 0
-    names = [f"{round((start + t) * 1e9)}.png" if how == "nanoseconds" else f"image_{k}.png" for k, t in enumerate(times)]
+    names = [
+        f"{round((start + t) * 1e9)}.png" if how == "nanoseconds" else f"image_{k}.png" for k, t in enumerate(times)
+    ]
     for name, image in zip(names, images, strict=True):
         cv2.imwrite(str(folder / name), image)
     with open(folder / "log.csv", "w") as log:
