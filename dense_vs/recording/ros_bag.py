@@ -1,8 +1,8 @@
 """ROS 1 and ROS 2 bags (.bag, .mcap, sqlite3) by the rosbags package; no ROS is needed.
 
-Joints are ``sensor_msgs/JointState``; cameras are ``sensor_msgs/Image``, ``CompressedImage`` (JPEG, PNG, H.264, HEVC)
-and ``CompressedVideo``. Only these types are decoded, by definitions of our own: what a bag says about its types would
-become code. Times are the headers' stamps, or the times of arrival where a camera or the joints have none.
+Joints are ``sensor_msgs/JointState``; cameras are ``sensor_msgs/Image``, ``CompressedImage`` (JPEG, PNG, H.264, HEVC),
+``CompressedVideo`` and ``FFMPEGPacket``. Only these types are decoded, by definitions of our own: what a bag says about
+its types would become code. Times are the headers' stamps, or the times of arrival where a camera or the joints have none.
 """
 
 from collections import defaultdict
@@ -23,8 +23,13 @@ CAMERAS = (
     "sensor_msgs/msg/Image",
     "sensor_msgs/msg/CompressedImage",
     "foxglove_msgs/msg/CompressedVideo",
+    "ffmpeg_image_transport_msgs/msg/FFMPEGPacket",
 )
-COMPRESSED_VIDEO = "builtin_interfaces/Time timestamp\nstring frame_id\nuint8[] data\nstring format\n"
+VIDEO_TYPES = {
+    CAMERAS[2]: "builtin_interfaces/Time timestamp\nstring frame_id\nuint8[] data\nstring format\n",
+    CAMERAS[3]: "std_msgs/Header header\nint32 width\nint32 height\nstring encoding\nuint64 pts\nuint8 flags\n"
+    "bool is_bigendian\nuint8[] data\n",
+}
 USUAL_JOINT_TOPIC = "joint_states"
 MAX_READINGS = 50_000_000  # numbers of all joints
 NOT_STAMPED = 1.0  # s since 1970; header stamps below it were never set
@@ -197,5 +202,6 @@ def _type_store(ros1: bool) -> Any:
             "reading ROS bags needs rosbags, which is not installed; pip install 'dense-vs[recordings]'"
         ) from error
     store = get_typestore(Stores.ROS1_NOETIC if ros1 else Stores.ROS2_JAZZY)
-    store.register(get_types_from_msg(COMPRESSED_VIDEO, CAMERAS[2]))
+    for name, definition in VIDEO_TYPES.items():
+        store.register(get_types_from_msg(definition, name))
     return store

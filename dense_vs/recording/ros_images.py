@@ -52,12 +52,13 @@ class ImageDecoder:
         Raises:
             DenseVSError: an encoding that is not known, or damaged data.
         """
-        if hasattr(message, "encoding"):
+        if hasattr(message, "step"):
             yield self._raw(message), time
             return
-        form = message.format.lower()
+        form = (message.format if hasattr(message, "format") else message.encoding).lower()
         codec = next((VIDEO[name] for name in VIDEO if name in form), None)
         data = bytes(message.data)
+        check_size(max(getattr(message, "width", 1), 1), max(getattr(message, "height", 1), 1), self._what)
         if codec is None:
             yield read_image(data, f"image at {time:.3f} s of {self._what}"), time
         else:

@@ -6,6 +6,13 @@ from fractions import Fraction
 import numpy as np
 
 SIZE = (96, 128)
+FOXGLOVE = "foxglove_msgs/msg/CompressedVideo"
+FFMPEG = "ffmpeg_image_transport_msgs/msg/FFMPEGPacket"
+VIDEO_TYPES = {
+    FOXGLOVE: "builtin_interfaces/Time timestamp\nstring frame_id\nuint8[] data\nstring format\n",
+    FFMPEG: "std_msgs/Header header\nint32 width\nint32 height\nstring encoding\nuint64 pts\nuint8 flags\n"
+    "bool is_bigendian\nuint8[] data\n",
+}
 
 
 def moving_images(count, pixels=2.0, size=SIZE, seed=0):
@@ -125,7 +132,7 @@ def ros_bag(path, kind="mcap", image="raw", frames=12, encoding="rgb8", stamped=
     from rosbags.rosbag1 import Writer as Writer1
     from rosbags.rosbag2 import StoragePlugin
     from rosbags.rosbag2 import Writer as Writer2
-    from rosbags.typesys import Stores, get_typestore
+    from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
     ros1 = kind == "ros1"
     store = get_typestore(Stores.ROS1_NOETIC if ros1 else Stores.ROS2_JAZZY)
@@ -133,6 +140,8 @@ def ros_bag(path, kind="mcap", image="raw", frames=12, encoding="rgb8", stamped=
     storage = StoragePlugin.MCAP if kind == "mcap" else StoragePlugin.SQLITE3
     writer = Writer1(path) if ros1 else Writer2(path, version=9, storage_plugin=storage)
     serialize = store.serialize_ros1 if ros1 else store.serialize_cdr
+    for name, definition in VIDEO_TYPES.items():
+        store.register(get_types_from_msg(definition, name))
 
     def header(time):
         nanoseconds = round((time if stamped else 0.0) * 1e9)
@@ -142,7 +151,8 @@ def ros_bag(path, kind="mcap", image="raw", frames=12, encoding="rgb8", stamped=
 
     with writer:
         joint_type = "sensor_msgs/msg/JointState"
-        image_type = "sensor_msgs/msg/Image" if image == "raw" else "sensor_msgs/msg/CompressedImage"
+        kinds = {"raw": "sensor_msgs/msg/Image", "foxglove": FOXGLOVE, "ffmpeg": FFMPEG}
+        image_type = kinds.get(image, "sensor_msgs/msg/CompressedImage")
         joints = writer.add_connection("/joint_states", joint_type, typestore=store)
         camera = writer.add_connection("/camera/image", image_type, typestore=store)
         messages = []
@@ -152,7 +162,7 @@ def ros_bag(path, kind="mcap", image="raw", frames=12, encoding="rgb8", stamped=
             if k % 2:
                 names, q = names[::-1], q[::-1].copy()
             messages.append((time, joints, types[joint_type](header(time), names, q, none, none)))
-        packets = _packets(moving_images(frames)) if image == "h264" else [None] * frames
+        packets = _packets(moving_images(frames)) if image in ("h264", "foxglove", "ffmpeg") else [None] * frames
         for k, (rgb, packet) in enumerate(zip(moving_images(frames), packets, strict=True)):
             time = start + k / 30
             if image == "raw":
@@ -160,6 +170,13 @@ def ros_bag(path, kind="mcap", image="raw", frames=12, encoding="rgb8", stamped=
                 width = rgb.shape[1] * 3
                 raw = np.pad(shown.reshape(rgb.shape[0], width), ((0, 0), (0, 4))).ravel()  # padded rows
                 content = types[image_type](header(time), *rgb.shape[:2], encoding, 0, width + 4, raw)
+            elif image == "foxglove":
+                stamp = header(time).stamp
+                content = types[image_type](stamp, "camera", np.frombuffer(packet, np.uint8), "h264")
+            elif image == "ffmpeg":
+                height, width = rgb.shape[:2]
+                data = np.frombuffer(packet, np.uint8)
+                content = types[image_type](header(time), width, height, "h264", k, 0, False, data)
             elif image == "h264":
                 content = types[image_type](header(time), "h264", np.frombuffer(packet, np.uint8))
             else:

@@ -10,7 +10,7 @@ from dense_vs.flow.estimator import to_gray
 from dense_vs.recording import MotionSamples, find_clock_offset
 from dense_vs.robot.babbling import Babbling
 
-FRAMES = 120
+FRAMES = 100
 
 
 @pytest.fixture(scope="module")

@@ -97,6 +97,8 @@ def test_partial_downloads_offer_what_is_there(tmp_path):
         ("mcap", "raw", "rgb8"),
         ("mcap", "png", ""),
         ("mcap", "h264", ""),
+        ("mcap", "foxglove", ""),
+        ("sqlite3", "ffmpeg", ""),
         ("sqlite3", "raw", "bgr8"),
         ("sqlite3", "jpeg", ""),
         ("ros1", "raw", "bgr8"),
