@@ -3,7 +3,6 @@
 from collections.abc import Iterator
 from typing import Any
 
-import cv2
 import numpy as np
 
 from dense_vs.errors import DenseVSError
@@ -11,10 +10,9 @@ from dense_vs.flow.estimator import FlowEstimator
 from dense_vs.jacobian.estimator import DenseJacobian
 from dense_vs.pipeline.explained_motion import ExplainedMotion
 from dense_vs.pipeline.frame_pipeline import Frame, FramePipeline, scaled_size
-from dense_vs.recording import ClockOffset, Episode, Recording, RepetitionFilter
-from dense_vs.recording import Frame as RecordedFrame
+from dense_vs.recording import ClockOffset, Episode, Recording
+from dense_vs.recording.distinct_images import DistinctImages
 from dense_vs.recording.prefetch import prefetch
-from dense_vs.recording.survey import is_gap
 
 
 class RecordedEstimate:
@@ -30,9 +28,6 @@ class RecordedEstimate:
     Attributes:
         estimator: the estimator.
         explained: how much of the motion it explains so far.
-        images: images within the joint log so far.
-        repeated: images among them that repeated the one before; their joint steps go with the next image.
-        gaps: places at which images are missing, over which nothing is learned.
         last_frame: the last one, None before the first.
 
     Raises:
@@ -68,8 +63,7 @@ class RecordedEstimate:
             )
         self.episode, self.estimator = episode, start
         self.explained = ExplainedMotion(joints)
-        self._repetition = RepetitionFilter()
-        self.images = self.gaps = 0
+        self._distinct = DistinctImages((), self.fps)
         self.last_frame: Frame | None = None
         self._squared_steps, self._steps = np.zeros(joints), 0
         self._pipeline = FramePipeline(
@@ -81,9 +75,19 @@ class RecordedEstimate:
         self.episode = self.episode.shifted(offset)
 
     @property
+    def images(self) -> int:
+        """Images within the joint log so far."""
+        return self._distinct.images
+
+    @property
     def repeated(self) -> int:
-        """Images so far that repeated the one before."""
-        return self._repetition.repeated
+        """Images among them that repeat the one before; their joint steps go with the next image."""
+        return self._distinct.repeated
+
+    @property
+    def gaps(self) -> int:
+        """Places at which images are missing, over which nothing is learned."""
+        return len(self._distinct.gaps)
 
     @property
     def usual_step(self) -> np.ndarray:
@@ -96,25 +100,15 @@ class RecordedEstimate:
         Raises:
             DenseVSError: fewer than two images within the log, or a damaged file, at that point.
         """
-        for recorded, gap in prefetch(self._distinct()):
-            if gap:
+        stamped = ((frame.image, frame.time) for frame in self.episode)
+        self._distinct = DistinctImages(stamped, self.fps)
+        log = self.episode.log
+        for found in prefetch(self._distinct):
+            if found.after_gap:
                 self._pipeline.restart()
-            self.last_frame = self._pipeline.process(recorded.image, recorded.time, recorded.joints)
+            joints = log.at(np.clip([found.time], log.times[0], log.times[-1]))[0]
+            self.last_frame = self._pipeline.process(found.image, found.time, joints)
             yield self.last_frame, self.estimator
-
-    def _distinct(self) -> Iterator[tuple[RecordedFrame, bool]]:
-        """Images that are no repetition, and whether images are missing before them; runs on the reading thread."""
-        last, gap = None, False
-        for recorded in self.episode:
-            self.images += 1
-            if last is not None and is_gap(recorded.time - last, 1 / self.fps):
-                self._repetition.restart()
-                self.gaps += 1
-                gap = True
-            last = recorded.time
-            if self._repetition.keep(cv2.cvtColor(recorded.image, cv2.COLOR_RGB2GRAY)):
-                yield recorded, gap
-                gap = False
 
     def _judge(self, time: float, flow: Any, dq: Any) -> None:
         self.explained.observe(time, flow, self.estimator.to_numpy(), dq)

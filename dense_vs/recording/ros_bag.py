@@ -2,7 +2,7 @@
 
 Joints are ``sensor_msgs/JointState``; cameras are ``sensor_msgs/Image``, ``CompressedImage`` (JPEG, PNG, H.264, HEVC),
 ``CompressedVideo`` and ``FFMPEGPacket``. Only these types are decoded, by definitions of our own: what a bag says about
-its types would become code. Times are the headers' stamps, or the times of arrival where a camera or the joints have none.
+its types would become code. Times are the headers' stamps, or those of arrival where a camera or the joints have none.
 """
 
 from collections import defaultdict

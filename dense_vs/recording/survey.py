@@ -1,18 +1,16 @@
 """What is in an episode, from one pass over it: rates, repeated and missing images, the clock, the joints' motion."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
-import cv2
 import numpy as np
 
 from dense_vs.recording.clock_offset import ClockOffset, MotionSamples, find_clock_offset
+from dense_vs.recording.distinct_images import DistinctImages
 from dense_vs.recording.frame import rate_of
 from dense_vs.recording.joint_log import JointLog
 from dense_vs.recording.recording import Episode
-from dense_vs.recording.repeated_images import RepetitionFilter
 
-GAP = 2.5  # times the usual step between images
 MOVES = 20.0  # excitation from which a joint moved enough; trembling of a real arm held still makes 8 to 40
 MOST = 9999.0  # excitation that is shown; a simulated joint has no noise at all
 DISTINCT = 5  # readings; an encoder at rest jumps between two or three
@@ -85,45 +83,42 @@ def survey_episode(episode: Episode, on_image: Callable[[], object] | None = Non
         DenseVSError: damaged images.
     """
     stream = episode.images()
-    repetition, motion, times, kept = RepetitionFilter(), MotionSamples(), [], 0
-    for image, time in stream:
-        gray = cv2.cvtColor(image, cv2.COLOR_RGB2GRAY)
-        if times and is_gap(time - times[-1], 1 / stream.fps):
-            repetition.restart()
+    motion, times = MotionSamples(), []
+
+    def stamped() -> Iterator[tuple[np.ndarray, float]]:
+        for image, time in stream:
+            times.append(time)
+            yield image, time
+            if on_image is not None:
+                on_image()
+
+    distinct = DistinctImages(stamped(), stream.fps)
+    for found in distinct:
+        if found.after_gap:
             motion.restart()
-        times.append(time)
-        if repetition.keep(gray):
-            kept += 1
-            motion.add(gray, time)
-        if on_image is not None:
-            on_image()
+        motion.add(found.gray, found.time)
     steps = np.diff(times)
     usual = float(np.median(steps)) if steps.size else 1 / stream.fps
     lost = np.round(steps / usual).astype(int) - 1 if usual > 0 else np.zeros(0, int)
     seconds = float(times[-1] - times[0]) if times else 0.0
     joints = joint_motions(episode.log)
     moving = [joint.name for joint in joints if joint.moves]
-    found = find_clock_offset(motion, episode.log.select(moving)) if moving else None
+    offset = find_clock_offset(motion, episode.log.select(moving)) if moving else None
     return Survey(
         images=len(times),
         seconds=seconds,
         fps=1 / usual if usual > 0 else stream.fps,
-        distinct_fps=(len(times) - repetition.repeated - 1) / seconds if seconds > 0 else 0.0,
-        repeated=repetition.repeated,
+        distinct_fps=(len(times) - distinct.repeated - 1) / seconds if seconds > 0 else 0.0,
+        repeated=distinct.repeated,
         missing=int(lost.sum()),
-        gaps=tuple(float(t) for t, step in zip(times, steps, strict=False) if is_gap(step, usual)),
+        gaps=tuple(distinct.gaps),
         joint_rate=rate_of(episode.log.times),
         height=stream.height,
         width=stream.width,
-        offset=found or ClockOffset(0.0, 0.0, float("nan"), reason="no joint moves"),
+        offset=offset or ClockOffset(0.0, 0.0, float("nan"), reason="no joint moves"),
         joints=joints,
         together=moved_together(episode.log, moving),
     )
-
-
-def is_gap(step: float, usual: float) -> bool:
-    """Whether images are missing, so that flow and joint step across it would be wrong [s]."""
-    return step > GAP * usual
 
 
 def joint_motions(log: JointLog) -> tuple[JointMotion, ...]:

@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 from shared_data import SHARED_DATA
 
-from dense_vs.recording import MotionSamples, RepetitionFilter, find_clock_offset, open_recording
+from dense_vs.recording import MotionSamples, find_clock_offset, open_recording
+from dense_vs.recording.distinct_images import DistinctImages
 
 FOLDER = SHARED_DATA / "g1_reach"
 pytestmark = pytest.mark.skipif(not FOLDER.is_dir(), reason=f"{FOLDER} is not there")
@@ -13,18 +14,15 @@ EPISODE = 43
 
 @pytest.fixture(scope="module")
 def read():
-    """An episode, which of its images were kept, their motion, and how many repeat."""
+    """An episode, the times of its distinct images, their motion, and what was counted."""
     pytest.importorskip("pyarrow", reason="LeRobot folders need pyarrow")
-    import cv2
-
     episode = open_recording(FOLDER, episode=EPISODE, joint_names=["kRight[SEW]*"]).episode()
-    repetition, motion, kept = RepetitionFilter(), MotionSamples(), []
-    for image, time in episode.images():
-        gray = cv2.cvtColor(image, cv2.COLOR_RGB2GRAY)
-        kept.append(repetition.keep(gray))
-        if kept[-1]:
-            motion.add(gray, time)
-    return episode, np.array(kept), motion, repetition.repeated
+    motion, times = MotionSamples(), []
+    distinct = DistinctImages(episode.images(), 30.0)
+    for found in distinct:
+        times.append(found.time)
+        motion.add(found.gray, found.time)
+    return episode, np.array(times), motion, distinct
 
 
 def test_what_is_there():
@@ -37,12 +35,15 @@ def test_what_is_there():
 
 
 def test_images_come_twice(read):
-    _, kept, _, repeated = read
-    assert len(kept) == 394
-    # 15 images a second in a file of 30; few steps are one image or three, where the phase slips.
-    assert 0.45 < kept.mean() < 0.55
-    assert np.mean(np.diff(np.flatnonzero(kept)) == 2) > 0.8
-    assert 0.4 < repeated / 394 < 0.5
+    _, times, _, distinct = read
+    assert distinct.images == 394
+    # 15 images a second in a file of 30; the slips of one image and three are evened out.
+    assert 0.45 < len(times) / 394 < 0.55
+    steps = np.diff(times)
+    assert np.median(steps) == pytest.approx(1 / 15, abs=0.002)
+    assert np.mean(np.abs(steps - 1 / 15) < 0.02) > 0.85
+    assert 0.4 < distinct.repeated / 394 < 0.5
+    assert not distinct.gaps
 
 
 @pytest.mark.parametrize("shift", [-0.2, -0.1, 0.1, 0.2])

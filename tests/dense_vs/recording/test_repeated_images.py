@@ -101,6 +101,33 @@ def test_joint_steps_of_repetitions_are_joined(tmp_path):
     np.testing.assert_allclose(np.diff([f.time for f in frames]).mean(), 2 / 30, rtol=0.1)
 
 
+def test_a_slip_of_the_recorder_is_evened_out():
+    """A camera of exactly 15 Hz, sampled by a recorder whose grid of 30 Hz slips now and then."""
+    from dense_vs.recording.distinct_images import DistinctImages
+
+    random = np.random.default_rng(6)
+    every = moving_images(61, 1.5, SIZE)
+    taken = 2.0 * np.arange(30)  # camera, in steps of the file
+    seen = taken + np.where(random.uniform(size=30) < 0.2, 1, 0)  # one step late
+    shown = [int(np.searchsorted(seen, k, side="right")) - 1 for k in range(60)]
+    images = [(every[int(taken[max(n, 0)])], k / 30) for k, n in enumerate(shown)]
+    found = list(DistinctImages(images, 30.0))
+    assert len(found) == 30
+    times = np.array([image.time for image in found]) * 30
+    error = np.std(times - taken)  # what is late on the average belongs to the clock's offset
+    assert error < 0.6 * np.std(seen - taken)
+    assert np.all(np.diff(times) > 0)
+
+
+def test_stamps_of_a_camera_without_repetitions_are_kept():
+    from dense_vs.recording.distinct_images import DistinctImages
+
+    random = np.random.default_rng(6)
+    stamps = np.arange(40) / 30 + random.uniform(0, 0.02, 40)
+    images = zip(moving_images(40, 1.5, SIZE), stamps.tolist(), strict=True)
+    np.testing.assert_array_equal([found.time for found in DistinctImages(images, 30.0)], stamps)
+
+
 def test_nothing_is_learned_across_a_gap(tmp_path):
     import cv2
 
