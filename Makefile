@@ -2,6 +2,8 @@
 PYTHON ?= python3
 VENV ?= .venv
 RUN := $(VENV)/bin
+# A module's tests stay together, as its fixtures are costly; 'make test TESTS=tests/kernels' runs some of them.
+TESTS ?= -n 2 --dist loadscope
 
 .PHONY: demo test check docs bench clean
 .DELETE_ON_ERROR:
@@ -10,7 +12,7 @@ demo: $(VENV)/.sims
 	$(RUN)/dense-vs reach --robot arm --targets 5 --seed 0 --out out/demo
 
 test: $(VENV)/.dev
-	$(RUN)/python -m pytest
+	$(RUN)/python -m pytest $(TESTS)
 
 check: $(VENV)/.dev
 	$(RUN)/ruff check .

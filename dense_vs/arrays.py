@@ -10,9 +10,10 @@ import numpy as np
 import warp as wp
 
 from dense_vs.errors import DenseVSError
+from dense_vs.kernels.views import seen_as
 
 
-def _host_or_gpu(value: Any, name: str, expected: str) -> Any:
+def host_or_gpu(value: Any, name: str, expected: str) -> Any:
     """The value as a NumPy array, or as a Warp array where it lies on a GPU."""
     if isinstance(value, wp.array):
         device: Any = value.device
@@ -46,7 +47,7 @@ def vec2_image(value: Any, name: str, shape: tuple[int, int, int], device: wp.De
     full = (*shape, 2)
     accepted = (full, full[1:]) if shape[0] == 1 else (full,)
     expected = f"a float32 array of shape {accepted[-1]}"
-    array = _host_or_gpu(value, name, expected)
+    array = host_or_gpu(value, name, expected)
     if isinstance(array, np.ndarray):
         got, dtype_name = array.shape, array.dtype.name
     else:
@@ -57,9 +58,7 @@ def vec2_image(value: Any, name: str, shape: tuple[int, int, int], device: wp.De
     if isinstance(array, np.ndarray):
         contiguous = np.ascontiguousarray(array).reshape(full)
         return wp.array(contiguous, dtype=wp.vec2, device=device, copy=not device.is_cpu)
-    contiguous = array.contiguous()
-    image = wp.array(ptr=contiguous.ptr, dtype=wp.vec2, shape=shape, device=contiguous.device)
-    image._source = contiguous  # the view does not own the memory
+    image = seen_as(array.contiguous(), wp.vec2, shape)
     return image if image.device == device else image.to(device)
 
 
@@ -71,7 +70,7 @@ def real_vector(value: Any, name: str, shape: tuple[int, ...], dtype: Any = np.f
     """
     shown = str(tuple("any" if n < 0 else n for n in shape)).replace("'", "")
     expected = f"finite floating-point numbers of shape {shown}"
-    array = _host_or_gpu(value, name, expected)
+    array = host_or_gpu(value, name, expected)
     if isinstance(array, wp.array):
         array = array.numpy()
     fits = array.ndim == len(shape) and all(want in (-1, got) for want, got in zip(shape, array.shape, strict=True))

@@ -17,6 +17,7 @@ from metrics import Metric, add_report_arguments, report
 
 from dense_vs.device import resolve_device
 from dense_vs.jacobian.filter import JacobianFilter
+from dense_vs.point_servo import ReachEnd
 from dense_vs.sims import BatchServo, DomainRandomization, SimWorld
 from dense_vs.sims.batch.episode import EpisodeOptions
 
@@ -151,8 +152,8 @@ def reach_metrics(arguments: argparse.Namespace, device: wp.Device) -> list[Metr
     errors = results.true_error_px
     metrics = [
         Metric(f"share of reaches within {WITHIN_PX:g} px, {label}", np.mean(errors < WITHIN_PX), "1", "higher", 0.01),
-        Metric(f"share reached, {label}", np.mean(results.outcome == "reached"), "1", "higher", 0.01),
-        Metric(f"share lost, {label}", np.mean(results.outcome == "lost"), "1", "lower", 0.01),
+        Metric(f"share reached, {label}", np.mean(results.outcome == ReachEnd.REACHED), "1", "higher", 0.01),
+        Metric(f"share lost, {label}", np.mean(results.outcome == ReachEnd.LOST), "1", "lower", 0.01),
         Metric(f"true error, median, {label}", float(np.nanmedian(errors)), "px", "lower", 0.05),
         Metric(f"true error, 95th percentile, {label}", float(np.nanpercentile(errors, 95)), "px", "lower", 0.1),
         Metric(f"worlds restarted, {label}", float(np.sum(results.restarts > 0)), "1", "lower", 0.0),

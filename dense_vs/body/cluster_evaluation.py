@@ -1,17 +1,17 @@
-"""How likely each cluster of J is part of the robot's body: the evaluation in Algorithm 1 of DIJE.
+"""How likely each cluster of J is part of the robot's body: the evaluation in DIJE Algorithm 1.
 
-A cluster inherits the value of the previous cluster whose centre is nearest to its own, changed by how far it has
+A cluster inherits the value of the previous cluster whose center is nearest to its own, changed by how far it has
 moved:
 
-    consistency = 1 / sqrt(dist / |centre| + 0.1)        value <- value x 0.1 (consistency - 1) + 1
+    consistency = 1 / sqrt(dist / |center| + 0.1)        value <- value x 0.1 (consistency - 1) + 1
 
 and the values are normalized to a sum of 1. By the usual precedence this is (value x 0.1 (consistency - 1)) + 1,
 which leaves every value near 1 and so near 1 / K after the normalization. Read as a product,
 value x (0.1 (consistency - 1) + 1), what is inherited multiplies from run to run until one cluster has nearly
 all of it. Both are here; the paper's threshold of 0.2 is 1 / K for its K = 5.
 
-The ratio dist / |centre| is ill-conditioned for a centre near zero, that of a background which J still knows
-little about. A centre at zero says that nothing moves there and counts as inconsistent: consistency 0.
+The ratio dist / |center| is ill-conditioned for a center near zero, that of a background which J still knows
+little about. A center at zero says that nothing moves there and counts as inconsistent: consistency 0.
 """
 
 from typing import Literal, get_args
@@ -24,16 +24,16 @@ Reading = Literal["printed", "product"]
 
 
 def evaluate_clusters(
-    centres: np.ndarray,
-    previous_centres: np.ndarray | None,
+    centers: np.ndarray,
+    previous_centers: np.ndarray | None,
     previous_evaluation: np.ndarray | None,
     reading: Reading = "printed",
 ) -> np.ndarray:
     """Values of the clusters, float64 ``(k,)`` that sum to 1; of equal distances the lowest index inherits.
 
     Args:
-        centres: ``(k, 2, N)``.
-        previous_centres, previous_evaluation: ``(m, 2, N)`` and ``(m,)`` of the run before; None or empty in the first.
+        centers: ``(k, 2, N)``.
+        previous_centers, previous_evaluation: ``(m, 2, N)`` and ``(m,)`` of the run before; None or empty in the first.
         reading: of the formula.
 
     Raises:
@@ -41,12 +41,12 @@ def evaluate_clusters(
     """
     if reading not in get_args(Reading):
         raise DenseVSError(f"reading is {reading!r}; expected one of {', '.join(get_args(Reading))}")
-    values = np.ones(len(centres))
-    if previous_centres is not None and previous_evaluation is not None and len(previous_centres):
-        for k, centre in enumerate(centres.astype(np.float64)):
-            distances = np.linalg.norm(previous_centres.astype(np.float64) - centre, axis=(1, 2))
+    values = np.ones(len(centers))
+    if previous_centers is not None and previous_evaluation is not None and len(previous_centers):
+        for k, center in enumerate(centers.astype(np.float64)):
+            distances = np.linalg.norm(previous_centers.astype(np.float64) - center, axis=(1, 2))
             nearest = int(np.argmin(distances))
-            size = np.linalg.norm(centre)
+            size = np.linalg.norm(center)
             consistency = 1.0 / np.sqrt(distances[nearest] / size + 0.1) if size > 0 else 0.0
             change = 0.1 * (consistency - 1.0)
             inherited = previous_evaluation[nearest]

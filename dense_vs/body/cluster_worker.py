@@ -1,4 +1,4 @@
-"""Algorithm 1 of DIJE beside the frame loop: k-means of J and the values of its clusters, a run at a time.
+"""DIJE Algorithm 1 beside the frame loop: k-means of J and the values of its clusters, one run at a time.
 
 A run has a thread of its own, on a GPU a stream of its own too; k-means takes one CPU core. What comes while a run
 is under way is not queued, so a slow run costs freshness and never a frame. A run that raises leaves the last
@@ -20,7 +20,7 @@ State = Literal["waiting", "ready", "behind", "failed"]
 
 @dataclass(frozen=True)
 class SelfBodyStatus:
-    """How Algorithm 1 gets on.
+    """State of Algorithm 1.
 
     Attributes:
         state: ``"waiting"``, there are no clusters yet; ``"ready"``; ``"behind"``, they are of more than ``max_lag``
@@ -40,9 +40,9 @@ class SelfBodyStatus:
 
 @dataclass(frozen=True)
 class EvaluatedClusters:
-    """What a run gives for one world: centres ``(k, 2, N)`` and their values ``(k,)``."""
+    """What a run gives for one world: centers ``(k, 2, N)`` and their values ``(k,)``."""
 
-    centres: np.ndarray
+    centers: np.ndarray
     evaluation: np.ndarray
 
 
@@ -92,7 +92,7 @@ class ClusterWorker:
         Args:
             jacobian: (B, H, W) of (2, N); copied.
             members: (B, H, W) int8, pixels that count: those above 0; all for None.
-            warm: begin k-means with the last centres where they are K.
+            warm: begin k-means with the last centers where they are K.
         """
         self.poll()
         self._lag += 1
@@ -127,7 +127,7 @@ class ClusterWorker:
         if error is not None:
             return False
         results = run.result()
-        if not any(len(result.centres) for result in results):
+        if not any(len(result.centers) for result in results):
             return False  # nothing to cluster yet
         self.results = results
         self._runs += 1
@@ -169,25 +169,25 @@ def run_algorithm_1(
     warm: bool,
     reading: Reading,
 ) -> list[EvaluatedClusters]:
-    """One pass of Algorithm 1's loop, a result a world.
+    """One pass of the loop in DIJE Algorithm 1, a result for each world.
 
     Args:
         k_means: holds J and which pixels count.
         rngs: of the seeding, a world each.
         previous: results of the last pass; empty in the first.
-        warm: begin with the last pass's centres, where they are as many as wanted.
+        warm: begin with the last pass's centers, where they are as many as wanted.
         reading: of the evaluation's formula.
     """
     starts: list[np.ndarray | None] = [None] * len(rngs)
     if warm and previous:
-        starts = [last.centres if len(last.centres) == k_means.clusters else None for last in previous]
+        starts = [last.centers if len(last.centers) == k_means.clusters else None for last in previous]
     found = k_means(rngs, starts)
     results = []
     for world, clusters in enumerate(found):
         last = previous[world] if previous else None
-        if not len(clusters.centres) and last is not None:
+        if not len(clusters.centers) and last is not None:
             results.append(last)  # nothing to cluster: what is known stays
             continue
-        before = (last.centres, last.evaluation) if last is not None else (None, None)
-        results.append(EvaluatedClusters(clusters.centres, evaluate_clusters(clusters.centres, *before, reading)))
+        before = (last.centers, last.evaluation) if last is not None else (None, None)
+        results.append(EvaluatedClusters(clusters.centers, evaluate_clusters(clusters.centers, *before, reading)))
     return results

@@ -11,10 +11,11 @@ from typing import Any
 import numpy as np
 import warp as wp
 
-from dense_vs.errors import DenseVSError
+from dense_vs.checks import check_number
 from dense_vs.kernels.body.motion_evidence import self_motion_kernels
 from dense_vs.kernels.jacobian.covariance import update_shared_covariance
 from dense_vs.kernels.launch import PixelLaunch
+from dense_vs.kernels.views import seen_as
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -44,12 +45,10 @@ class SelfMotionOptions:
     def __post_init__(self):
         for field in fields(self):
             value = getattr(self, field.name)
-            most = 1.0 if field.name in ("decay", "unexplained") else np.inf
-            number = isinstance(value, (int, float, np.number)) and not isinstance(value, bool)
-            if not number or not np.isfinite(value) or not 0 <= value <= most:
-                raise DenseVSError(f"{field.name} is {value!r}; expected a number from 0 to {most:g}")
-            if value == 0 and field.name in ("measurement_noise", "initial_variance"):
-                raise DenseVSError(f"{field.name} is {value!r}; expected a number above 0")
+            if field.name in ("measurement_noise", "initial_variance"):
+                check_number(field.name, value, above=0)
+            else:
+                check_number(field.name, value, least=0, most=1 if field.name in ("decay", "unexplained") else None)
 
 
 class SelfMotion:
@@ -135,7 +134,7 @@ class SelfMotion:
 
     def _record(self) -> None:
         options, kernels = self.options, self._kernels
-        dq, gain = (_as_vectors(array, kernels.JointVector) for array in (self._dq, self._gain))
+        dq, gain = (seen_as(array, kernels.JointVector, array.shape[:1]) for array in (self._dq, self._gain))
         noises = [options.process_noise, 0.0, options.measurement_noise, options.initial_variance, 0.0, 0.0]
         constants = [options.decay, options.rest, options.still, options.due]
         self._update_gain: list[Any] = []
@@ -161,10 +160,3 @@ class SelfMotion:
 
     def _pixels(self, kernel: Any, arguments: list[Any]) -> PixelLaunch:
         return PixelLaunch(kernel, self.shape, arguments, self.device, self.threads)
-
-
-def _as_vectors(array: wp.array, dtype: Any) -> wp.array:
-    """A (B, N) float array seen as (B,) vectors; keeps the memory."""
-    view: Any = wp.array(ptr=array.ptr, dtype=dtype, shape=array.shape[:1], device=array.device)
-    view._source = array
-    return view

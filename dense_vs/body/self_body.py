@@ -1,4 +1,4 @@
-"""Which pixels are the robot's own body: DIJE section IV-A, Algorithms 1 and 2, and a better rule.
+"""Which pixels are the robot's own body: DIJE Algorithm 1, DIJE Algorithm 2, and a better rule.
 
 Algorithm 1 clusters J by k-means beside the frame loop and values each cluster by how consistent it is over time;
 Algorithm 2 gives every pixel of every frame the nearest cluster and its label. Both see J only. Beyond the paper,
@@ -22,6 +22,7 @@ from dense_vs.body.cluster_worker import ClusterWorker, EvaluatedClusters, SelfB
 from dense_vs.body.host_mirror import HostMirror
 from dense_vs.body.k_means import MAX_CLUSTERS
 from dense_vs.body.motion_evidence import SelfMotion, SelfMotionOptions
+from dense_vs.checks import check_choice, check_flag, check_number, check_whole
 from dense_vs.device import resolve_device, resolve_threads
 from dense_vs.errors import DenseVSError
 from dense_vs.jacobian.image import array_shape, jacobian_image
@@ -52,7 +53,7 @@ class SelfBody:
         max_lag: submissions without new clusters after which the state says ``"behind"``.
         motion: constants of the energies.
         device: ``"auto"``, ``"cpu"`` or ``"cuda:N"``.
-        threads: CPU threads of the labelling; Algorithm 1 takes one. Any number gives the same bits.
+        threads: CPU threads of the labeling; Algorithm 1 takes one. Any number gives the same bits.
 
     Raises:
         DenseVSError: an argument out of range.
@@ -77,23 +78,21 @@ class SelfBody:
         device: str = "auto",
         threads: int | None = None,
     ):
-        self.clusters_wanted = _whole("clusters", clusters, 1, MAX_CLUSTERS)
-        self.threshold = _number("threshold", threshold, 0.0, 1.0)
-        if method not in get_args(Method):
-            raise DenseVSError(f"method is {method!r}; expected one of {', '.join(get_args(Method))}")
-        if reading not in get_args(Reading):
-            raise DenseVSError(f"reading is {reading!r}; expected one of {', '.join(get_args(Reading))}")
+        self.clusters_wanted = check_whole("clusters", clusters, least=1, most=MAX_CLUSTERS)
+        self.threshold = check_number("threshold", threshold, least=0, most=1)
+        check_choice("method", method, get_args(Method))
+        check_choice("reading", reading, get_args(Reading))
         if min_jacobian is None:
             min_jacobian = 0.0 if method == "paper" else 6.0
         self.method: Method = method
-        self.min_jacobian = _number("min_jacobian", min_jacobian, 0.0, np.inf)
+        self.min_jacobian = check_number("min_jacobian", min_jacobian, least=0)
         self.device, self.threads = resolve_device(device), resolve_threads(threads)
-        self._worlds = _whole("worlds", worlds, 1, 65536)
+        self._worlds = check_whole("worlds", worlds, least=1, most=65536)
         self._worker_options: dict[str, Any] = {
-            "seed": _whole("seed", seed, 0, 2**63),
-            "synchronous": bool(synchronous),
+            "seed": check_whole("seed", seed, least=0),
+            "synchronous": check_flag("synchronous", synchronous),
             "reading": reading,
-            "max_lag": _whole("max_lag", max_lag, 1, 2**31),
+            "max_lag": check_whole("max_lag", max_lag, least=1),
         }
         self._motion_options = SelfMotionOptions() if motion is None else motion
         if not isinstance(self._motion_options, SelfMotionOptions):
@@ -116,7 +115,8 @@ class SelfBody:
             DenseVSError: it has another one already.
         """
         if self._shape is None:
-            self._prepare(_whole("height", height, 2, 16384), _whole("width", width, 2, 16384), joints)
+            height = check_whole("height", height, least=2, most=16384)
+            self._prepare(height, check_whole("width", width, least=2, most=16384), joints)
         elif (*self._shape[1:], self._joints) != (height, width, joints):
             raise DenseVSError(
                 f"body is for {self._shape[1:]} pixels and {self._joints} joints; "
@@ -224,14 +224,14 @@ class SelfBody:
 
     @property
     def centres(self) -> Any:
-        """Centres of the clusters, float32 ``(k, 2, N)`` [px/rad]; a list where there are several worlds."""
+        """Centers of the clusters, float32 ``(k, 2, N)`` [px/rad]; a list where there are several worlds."""
         empty = np.zeros((0, 2, self._joints), np.float32)
-        centres = [result.centres.copy() for result in self._results()] or [empty] * self._worlds
-        return centres[0] if self._worlds == 1 else centres
+        centers = [result.centers.copy() for result in self._results()] or [empty] * self._worlds
+        return centers[0] if self._worlds == 1 else centers
 
     @property
     def status(self) -> SelfBodyStatus:
-        """How Algorithm 1 gets on."""
+        """State of Algorithm 1."""
         self._adopt()
         return SelfBodyStatus() if self._worker is None else self._worker.status()
 
@@ -259,14 +259,14 @@ class SelfBody:
 
     def _prepare(self, height: int, width: int, joints: int) -> None:
         """Allocate for a size."""
-        joints = _whole("joints", joints, 1, 64)
+        joints = check_whole("joints", joints, least=1, most=64)
         shape, device = (self._worlds, height, width), self.device
         self._shape, self._joints = shape, joints
         kernels = kmeans_kernels(joints)
         self._worker = ClusterWorker(shape, joints, self.clusters_wanted, device, **self._worker_options)
         if self.method == "motion":
             self._motion = SelfMotion(shape, joints, device, self.threads, self._motion_options)
-        self._centres = HostMirror((self._worlds, self.clusters_wanted), kernels.Jacobian, device)
+        self._centers = HostMirror((self._worlds, self.clusters_wanted), kernels.Jacobian, device)
         self._count = HostMirror((self._worlds,), wp.int32, device)
         self._own = HostMirror((self._worlds, self.clusters_wanted), wp.int8, device)
         self._cluster_index: Any = wp.zeros(shape, dtype=wp.int8, device=device)
@@ -291,9 +291,9 @@ class SelfBody:
         return self._cluster_label
 
     def _assign(self, image: Any) -> None:
-        """Algorithm 2."""
+        """DIJE Algorithm 2."""
         self._adopt()
-        table = [self._centres.array, self._count.array, self._own.array, self.min_jacobian**2]
+        table = [self._centers.array, self._count.array, self._own.array, self.min_jacobian**2]
         arguments = [image, *table, self._cluster_index, self._cluster_label]
         assert self._shape is not None
         PixelLaunch(kmeans_kernels(self._joints).assign, self._shape, arguments, self.device, self.threads)()
@@ -303,11 +303,11 @@ class SelfBody:
         if self._worker is None or not self._worker.poll():
             return
         for world, result in enumerate(self._worker.results):
-            count = len(result.centres)
-            self._centres.host[world, :count] = result.centres
+            count = len(result.centers)
+            self._centers.host[world, :count] = result.centers
             self._count.host[world] = count
             self._own.host[world, :count] = result.evaluation > self.threshold
-        for mirror in (self._centres, self._count, self._own):
+        for mirror in (self._centers, self._count, self._own):
             mirror.up(None)
 
     def _results(self) -> list[EvaluatedClusters]:
@@ -316,16 +316,3 @@ class SelfBody:
 
     def _unbatch(self, array: np.ndarray) -> np.ndarray:
         return array[0] if self._worlds == 1 else array
-
-
-def _whole(name: str, value: Any, least: int, most: int) -> int:
-    if isinstance(value, bool) or not isinstance(value, (int, np.integer)) or not least <= value <= most:
-        raise DenseVSError(f"{name} is {value!r}; expected a whole number from {least} to {most}")
-    return int(value)
-
-
-def _number(name: str, value: Any, least: float, most: float) -> float:
-    number = isinstance(value, (int, float, np.number)) and not isinstance(value, bool)
-    if not number or np.isnan(value) or np.isinf(value) or not least <= value <= most:
-        raise DenseVSError(f"{name} is {value!r}; expected a number from {least:g} to {most:g}")
-    return float(value)

@@ -10,28 +10,30 @@ import argparse
 import time
 from contextlib import nullcontext
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
+from dense_vs.cli.options import add_device_arguments
 from dense_vs.cli.recording_options import add_recording_arguments, episode_numbers, open_chosen
 from dense_vs.errors import DenseVSError
-from dense_vs.files import write_json
+from dense_vs.files import output_folder, write_json
+from dense_vs.jacobian.error import jacobian_error
+from dense_vs.jacobian.estimator import DenseJacobian
+from dense_vs.pipeline.explained_motion import share_of_pixels_known
+from dense_vs.pipeline.recorded import RecordedEstimate
+from dense_vs.recording import ClockOffset, Recording, TruthFile, VideoWriter, survey_episode
+from dense_vs.recording.survey import joint_motions, moved_together
+from dense_vs.view.advice import advice
+from dense_vs.view.panels import JacobianView, as_rgb, label, tile
 from dense_vs.view.progress import progress
 from dense_vs.view.provenance import versions
+from dense_vs.view.recording_report import write_report
 from dense_vs.view.tables import table
-
-if TYPE_CHECKING:
-    from dense_vs.jacobian.estimator import DenseJacobian
-    from dense_vs.recording import Recording, TruthFile
-
-HELP = "estimate the dense image Jacobian from a recording"
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the command's arguments."""
-    from dense_vs.cli.options import add_device_arguments
-
     add_recording_arguments(parser)
-    parser.add_argument("--out", type=Path, required=True, help="folder for the results")
+    parser.add_argument("--out", type=Path, required=True, metavar="DIR", help="folder for the results")
     parser.add_argument(
         "--episodes", metavar="A:B", help="estimate these episodes one after the other, A to B - 1; J is carried on"
     )
@@ -44,17 +46,30 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "motion (default: auto)",
     )
     parser.add_argument(
-        "--scale", type=float, default=1.0, help="factor on the image size, 0.5 in the paper (default: 1)"
+        "--scale", type=float, default=1.0, metavar="X", help="factor on the image size; DIJE halves it (default: 1)"
     )
     parser.add_argument(
         "--every", type=int, default=150, metavar="FRAMES", help="save J every so many frames (default: 150)"
     )
-    parser.add_argument("--flow", default="dis", metavar="METHOD", help="optical flow method (default: dis)")
     parser.add_argument(
-        "--covariance", default="shared", help="shared, diagonal (the paper's), fixed or full (default: shared)"
+        "--flow",
+        default="dis",
+        metavar="METHOD",
+        help="optical flow method; an unknown one lists them all (default: dis)",
     )
-    parser.add_argument("--prediction", default="model", help="model (14), flow (13) or none (default: model)")
-    parser.add_argument("--no-video", action="store_true", help="do not draw the visualisation video")
+    parser.add_argument(
+        "--covariance",
+        default="shared",
+        metavar="FORM",
+        help="of the filter: shared, diagonal as in DIJE, fixed or full (default: shared)",
+    )
+    parser.add_argument(
+        "--prediction",
+        default="model",
+        metavar="FORM",
+        help="how J follows the moving image: model, DIJE (14), flow, DIJE (13), or none (default: model)",
+    )
+    parser.add_argument("--no-video", action="store_true", help="do not draw the visualization video")
     parser.add_argument(
         "--truth", type=Path, metavar="NPZ", help="true Jacobians that 'dense-vs record' wrote; prints the error"
     )
@@ -63,10 +78,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> None:
     """Run the command."""
-    from dense_vs.files import output_folder
-    from dense_vs.jacobian.estimator import DenseJacobian
-    from dense_vs.recording.truth_file import TruthFile
-
     if arguments.every < 1:
         raise DenseVSError(f"--every is {arguments.every}; expected a whole number of at least 1")
     offset = _time_offset(arguments.time_offset)
@@ -111,21 +122,14 @@ def run(arguments: argparse.Namespace) -> None:
 
 def _episode(
     arguments: argparse.Namespace,
-    recording: "Recording",
+    recording: Recording,
     number: int | None,
     out: Path,
     offset: float | None,
-    start: "DenseJacobian | None",
-    truth: "TruthFile | None",
-) -> "tuple[dict[str, Any], DenseJacobian]":
+    start: DenseJacobian | None,
+    truth: TruthFile | None,
+) -> tuple[dict[str, Any], DenseJacobian]:
     """Estimate one episode and write its results; its summary and the estimator after it."""
-    from dense_vs.pipeline.recorded import RecordedEstimate
-    from dense_vs.recording.clock_offset import ClockOffset
-    from dense_vs.recording.survey import joint_motions, moved_together, survey_episode
-    from dense_vs.recording.video_writer import VideoWriter
-    from dense_vs.view.advice import advice
-    from dense_vs.view.recording_report import write_report
-
     episode = recording.episode(number)
     done = RecordedEstimate(
         episode if offset is None else episode.shifted(offset),
@@ -171,8 +175,6 @@ def _episode(
 def _summary(
     done: Any, clock: Any, motions: Any, together: Any, errors: list[dict[str, Any]], seconds: float
 ) -> dict[str, Any]:
-    from dense_vs.pipeline.explained_motion import share_of_pixels_known
-
     estimator, names = done.estimator, done.episode.log.names
     return {
         "recording": str(done.episode.source.path),
@@ -239,15 +241,13 @@ def _time_offset(text: str) -> float | None:
         raise DenseVSError(f"--time-offset is {text!r}; expected auto or seconds") from None
 
 
-def _error(truth: "TruthFile | None", frame: Any, estimator: "DenseJacobian", scale: float) -> list[dict[str, Any]]:
-    from dense_vs.jacobian.error import jacobian_error
-
+def _error(truth: TruthFile | None, frame: Any, estimator: DenseJacobian, scale: float) -> list[dict[str, Any]]:
     if truth is None or (true := truth.at(frame.time, scale)) is None:
         return []
     return [{"time": frame.time, **vars(jacobian_error(estimator.to_numpy(), *true))}]
 
 
-def _print_errors(path: Path, truth: "TruthFile", errors: list[dict[str, Any]]) -> None:
+def _print_errors(path: Path, truth: TruthFile, errors: list[dict[str, Any]]) -> None:
     if not errors:
         raise DenseVSError(
             f"{path} has no truth within the estimated frames; it covers {truth.times[0]:.3f} to "
@@ -257,9 +257,7 @@ def _print_errors(path: Path, truth: "TruthFile", errors: list[dict[str, Any]]) 
     print(table(["time [s]", "J error median", "90 %", "median 3 px inside"], rows))
 
 
-def _picture(frame: Any, estimator: "DenseJacobian", names: tuple[str, ...]) -> Any:
-    from dense_vs.view.panels import JacobianView, as_rgb, label, tile
-
+def _picture(frame: Any, estimator: DenseJacobian, names: tuple[str, ...]) -> Any:
     view = JacobianView(names)
     panels = [label(as_rgb(frame.image), f"camera {frame.time:.2f} s"), view.flow(frame.flow, "flow u")]
     panels += [view.flow(estimator.predicted_flow(frame.dq), "predicted flow J dq")]

@@ -7,10 +7,10 @@ the clocks, the range of each joint, and which joints move enough to be learned.
 import argparse
 
 from dense_vs.cli.recording_options import add_recording_arguments, open_chosen
+from dense_vs.recording import survey_episode
+from dense_vs.view.advice import survey_advice
 from dense_vs.view.progress import progress
 from dense_vs.view.tables import table
-
-HELP = "show what is in a recording"
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -20,9 +20,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> None:
     """Run the command."""
-    from dense_vs.recording.survey import survey_episode
-    from dense_vs.view.advice import survey_advice
-
     recording = open_chosen(arguments)
     episode = recording.episode()
     with progress("reading", episode.images().frame_count) as bar:

@@ -2,12 +2,9 @@
 
 import argparse
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from dense_vs.errors import DenseVSError
-
-if TYPE_CHECKING:
-    from dense_vs.recording import Recording
+from dense_vs.recording import Recording, open_recording
 
 
 def add_recording_arguments(parser: argparse.ArgumentParser) -> None:
@@ -27,10 +24,8 @@ def add_recording_arguments(parser: argparse.ArgumentParser) -> None:
     )
 
 
-def open_chosen(arguments: argparse.Namespace) -> "Recording":
+def open_chosen(arguments: argparse.Namespace) -> Recording:
     """The recording that the arguments name."""
-    from dense_vs.recording.open_recording import open_recording
-
     names = arguments.joint_names.split(",") if arguments.joint_names else None
     return open_recording(
         arguments.path, arguments.joints, episode=arguments.episode, camera=arguments.camera, joint_names=names

@@ -5,6 +5,7 @@ from typing import Any
 import numpy as np
 import warp as wp
 
+from dense_vs.checks import check_whole
 from dense_vs.device import resolve_device, resolve_threads, room_for
 from dense_vs.errors import DenseVSError
 from dense_vs.kernels.flow.farneback import SMALLEST_IMAGE, Farneback, FarnebackOptions
@@ -65,8 +66,7 @@ class BatchFlow:
             ("height", height, SMALLEST_IMAGE),
             ("width", width, SMALLEST_IMAGE),
         ):
-            if not isinstance(value, (int, np.integer)) or value < least:
-                raise DenseVSError(f"{name} is {value!r}; expected a whole number of at least {least}")
+            check_whole(name, value, least=least)
         self.device: Any = resolve_device(device)
         self._threads = resolve_threads(threads)
         with room_for("batch flow", worlds, BYTES_PER_PIXEL * height * width, self.device):

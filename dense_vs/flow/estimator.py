@@ -1,4 +1,4 @@
-"""Dense optical flow between two grey images, in the convention that DIJE's equations (13) to (15) use.
+"""Dense optical flow between two gray images, in the convention of DIJE (13) to DIJE (15).
 
 ``u(x)`` is stored at the pixels of the present frame and points from where the surface point was to where it
 is: ``x - u(x)`` is its old place. OpenCV's functions answer at the pixels of their first image, so they are
@@ -11,6 +11,7 @@ from typing import Any
 import cv2
 import numpy as np
 
+from dense_vs.checks import check_whole
 from dense_vs.errors import DenseVSError
 
 
@@ -95,11 +96,9 @@ class FlowEstimator:
     ):
         if not isinstance(method, str) or method not in METHODS:
             raise DenseVSError(f"flow method {method!r} is unknown; expected one of {', '.join(METHODS)}")
-        for name, value in (("height", height), ("width", width)):
-            if not isinstance(value, (int, np.integer)) or value < 16:
-                raise DenseVSError(f"{name} is {value!r}; expected a whole number of at least 16")
         self.method = method
-        self.height, self.width = int(height), int(width)
+        self.height = check_whole("height", height, least=16)
+        self.width = check_whole("width", width, least=16)
         self._calculate = METHODS[method](device, threads) if method in ON_DEVICE else METHODS[method]()
 
     def __call__(self, previous_gray: Any, gray: Any) -> np.ndarray:
@@ -126,7 +125,7 @@ class FlowEstimator:
 
 
 def to_gray(image: Any) -> np.ndarray:
-    """Grey image, uint8 ``(H, W)``, of an RGB ``(H, W, 3)`` or already grey uint8 image.
+    """Gray image, uint8 ``(H, W)``, of an RGB ``(H, W, 3)`` or already gray uint8 image.
 
     Raises:
         DenseVSError: another shape or dtype.

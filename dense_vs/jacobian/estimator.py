@@ -1,15 +1,16 @@
 """The dense image Jacobian estimator: a Kalman filter at every pixel, DIJE section III.
 
-``u = J dq`` relates the optical flow u [px] of a pixel to the joint step dq [rad] between two frames (1).
-Each frame the estimate is moved with the image (13), (14) and corrected by the flow (9) to (12). Beyond the
-paper, and measured better: one full covariance that all pixels share, for it holds no image data; the image
-Hessian dJ/dq estimated beside J, so that J follows the posture (both in ``kernels/covariance.py``); process
-noise that grows with the motion; a second step of the fixed point that (14) begins.
+``u = J dq`` relates the optical flow u [px] of a pixel to the joint step dq [rad] between two frames, DIJE (1); it is
+the observation of the filter, DIJE (2) to (4). Each frame the estimate is moved with the image, DIJE (8) by (13) or
+(14), and corrected by the flow, DIJE (9) to (12). Beyond the paper, and measured better: one full covariance in place
+of the diagonal one of DIJE (5), shared by all pixels, as it depends on no image data; the image Hessian dJ/dq
+estimated beside J, so that J follows the posture (both in ``kernels/jacobian/covariance.py``); process noise that
+grows with the motion; a second step of the fixed point that DIJE (14) begins.
 """
 
 import json
 import os
-from dataclasses import asdict, fields
+from dataclasses import asdict
 from typing import Any
 
 import numpy as np
@@ -20,7 +21,8 @@ from dense_vs.device import resolve_device, resolve_threads, room_for
 from dense_vs.errors import DenseVSError
 from dense_vs.files import atomic_write, read_arrays
 from dense_vs.jacobian.filter import JacobianFilter, filter_bytes
-from dense_vs.jacobian.options import JacobianOptions
+from dense_vs.jacobian.options import CovarianceForm, JacobianOptions, OnBadFlow, Prediction
+from dense_vs.kernels.views import seen_as
 
 FORMAT = "dense-vs dense image Jacobian"
 FORMAT_VERSION = 1
@@ -29,13 +31,33 @@ FORMAT_VERSION = 1
 class DenseJacobian:
     """Estimates, frame by frame, how every pixel of the image answers to every joint.
 
+    Units are px and rad (m for a prismatic joint). Only the ratios of the three variances matter: scaling all of
+    them leaves J as it is.
+
     Args:
+        height, width: image size [px].
+        joints: number of joints N.
+        worlds: independent estimates kept side by side.
+        order: 2 also estimates the image Hessian dJ/dq, so that J follows the posture; 1 takes J as constant at a point
+            of the body, as the paper does. 2 unless given, for ``"shared"`` with up to 6 joints.
+        covariance: ``"shared"``, one full N x N matrix for the image; ``"diagonal"``, a variance per pixel and joint,
+            DIJE (9) to (11); ``"fixed"``, the constant weight of DIJE (12); ``"full"``, an N x N matrix per pixel.
+        prediction: what J is moved by: ``"model"``, J dq, DIJE (14); ``"flow"``, DIJE (13); ``"none"``.
+        prediction_iterations: steps of y = x - J(y) dq in ``"model"``, 1 to 3; 1 is DIJE (14) as printed.
+        process_noise: variance that J gains per squared joint step [px^2/rad^4]; 300 unless given, 1e4 in order 1.
+        drift_noise: variance that J gains per update, q of DIJE (9) [px^2/rad^2].
+        measurement_noise: variance r of a flow component [px^2]; rho of DIJE (12) in ``"fixed"``.
+        initial_variance: p0 [px^2/rad^2]; the weight W of DIJE (12) in ``"fixed"``.
+        hessian_noise: variance that H gains per squared joint step [px^2/rad^6].
+        initial_hessian_variance: variance of H at the start, and its bound [px^2/rad^4].
+        max_variance: bound on a variance of J [px^2/rad^2]; ``initial_variance`` unless given.
+        move_variance: whether ``"diagonal"`` moves the variance with J.
+        on_bad_flow: ``"error"`` refuses a flow with a value that is not finite; ``"skip"`` only predicts there.
         device: ``"auto"``, ``"cpu"`` or ``"cuda:N"``.
-        threads: CPU threads; default ``DENSE_VS_THREADS`` or all allowed cores. Any number gives the same bits.
-        options: the fields of :class:`JacobianOptions`; ``height``, ``width`` and ``joints`` are required.
+        threads: CPU threads; ``DENSE_VS_THREADS`` or all allowed cores unless given. Any number gives the same bits.
 
     Raises:
-        DenseVSError: an option that is unknown or out of range, or a GPU whose memory does not suffice.
+        DenseVSError: an option out of range, or a GPU whose memory does not suffice.
 
     The variance stays in place while J moves, as in the paper; shared by all pixels it would not change if it moved.
 
@@ -43,15 +65,48 @@ class DenseJacobian:
     dimensions (see :class:`dense_vs.Babbling`) it is not to be used.
     """
 
-    def __init__(self, *, device: str = "auto", threads: int | None = None, **options: Any):
-        known = [field.name for field in fields(JacobianOptions)]
-        for name in options:
-            if name not in known:
-                raise DenseVSError(f"unknown option {name!r}; expected device, threads or {', '.join(known)}")
-        for name in ("height", "width", "joints"):
-            if name not in options:
-                raise DenseVSError(f"option {name!r} is missing; height, width and joints are required")
-        self.options = JacobianOptions(**options)
+    def __init__(
+        self,
+        *,
+        height: int,
+        width: int,
+        joints: int,
+        worlds: int = 1,
+        order: int | None = None,
+        covariance: CovarianceForm = "shared",
+        prediction: Prediction = "model",
+        prediction_iterations: int = 2,
+        process_noise: float | None = None,
+        drift_noise: float = 0.0,
+        measurement_noise: float = 0.01,
+        initial_variance: float = 1e4,
+        hessian_noise: float = 1000.0,
+        initial_hessian_variance: float = 1e4,
+        max_variance: float | None = None,
+        move_variance: bool = False,
+        on_bad_flow: OnBadFlow = "error",
+        device: str = "auto",
+        threads: int | None = None,
+    ):
+        self.options = JacobianOptions(
+            height=height,
+            width=width,
+            joints=joints,
+            worlds=worlds,
+            order=order,
+            covariance=covariance,
+            prediction=prediction,
+            prediction_iterations=prediction_iterations,
+            process_noise=process_noise,
+            drift_noise=drift_noise,
+            measurement_noise=measurement_noise,
+            initial_variance=initial_variance,
+            hessian_noise=hessian_noise,
+            initial_hessian_variance=initial_hessian_variance,
+            max_variance=max_variance,
+            move_variance=move_variance,
+            on_bad_flow=on_bad_flow,
+        )
         self.device = resolve_device(device)
         self.threads = resolve_threads(threads)
         with room_for("a dense image Jacobian", self.options.worlds, filter_bytes(self.options), self.device):
@@ -72,9 +127,7 @@ class DenseJacobian:
         if self.options.worlds > 1:
             return present
         shape = (self.options.height, self.options.width, 2, self.options.joints)
-        scalars: Any = wp.array(ptr=present.ptr, dtype=wp.float32, shape=shape, device=self.device)
-        scalars._source = present  # the view does not own the memory
-        return scalars
+        return seen_as(present, wp.float32, shape)
 
     def to_numpy(self) -> np.ndarray:
         """J as NumPy, ``(H, W, 2, N)``: the view of :attr:`jacobian` on a CPU, a copy from a GPU."""
@@ -83,7 +136,7 @@ class DenseJacobian:
 
     @property
     def variance(self) -> np.ndarray:
-        """Variance of each column of J, float32 ``(H, W, N)`` [px^2/rad^2], the same for its x and y rows (6)."""
+        """Variance of J's columns, float32 ``(H, W, N)`` [px^2/rad^2], the same for the rows x and y, DIJE (6), (7)."""
         joints = self.options.joints
         stored = self.filter.covariance[self.filter.now].numpy()
         if self.options.covariance == "diagonal":
@@ -113,7 +166,7 @@ class DenseJacobian:
         return int(counts[0]) if self.options.worlds == 1 else counts
 
     def update(self, flow: Any, dq: Any) -> None:
-        """Take one frame: move J with the image, then correct it by the flow.
+        """Take one frame: move J with the image, DIJE (8), then correct it by the flow, DIJE (10).
 
         Args:
             flow: ``(H, W, 2)`` float32 [px per frame], stored at the pixels of the present frame and pointing
@@ -143,7 +196,7 @@ class DenseJacobian:
         return self._unbatch(self.filter.predicted_flow(self._joint_step(dq)).numpy())
 
     def at(self, points: Any) -> np.ndarray:
-        """J at image points by bilinear interpolation (16).
+        """J at image points by bilinear interpolation, DIJE (16).
 
         Args:
             points: ``(K, 2)`` x, y [px], ``(worlds, K, 2)`` for several worlds; outside the image the nearest

@@ -25,6 +25,7 @@ from dense_vs.kernels.jacobian.covariance import (
 from dense_vs.kernels.jacobian.image_jacobian import forget_state, jacobian_kernels
 from dense_vs.kernels.jacobian.state_image import Layout, group_size
 from dense_vs.kernels.launch import PixelLaunch, launch_pixels
+from dense_vs.kernels.views import seen_as
 
 
 class JacobianFilter:
@@ -116,9 +117,9 @@ class JacobianFilter:
         self.update_gain[self.now]()
         self.predict[self.now]()
         self.correct[self.now]()
-        self.turn()
+        self.swap()
 
-    def turn(self) -> None:
+    def swap(self) -> None:
         """Let the two halves of the buffers change roles; for those who replay what they captured."""
         self.now = 1 - self.now
         self._present_known = False
@@ -168,7 +169,7 @@ class JacobianFilter:
         row = wp.empty_like(self.regressor)
         wp.launch(regressors, dim=row.shape, inputs=[dq, displacement], outputs=[row], device=self.device)
         out: Any = wp.empty_like(self.flow)
-        arguments = [self.state[self.now], _seen_as(row, self.kernels.StateRow, row.shape[:1]), out]
+        arguments = [self.state[self.now], seen_as(row, self.kernels.StateRow, row.shape[:1]), out]
         launch_pixels(self.kernels.predicted_flow, self.shape, arguments, self.device, self.threads)
         return out
 
@@ -197,7 +198,7 @@ class JacobianFilter:
         else:
             self.state = pair(self.shape, kernels.State)
             shape = (worlds, height, 2 * columns * width)
-        self._floats = [_seen_as(array, wp.float32, shape) for array in self.state]
+        self._floats = [seen_as(array, wp.float32, shape) for array in self.state]
         self.covariance = pair(self.shape, per_pixel) if per_pixel else pair((worlds, columns, columns), wp.float64)
         if options.covariance == "fixed":
             self.covariance[1] = self.covariance[0]
@@ -227,8 +228,8 @@ class JacobianFilter:
 
     def _record(self) -> None:
         options, kernels = self.options, self.kernels
-        regressor, gain = (_seen_as(array, kernels.StateRow, array.shape[:1]) for array in (self.regressor, self.gain))
-        dq = _seen_as(self.dq, kernels.JointVector, self.dq.shape[:1])
+        regressor, gain = (seen_as(array, kernels.StateRow, array.shape[:1]) for array in (self.regressor, self.gain))
+        dq = seen_as(self.dq, kernels.JointVector, self.dq.shape[:1])
         by_model = options.prediction == "model"
         iterations = {"model": options.prediction_iterations, "flow": 1, "none": 0}[options.prediction]
         taps = RowTaps.empty(options.height, options.width, self.device)
@@ -288,10 +289,3 @@ def filter_bytes(options: JacobianOptions) -> int:
 
 def _nothing() -> None:
     pass
-
-
-def _seen_as(array: wp.array, dtype: Any, shape: tuple[int, ...]) -> wp.array:
-    """The same memory as elements of another type and shape."""
-    view: Any = wp.array(ptr=array.ptr, dtype=dtype, shape=shape, device=array.device)
-    view._source = array
-    return view

@@ -5,8 +5,9 @@ from typing import Any
 import numpy as np
 import warp as wp
 
-from dense_vs.arrays import _host_or_gpu
+from dense_vs.arrays import host_or_gpu
 from dense_vs.errors import DenseVSError
+from dense_vs.kernels.views import seen_as
 
 
 def array_shape(value: Any) -> tuple[int, ...]:
@@ -30,7 +31,7 @@ def jacobian_image(value: Any, shape: tuple[int, int, int], joints: int, device:
     full = (*shape, 2, joints)
     accepted = (full, full[1:]) if shape[0] == 1 else (full,)
     expected = f"a float32 array of shape {accepted[-1]}"
-    array = _host_or_gpu(value, "jacobian", expected)
+    array = host_or_gpu(value, "jacobian", expected)
     got = array_shape(array)
     dtype = array.dtype
     name = dtype.name if isinstance(array, np.ndarray) else getattr(dtype, "_wp_scalar_type_", dtype).__name__
@@ -40,11 +41,7 @@ def jacobian_image(value: Any, shape: tuple[int, int, int], joints: int, device:
     if isinstance(array, np.ndarray):
         contiguous = np.ascontiguousarray(array).reshape(full)
         if device.is_cpu:
-            image: Any = wp.array(ptr=contiguous.ctypes.data, dtype=matrix, shape=shape, device=device)
-            image._source = contiguous  # the view does not own the memory
-            return image
+            return seen_as(contiguous, matrix, shape)
         return wp.array(contiguous, dtype=matrix, device=device)
-    contiguous = array.contiguous()
-    image = wp.array(ptr=contiguous.ptr, dtype=matrix, shape=shape, device=contiguous.device)
-    image._source = contiguous
+    image = seen_as(array.contiguous(), matrix, shape)
     return image if image.device == device else image.to(device)

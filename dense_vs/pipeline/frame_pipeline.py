@@ -1,4 +1,4 @@
-"""One camera frame through the estimator: grey, flow, joint step, J. The same for a live robot and a recording."""
+"""One camera frame through the estimator: gray image, flow, joint step, J; for a live robot and for a recording."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -9,6 +9,7 @@ import numpy as np
 
 from dense_vs.arrays import real_vector
 from dense_vs.body.self_body import SelfBody
+from dense_vs.checks import check_number
 from dense_vs.errors import DenseVSError
 from dense_vs.flow.estimator import FlowEstimator, to_gray
 from dense_vs.jacobian.estimator import DenseJacobian
@@ -20,7 +21,7 @@ class Frame:
 
     Attributes:
         time: stamp of the image [s].
-        image: the image as used, RGB uint8 ``(H, W, 3)`` or grey ``(H, W)``.
+        image: the image as used, RGB uint8 ``(H, W, 3)`` or gray ``(H, W)``.
         gray: uint8 ``(H, W)``.
         positions: ``(N,)`` joint positions at ``time`` [rad].
         flow: float32 ``(H, W, 2)`` since the frame before [px]; None for the first frame.
@@ -62,8 +63,7 @@ class FramePipeline:
         size = estimator.options.height, estimator.options.width
         if estimator.options.worlds != 1:
             raise DenseVSError(f"estimator has {estimator.options.worlds} worlds; a pipeline takes one")
-        if not 0 < scale <= 1:
-            raise DenseVSError(f"scale is {scale!r}; expected a number above 0 and at most 1")
+        check_number("scale", scale, above=0, most=1)
         self.estimator = estimator
         self.flow = flow or FlowEstimator(height=size[0], width=size[1])
         if (self.flow.height, self.flow.width) != size:
@@ -79,7 +79,7 @@ class FramePipeline:
         """Take the next image; from the second on the estimator is updated.
 
         Args:
-            image: RGB uint8 ``(H, W, 3)`` or grey ``(H, W)``, before scaling.
+            image: RGB uint8 ``(H, W, 3)`` or gray ``(H, W)``, before scaling.
             time: its stamp [s], later than the last one's.
             positions: ``(N,)`` joint positions at that time [rad].
 
@@ -131,7 +131,7 @@ class FramePipeline:
     def _scaled(self, image: np.ndarray) -> np.ndarray:
         """The image at the estimator's scale, never the camera's own buffer, which may hold the next frame soon."""
         image_like = image.dtype == np.uint8 and image.ndim >= 2 and image.shape[2:] in ((), (3,)) and image.size
-        if self.scale == 1.0 or not image_like:  # what is no image is refused by its grey conversion
+        if self.scale == 1.0 or not image_like:  # what is no image is refused by its gray conversion
             return image.copy()
         height, width = scaled_size(image.shape[:2], self.scale)
         return cv2.resize(image, (width, height), interpolation=cv2.INTER_AREA)

@@ -1,13 +1,15 @@
 """The estimator on a recorded episode: repeated images joined, gaps left out, decoding beside the filter."""
 
 from collections.abc import Iterator
-from typing import Any
+from typing import Any, Unpack
 
 import numpy as np
 
+from dense_vs.checks import check_number
 from dense_vs.errors import DenseVSError
 from dense_vs.flow.estimator import FlowEstimator
 from dense_vs.jacobian.estimator import DenseJacobian
+from dense_vs.jacobian.options import EstimatorOptions
 from dense_vs.pipeline.explained_motion import ExplainedMotion
 from dense_vs.pipeline.frame_pipeline import Frame, FramePipeline, scaled_size
 from dense_vs.recording import ClockOffset, Episode, Recording
@@ -22,7 +24,8 @@ class RecordedEstimate:
         episode: images and joints on one clock.
         scale: factor on the image size.
         method: of :class:`FlowEstimator`.
-        device, threads, options: of :class:`DenseJacobian`.
+        device, threads, estimator_options: of :class:`DenseJacobian`, whose help has their units and defaults;
+            ``on_bad_flow`` is ``"skip"`` unless given.
         start: an estimator to go on with, made here unless given.
 
     Attributes:
@@ -43,17 +46,16 @@ class RecordedEstimate:
         device: str = "auto",
         threads: int | None = None,
         start: DenseJacobian | None = None,
-        **options: Any,
+        **estimator_options: Unpack[EstimatorOptions],
     ):
-        if not 0 < scale <= 1:
-            raise DenseVSError(f"scale is {scale}; expected a number above 0 and at most 1")
+        check_number("scale", scale, above=0, most=1)
         images = episode.images()
         episode.check_overlap(images)
         height, width = scaled_size((images.height, images.width), scale)
         self.frame_count, self.fps = images.frame_count, images.fps
         joints = len(episode.log.names)
         if start is None:
-            options.setdefault("on_bad_flow", "skip")
+            options: EstimatorOptions = {"on_bad_flow": "skip", **estimator_options}
             start = DenseJacobian(height=height, width=width, joints=joints, device=device, threads=threads, **options)
         has = start.options
         if (has.height, has.width, has.joints, has.worlds) != (height, width, joints, 1):

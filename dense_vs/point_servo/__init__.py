@@ -5,7 +5,7 @@ May import: the ground, kernels, :mod:`dense_vs.robot`, :mod:`dense_vs.recording
 """
 
 from dense_vs.point_servo.law import VisualServo
-from dense_vs.point_servo.loop import Reach, ServoLoop
+from dense_vs.point_servo.loop import Reach, ReachEnd, ServoLoop
 from dense_vs.point_servo.tracker import PointTracker
 
-__all__ = ["PointTracker", "Reach", "ServoLoop", "VisualServo"]
+__all__ = ["PointTracker", "Reach", "ReachEnd", "ServoLoop", "VisualServo"]

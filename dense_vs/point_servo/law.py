@@ -1,7 +1,7 @@
-"""The visual servoing law, DIJE (17): joint step = k_p J# (p_target - p).
+"""The visual servoing law DIJE (17): joint step = k_p J# (p_target - p).
 
 Beyond the paper: J# is the damped pseudoinverse J^T (J J^T + d^2 I)^-1, which stays small where J is
-small or unlearnt; the step is bounded, joint limits are kept by moving the remaining joints, and a small dither
+small or not learned yet; the step is bounded, joint limits are kept by moving the remaining joints, and a small dither
 keeps the estimator excited.
 """
 
@@ -11,7 +11,9 @@ from typing import Any
 import numpy as np
 
 from dense_vs.arrays import point_array, real_vector
+from dense_vs.checks import check_number, check_whole
 from dense_vs.errors import DenseVSError
+from dense_vs.robot.joint_group import checked_limits
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -19,8 +21,8 @@ class ServoOptions:
     """How hard the servo pulls.
 
     Attributes:
-        gain: k_p of (17), the share of the error to remove per command.
-        damping: d [px/rad]; 0 is the pseudoinverse of (17) as printed.
+        gain: k_p of DIJE (17), the share of the error to remove per command.
+        damping: d [px/rad]; 0 is the pseudoinverse of DIJE (17) as printed.
         max_step: largest joint step per command [rad]; a larger one is shortened as a whole.
         dither: standard deviation of the joint step that is added [rad].
     """
@@ -31,13 +33,10 @@ class ServoOptions:
     dither: float = 0.002
 
     def __post_init__(self):
-        for name in ("gain", "damping", "max_step", "dither"):
-            value = getattr(self, name)
-            positive = name in ("gain", "max_step")
-            number = isinstance(value, (int, float, np.number)) and not isinstance(value, bool)
-            if not number or not np.isfinite(value) or value < 0 or (positive and value == 0):
-                bound = "above 0" if positive else "of at least 0"
-                raise DenseVSError(f"{name} is {value!r}; expected a finite number {bound}")
+        for name in ("gain", "max_step"):
+            check_number(name, getattr(self, name), above=0)
+        for name in ("damping", "dither"):
+            check_number(name, getattr(self, name), least=0)
 
 
 class VisualServo:
@@ -47,40 +46,38 @@ class VisualServo:
         joints: number of joints N.
         joint_limits: ``(N, 2)`` least and greatest position [rad]; without them none are kept.
         seed: of the dither.
-        options: the fields of :class:`ServoOptions`.
+        gain: k_p, the share of the error to remove per command.
+        damping: d [px/rad]; 0 is the pseudoinverse as printed.
+        max_step: largest joint step per command [rad]; a larger one is shortened as a whole.
+        dither: standard deviation of the joint step that is added [rad].
 
     Raises:
-        DenseVSError: limits of another shape or in the wrong order, an option that is unknown or out of range.
+        DenseVSError: limits of another shape or in the wrong order, an option out of range.
     """
 
-    def __init__(self, joints: int, *, joint_limits: Any = None, seed: int = 0, **options: Any):
-        if isinstance(joints, bool) or not isinstance(joints, (int, np.integer)) or joints < 1:
-            raise DenseVSError(f"joints is {joints!r}; expected a whole number of at least 1")
-        try:
-            self.options = ServoOptions(**options)
-        except TypeError as error:
-            names = ", ".join(ServoOptions.__dataclass_fields__)
-            raise DenseVSError(f"unknown option in {', '.join(options)}; expected some of {names}") from error
-        self.joints = int(joints)
-        self.joint_limits = np.array([[-np.inf, np.inf]] * self.joints)
-        if joint_limits is not None:
-            expected = f"{self.joints} pairs of least and greatest position"
-            try:
-                limits = np.array(joint_limits, dtype=np.float64)
-            except (TypeError, ValueError) as error:
-                raise DenseVSError(f"joint_limits are {joint_limits!r}; expected {expected}") from error
-            if limits.shape != (self.joints, 2) or not (limits[:, 0] < limits[:, 1]).all():
-                raise DenseVSError(f"joint_limits are {limits.tolist()}; expected {expected}")
-            self.joint_limits = limits
+    def __init__(
+        self,
+        joints: int,
+        *,
+        joint_limits: Any = None,
+        seed: int = 0,
+        gain: float = 0.2,
+        damping: float = 15.0,
+        max_step: float = 0.03,
+        dither: float = 0.002,
+    ):
+        self.joints = check_whole("joints", joints, least=1)
+        self.options = ServoOptions(gain=gain, damping=damping, max_step=max_step, dither=dither)
+        self.joint_limits = checked_limits(joint_limits, self.joints)
         self._random = np.random.default_rng(seed)
 
     def __call__(self, jacobian: Any, point: Any, target: Any, positions: Any = None) -> np.ndarray:
         """Joint step ``(N,)`` [rad] towards the target.
 
         Args:
-            jacobian: ``(2, N)`` [px/rad], J at the point (16).
+            jacobian: ``(2, N)`` [px/rad], J at the point, DIJE (16).
             point, target: ``(2,)`` [px].
-            positions: ``(N,)`` [rad], where the joints are; needed where there are limits.
+            positions: ``(N,)`` joint positions [rad]; needed where there are limits.
 
         Raises:
             DenseVSError: another shape, a value that is not finite, or positions missing.
@@ -102,8 +99,9 @@ class VisualServo:
         return np.clip(step, room[:, 0], room[:, 1])
 
     def _within(self, room: np.ndarray, J: np.ndarray, motion: np.ndarray) -> np.ndarray:
-        """Damped least-squares step for an image motion [px]; joints that meet their limit stop there and the
-        others take over what is left.
+        """DIJE (17), a damped least-squares step for an image motion [px].
+
+        Joints that meet their limit stop there and the others take over what is left.
         """
         step = np.zeros(self.joints)
         free = np.ones(self.joints, dtype=bool)

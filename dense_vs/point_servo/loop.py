@@ -1,44 +1,68 @@
-"""The closed loop on a robot: babble until J is learnt, then bring a point of the body to image targets."""
+"""The closed loop on a robot: babble until J is learned, then bring a point of the body to image targets."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from enum import Enum
 from typing import Any
 
 import numpy as np
 
 from dense_vs.arrays import point_array
 from dense_vs.body.self_body import SelfBody
+from dense_vs.checks import check_number
 from dense_vs.errors import DenseVSError
 from dense_vs.flow.estimator import FlowEstimator
 from dense_vs.jacobian.estimator import DenseJacobian
 from dense_vs.pipeline.frame_pipeline import Frame, FramePipeline
 from dense_vs.point_servo.law import VisualServo
-from dense_vs.point_servo.tracker import PointTracker
+from dense_vs.point_servo.tracker import Method, PointTracker
 from dense_vs.recording.joint_log import JointBuffer
 from dense_vs.robot.babbling import Babbling
+from dense_vs.robot.joint_group import JointGroup
 from dense_vs.robot.protocols import Camera, Robot
 
 LEAST_BODY = 0.01  # share of the image that makes the robot's own pixels count as known
 SAME_SURFACE = 0.5  # relative difference in J below which two pixels count as one surface
 
 
+class ReachEnd(Enum):
+    """How a reach ended."""
+
+    PENDING = "pending"
+    """Not over yet; only in a batch that is still running."""
+    REACHED = "reached"
+    """The point stayed within the tolerance of its target."""
+    MISSED = "missed"
+    """The frames were used up."""
+    LOST = "lost"
+    """The tracker lost the point."""
+
+
 @dataclass(frozen=True)
 class Reach:
-    """How a reach ended.
+    """One reach.
 
     Attributes:
         target: x, y [px].
         frames: frames it took.
         error_px: distance of the tracked point from the target at the end.
-        reached: whether it stayed within the tolerance.
-        lost: whether the tracker had lost the point at the end.
+        end: how it ended.
     """
 
     target: tuple[float, float]
     frames: int
     error_px: float
-    reached: bool
-    lost: bool
+    end: ReachEnd
+
+    @property
+    def reached(self) -> bool:
+        """Whether the point stayed within the tolerance."""
+        return self.end is ReachEnd.REACHED
+
+    @property
+    def lost(self) -> bool:
+        """Whether the tracker had lost the point at the end."""
+        return self.end is ReachEnd.LOST
 
 
 class ServoLoop:
@@ -46,8 +70,9 @@ class ServoLoop:
 
     Args:
         camera, robot: of one robot, on one clock.
-        estimator: for the camera's images once scaled and the robot's joints; made to fit unless given.
-        servo: the control law; made with the robot's ``joint_limits``, where it has them, unless given.
+        joints: names of the N joints to use, in this order; the others get no command. All unless given.
+        estimator: for the camera's images once scaled and the N joints; made to fit unless given.
+        servo: the control law; made with the joints' limits unless given.
         flow: of the estimator's size; the default method unless given.
         babbling: the motion before J is known; the default unless given.
         scale: factor on the image size.
@@ -55,12 +80,12 @@ class ServoLoop:
         device: of an estimator made here.
         seed: of babbling and dither made here.
         command_period: time between commands [s], for a robot that takes a new one only so often; in the frames between
-            them J is learnt and the commanded step is zero. A command every frame unless given.
+            them J is learned and the commanded step is zero. A command every frame unless given.
         body: labels the robot's own pixels, see :meth:`FramePipeline.labels`; once it knows some, what else moves no
             longer slows the babbling down.
         renew_patch: correlation below which the tracked point's patch is taken anew as it looks now, where it still
-            aligns. A surface that turns in depth is lost otherwise; every renewal may add some hundredths of a pixel of
-            drift. The patch of the beginning is kept unless given.
+            aligns. A surface that rotates in depth is lost otherwise; every renewal may add some hundredths of a pixel
+            of drift. The first patch is kept unless given.
         on_frame: called with the loop after every frame; a viewer, a recorder, an evaluation.
 
     Raises:
@@ -72,6 +97,7 @@ class ServoLoop:
         camera: Camera,
         robot: Robot,
         *,
+        joints: Sequence[str] | None = None,
         estimator: DenseJacobian | None = None,
         servo: VisualServo | None = None,
         flow: FlowEstimator | None = None,
@@ -86,35 +112,32 @@ class ServoLoop:
         on_frame: Callable[["ServoLoop"], None] | None = None,
     ):
         self.camera, self.robot = camera, robot
-        joints = len(robot.joint_names)
-        self.joint_limits = getattr(robot, "joint_limits", None)
+        self.group = JointGroup.of_robot(robot, joints)
+        count = len(self.group.names)
         image, time = camera.read()
         if estimator is None:
             height, width = (round(side * scale) for side in np.asarray(image).shape[:2])
             estimator = DenseJacobian(
-                height=height, width=width, joints=joints, device=device, threads=threads, on_bad_flow="skip"
+                height=height, width=width, joints=count, device=device, threads=threads, on_bad_flow="skip"
             )
-        if estimator.options.joints != joints:
+        if estimator.options.joints != count:
             raise DenseVSError(
-                f"estimator has {estimator.options.joints} joints; the robot has {joints}: "
-                f"{', '.join(robot.joint_names)}"
+                f"estimator has {estimator.options.joints} joints; expected {count}: {', '.join(self.group.names)}"
             )
         self.estimator = estimator
-        self.servo = servo or VisualServo(joints, joint_limits=self.joint_limits, seed=seed)
-        if command_period is not None and not 0 < command_period < np.inf:
-            raise DenseVSError(f"command_period is {command_period!r}; expected a finite number of seconds above 0")
-        if renew_patch is not None and not 0 < renew_patch < 1:
-            raise DenseVSError(f"renew_patch is {renew_patch!r}; expected a correlation between 0 and 1")
-        self.renew_patch = renew_patch
-        self.command_period = command_period
+        self.servo = servo or VisualServo(count, joint_limits=self.group.limits, seed=seed)
+        self.renew_patch = None if renew_patch is None else check_number("renew_patch", renew_patch, above=0, below=1)
+        self.command_period = (
+            None if command_period is None else check_number("command_period", command_period, above=0)
+        )
         pace = {} if command_period is None else {"frame_time": command_period}
-        self.babbling = babbling or Babbling(joints, seed=seed, **pace)
+        self.babbling = babbling or Babbling(count, seed=seed, **pace)
         self._next_command = time
         self.pipeline = FramePipeline(estimator, flow, scale=scale, body=body)
         self.tracker: PointTracker | None = None
         self.target: np.ndarray | None = None
         self.on_frame = on_frame
-        self._buffer = JointBuffer(joints)
+        self._buffer = JointBuffer(count)
         self._take(image, time)
 
     @property
@@ -136,7 +159,7 @@ class ServoLoop:
 
     def step(self, delta: np.ndarray) -> Frame:
         """Command a joint step ``(N,)`` [rad], then take the next image through estimator and tracker."""
-        self.robot.command(delta)
+        self.robot.command(self.group.spread(delta))
         frame = self._take(*self.camera.read())
         if self.tracker is not None:
             self.tracker.update(frame.flow, frame.gray)
@@ -151,9 +174,18 @@ class ServoLoop:
             raise DenseVSError(f"babbling of {seconds!r} s; expected a finite number above 0")
         end = self.frame.time + seconds
         while self.frame.time < end:
-            self.step(self._when_due(lambda: self._limited(self.babbling.step(self._pacing_flow()))))
+            self.step(self._when_due(self._babbling_step))
 
-    def define_point(self, point: Any, **options: Any) -> None:
+    def define_point(
+        self,
+        point: Any,
+        *,
+        method: Method = "aligned",
+        window: int = 25,
+        min_correlation: float = 0.85,
+        max_jump: float = 2.5,
+        lost_after: int = 15,
+    ) -> None:
         """Choose the point of the body to control, at its place in the last image [px].
 
         Pixels whose J differs from the point's by more than half are left out of its alignment:
@@ -161,12 +193,21 @@ class ServoLoop:
 
         Args:
             point: ``(2,)`` [px].
-            options: of :class:`PointTracker`.
+            method, window, min_correlation, max_jump, lost_after: how it is followed, see :class:`PointTracker`.
         """
-        self.tracker = PointTracker(point, self.frame.gray, weights=self._same_surface(point), **options)
+        self.tracker = PointTracker(
+            point,
+            self.frame.gray,
+            weights=self._same_surface(point),
+            method=method,
+            window=window,
+            min_correlation=min_correlation,
+            max_jump=max_jump,
+            lost_after=lost_after,
+        )
 
     def reach(self, target: Any, *, tolerance: float = 1.0, settle_frames: int = 5, max_frames: int = 150) -> Reach:
-        """Servo the defined point to a target; stops where the tracker has lost the point, as it would go on blind.
+        """Servo the defined point to a target by DIJE (17); stops when the tracker has lost the point.
 
         Args:
             target: ``(2,)`` [px].
@@ -185,8 +226,9 @@ class ServoLoop:
             frames += 1
             distance = float(np.hypot(*(self.point - self.target)))
             settled = settled + 1 if distance <= tolerance else 0
+        end = ReachEnd.REACHED if settled >= settle_frames else ReachEnd.MISSED
         goal = float(self.target[0]), float(self.target[1])
-        return Reach(goal, frames, distance, settled >= settle_frames and not self._lost, self._lost)
+        return Reach(goal, frames, distance, ReachEnd.LOST if self._lost else end)
 
     def _pacing_flow(self) -> np.ndarray | None:
         """The last flow, without what is known not to be the robot once the robot itself is known."""
@@ -198,8 +240,11 @@ class ServoLoop:
             return flow
         return np.where((found == 0)[..., None], np.float32(np.nan), flow)
 
+    def _babbling_step(self) -> np.ndarray:
+        return self.group.clip_step(self.babbling.step(self._pacing_flow()), self.frame.positions)
+
     def _servo_step(self) -> np.ndarray:
-        J = self.estimator.at(self.point)[0]
+        J = self.estimator.at(self.point)[0]  # DIJE (16)
         return self.servo(J, self.point, self.target, self.frame.positions)
 
     def _when_due(self, choose: Callable[[], np.ndarray]) -> np.ndarray:
@@ -209,7 +254,7 @@ class ServoLoop:
         late = self.frame.time - self._next_command
         if late < -1e-6:  # s; stamps are sums of rounded numbers
             return np.zeros(self.estimator.options.joints)
-        # On a grid, which begins anew after a pause.
+        # On a grid, which restarts after a pause.
         self._next_command += self.command_period * (
             1 if late < self.command_period else late // self.command_period + 1
         )
@@ -235,11 +280,6 @@ class ServoLoop:
         return bool(self.tracker is not None and self.tracker.lost[0])
 
     def _take(self, image: np.ndarray, time: float) -> Frame:
-        self._buffer.add(*self.robot.joints())
+        positions, stamp = self.robot.joints()
+        self._buffer.add(self.group.take(positions), stamp)
         return self.pipeline.process(image, time, self._buffer.at(time))
-
-    def _limited(self, delta: np.ndarray) -> np.ndarray:
-        if self.joint_limits is None:
-            return delta
-        limits = np.asarray(self.joint_limits)
-        return np.clip(self.frame.positions + delta, limits[:, 0], limits[:, 1]) - self.frame.positions

@@ -1,6 +1,6 @@
 """Points that stay on the robot: DIJE (15), and what keeps it from drifting.
 
-(15) adds the flow at a point to it. With flow stored at the pixels of the present frame that flow is read at
+DIJE (15) adds the flow at a point to it. With flow stored at the pixels of the present frame that flow is read at
 the point's old place, which drifts several pixels in 100 frames. ``"fixed_point"`` solves p = p_old + u(p).
 ``"aligned"`` (default, beyond the paper) then aligns the image patch around the point to the one it
 started with, by an affine warp of maximal correlation (Evangelidis and Psarakis' ECC), so that
@@ -14,8 +14,10 @@ import numpy as np
 import warp as wp
 
 from dense_vs.arrays import points_array, real_vector
+from dense_vs.checks import check_choice, check_number, check_whole
 from dense_vs.errors import DenseVSError
 from dense_vs.kernels.tracking.point_tracking import PointTracks, begin_tracks, carry_tracks, locate_tracks
+from dense_vs.kernels.views import seen_as
 
 Method = Literal["aligned", "fixed_point", "paper"]
 
@@ -27,7 +29,7 @@ class TrackerOptions:
     """How points are followed.
 
     Attributes:
-        method: ``"aligned"``, ``"fixed_point"`` or ``"paper"`` (15 as printed).
+        method: ``"aligned"``, ``"fixed_point"`` or ``"paper"``, DIJE (15) as printed.
         window: side of the patch that is aligned [px], odd.
         min_correlation: least correlation at which an alignment is believed.
         max_jump: largest distance between aligned and flow-carried point that is believed [px].
@@ -41,19 +43,12 @@ class TrackerOptions:
     lost_after: int = 15
 
     def __post_init__(self):
-        if self.method not in get_args(Method):
-            raise DenseVSError(f"method is {self.method!r}; expected one of {', '.join(get_args(Method))}")
-        if not isinstance(self.window, int) or self.window < 7 or self.window % 2 == 0:
+        check_choice("method", self.method, get_args(Method))
+        if check_whole("window", self.window, least=7) % 2 == 0:
             raise DenseVSError(f"window is {self.window!r}; expected an odd whole number of at least 7")
-        for name in ("min_correlation", "max_jump", "lost_after"):
-            if isinstance(getattr(self, name), bool) or not isinstance(getattr(self, name), (int, float, np.number)):
-                raise DenseVSError(f"{name} is {getattr(self, name)!r}; expected a number")
-        if not 0 < self.min_correlation < 1:
-            raise DenseVSError(f"min_correlation is {self.min_correlation!r}; expected a number between 0 and 1")
-        if not self.max_jump > 0 or not self.lost_after >= 1:
-            raise DenseVSError(
-                f"max_jump is {self.max_jump!r} and lost_after {self.lost_after!r}; expected above 0 and at least 1"
-            )
+        check_number("min_correlation", self.min_correlation, above=0, below=1)
+        check_number("max_jump", self.max_jump, above=0)
+        check_number("lost_after", self.lost_after, least=1)
 
 
 class PointTracker:
@@ -65,7 +60,11 @@ class PointTracker:
             lies: on the CPU for NumPy arrays, on the GPU that holds a Warp array.
         weights: of gray's shape, bool or 0..1, how much a pixel near a point belongs to the same surface; pixels of
             another one pull the alignment away where the point is near an outline. All alike, unless given.
-        options: the fields of :class:`TrackerOptions`.
+        method: ``"aligned"``, ``"fixed_point"`` or ``"paper"``, DIJE (15) as printed.
+        window: side of the patch that is aligned [px], odd.
+        min_correlation: least correlation at which an alignment is believed.
+        max_jump: largest distance between aligned and flow-carried point that is believed [px].
+        lost_after: frames without a believed alignment after which a point counts as lost.
 
     Attributes:
         tracks: the state as device arrays, always with the worlds in front, for those who launch kernels themselves.
@@ -77,12 +76,25 @@ class PointTracker:
     :meth:`update` can be captured in a CUDA graph.
     """
 
-    def __init__(self, points: Any, gray: Any, *, weights: Any = None, **options: Any):
-        try:
-            self.options = TrackerOptions(**options)
-        except TypeError as error:
-            names = ", ".join(TrackerOptions.__dataclass_fields__)
-            raise DenseVSError(f"unknown option in {', '.join(options)}; expected some of {names}") from error
+    def __init__(
+        self,
+        points: Any,
+        gray: Any,
+        *,
+        weights: Any = None,
+        method: Method = "aligned",
+        window: int = 25,
+        min_correlation: float = 0.85,
+        max_jump: float = 2.5,
+        lost_after: int = 15,
+    ):
+        self.options = TrackerOptions(
+            method=method,
+            window=window,
+            min_correlation=min_correlation,
+            max_jump=max_jump,
+            lost_after=lost_after,
+        )
         image = gray if isinstance(gray, wp.array) else np.asarray(gray)
         self._batched = len(getattr(points, "shape", ())) == 3
         if len(image.shape) != 2 + self._batched:
@@ -103,7 +115,7 @@ class PointTracker:
 
     @property
     def lost(self) -> Any:
-        """Bool ``(K,)``: out of the image or not recognised for ``lost_after`` frames. A lost point is still
+        """Bool ``(K,)``: out of the image or not recognized for ``lost_after`` frames. A lost point is still
         carried by the flow and is found again when its patch aligns. Whole numbers 0 and 1 on a GPU.
         """
         lost = self._result(self._state.lost)
@@ -200,9 +212,7 @@ class PointTracker:
             contiguous = array.contiguous()
             if contiguous.device != self.device:
                 contiguous = contiguous.to(self.device)
-            view = wp.array(ptr=contiguous.ptr, dtype=dtype, shape=self._shape, device=self.device)
-            view._source = contiguous  # the view does not own the memory
-            return view
+            return seen_as(contiguous, dtype, self._shape)
         whole = np.ascontiguousarray(array).reshape(*self._shape, *tail)
         return wp.array(whole, dtype=dtype, device=self.device, copy=not self.device.is_cpu)
 

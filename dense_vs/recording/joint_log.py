@@ -13,6 +13,7 @@ import numpy as np
 
 from dense_vs.arrays import real_vector
 from dense_vs.errors import DenseVSError
+from dense_vs.robot.joint_group import joint_indices
 
 IMAGE_COLUMN = "image"  # of a joint log: name of the image that was taken at a row's time
 
@@ -69,12 +70,7 @@ class JointLog:
         Raises:
             DenseVSError: a name that is not in the log, or twice in ``names``.
         """
-        for name in names:
-            if name not in self.names:
-                raise DenseVSError(f"joint {name!r} is not in the log; it has {', '.join(self.names)}")
-        if len(set(names)) != len(names) or not names:
-            raise DenseVSError(f"joints are {', '.join(names) or 'none'}; expected each name once")
-        columns = [self.names.index(name) for name in names]
+        columns = joint_indices(names, self.names, "the log")
         return JointLog(tuple(names), self.times, self.positions[:, columns])
 
     def shifted(self, seconds: float) -> "JointLog":

@@ -2,7 +2,6 @@
 
 import os
 from collections.abc import Sequence
-from typing import Any
 
 import numpy as np
 
@@ -46,9 +45,9 @@ class Recorder:
         return self._robot.joint_names
 
     @property
-    def joint_limits(self) -> Any:
-        """The robot's limits ``(N, 2)``, None where it has none."""
-        return getattr(self._robot, "joint_limits", None)
+    def joint_limits(self) -> np.ndarray | None:
+        """The robot's limits, as it gives them."""
+        return self._robot.joint_limits
 
     def read(self) -> tuple[np.ndarray, float]:
         """The camera's next image, written down."""

@@ -163,9 +163,9 @@ def choose_names(patterns: Sequence[str] | None, names: Sequence[str]) -> tuple[
     for pattern in patterns:
         found = [name for name in names if name == pattern or fnmatchcase(name, pattern)]
         if not found:
-            raise DenseVSError(f"joint {pattern!r} is not in the log; it has {', '.join(names)}")
+            raise DenseVSError(f"joint {pattern!r} is not in the log; expected one of {', '.join(names)}")
         if pattern in chosen:
-            raise DenseVSError(f"joints are {', '.join(patterns)}; expected each name once")
+            raise DenseVSError(f"joint {pattern!r} is named twice; expected each name once")
         chosen += [name for name in found if name not in chosen]
     if not chosen:
         raise DenseVSError("joints are none; expected at least one name")

@@ -19,12 +19,14 @@ class Replay:
 
     Attributes:
         joint_names: N names.
+        joint_limits: None, as a recording says nothing of them.
         commands: commands taken so far.
     """
 
     def __init__(self, recording: Recording | Episode):
         episode = recording.episode() if isinstance(recording, Recording) else recording
         self.joint_names = episode.log.names
+        self.joint_limits: np.ndarray | None = None
         self.commands = 0
         self._log = episode.log
         self._frames: Iterator[Frame] = prefetch(episode)

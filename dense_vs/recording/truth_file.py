@@ -9,6 +9,7 @@ import numpy as np
 
 from dense_vs.errors import DenseVSError
 from dense_vs.files import atomic_write, read_arrays
+from dense_vs.robot.joint_group import joint_indices
 
 STAMP_TOLERANCE = 1e-3  # s, between a video's time stamp and the simulator's time of the same frame
 
@@ -53,10 +54,7 @@ class TruthFile:
             raise DenseVSError(f"cannot read {path} as the truth of a recording: it has no {', '.join(missing)}")
         names = [str(name) for name in stored["joint_names"]]
         times, jacobians, masks = stored["times"], stored["jacobians"], stored["robot_masks"]
-        for name in joint_names:
-            if name not in names:
-                raise DenseVSError(f"truth of joint {name!r} is not in {path}; it has {', '.join(names)}")
-        return cls(tuple(joint_names), times, jacobians[..., [names.index(n) for n in joint_names]], masks)
+        return cls(tuple(joint_names), times, jacobians[..., joint_indices(joint_names, names, str(path))], masks)
 
     def at(self, time: float, scale: float = 1.0) -> tuple[np.ndarray, np.ndarray] | None:
         """J ``(H, W, 2, N)`` [px/rad] and mask ``(H, W)`` for images scaled by ``scale``; None without truth then."""

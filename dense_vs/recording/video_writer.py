@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from dense_vs.checks import check_number
 from dense_vs.errors import DenseVSError
 
 
@@ -33,8 +34,7 @@ class VideoWriter:
             raise DenseVSError(
                 "writing video needs PyAV, which is not installed; pip install 'dense-vs[viz]'"
             ) from error
-        if not isinstance(fps, (int, float, np.number)) or not np.isfinite(fps) or fps <= 0:
-            raise DenseVSError(f"fps is {fps!r}; expected a finite number above 0")
+        check_number("fps", fps, above=0)
         self.path = Path(path)
         self._partial = self.path.with_name(f".{self.path.name}.partial")
         from fractions import Fraction

@@ -1,9 +1,10 @@
-"""The interfaces to a robot: its camera, joints and gripper, and the motion by which it learns.
+"""The interfaces to a robot: its camera, joints and gripper, joints by name, and the motion by which it learns.
 
-May import: the ground (``errors``, ``arrays``, ``device``, ``files``) and kernels.
+May import: the ground (``errors``, ``checks``, ``arrays``, ``device``, ``files``) and kernels.
 """
 
 from dense_vs.robot.babbling import Babbling, BabblingOptions
-from dense_vs.robot.protocols import Camera, Robot
+from dense_vs.robot.joint_group import JointGroup
+from dense_vs.robot.protocols import Camera, Gripper, GripperState, Robot
 
-__all__ = ["Babbling", "BabblingOptions", "Camera", "Robot"]
+__all__ = ["Babbling", "BabblingOptions", "Camera", "Gripper", "GripperState", "JointGroup", "Robot"]

@@ -5,12 +5,12 @@ rank N. Sinusoids of one frequency span two dimensions whatever their phases. Ea
 its own Ornstein-Uhlenbeck process, smoothed once, which spans all of them within a few seconds.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from typing import Any
 
 import numpy as np
 
-from dense_vs.errors import DenseVSError
+from dense_vs.checks import check_number, check_whole
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -31,11 +31,8 @@ class BabblingOptions:
     frame_time: float = 1 / 30
 
     def __post_init__(self):
-        for name in ("amplitude", "time_constant", "max_flow", "frame_time"):
-            value = getattr(self, name)
-            number = isinstance(value, (int, float, np.number)) and not isinstance(value, bool)
-            if not number or not np.isfinite(value) or value <= 0:
-                raise DenseVSError(f"{name} is {value!r}; expected a finite number above 0")
+        for field in fields(self):
+            check_number(field.name, getattr(self, field.name), above=0)
 
 
 class Babbling:
@@ -44,20 +41,29 @@ class Babbling:
     Args:
         joints: number of joints N.
         seed: of the random process.
-        options: the fields of :class:`BabblingOptions`.
+        amplitude: standard deviation of a joint's excursion [rad]; it stays within three of them.
+        time_constant: of the random process [s]; smaller is livelier.
+        max_flow: image motion that the babbling slows down to, 99th percentile [px per frame].
+        frame_time: time between frames [s].
 
     Raises:
-        DenseVSError: a value out of range, or an unknown option.
+        DenseVSError: a value out of range.
     """
 
-    def __init__(self, joints: int, *, seed: int = 0, **options: Any):
-        if isinstance(joints, bool) or not isinstance(joints, (int, np.integer)) or joints < 1:
-            raise DenseVSError(f"joints is {joints!r}; expected a whole number of at least 1")
-        try:
-            self.options = BabblingOptions(**options)
-        except TypeError as error:
-            names = ", ".join(BabblingOptions.__dataclass_fields__)
-            raise DenseVSError(f"unknown option in {', '.join(options)}; expected some of {names}") from error
+    def __init__(
+        self,
+        joints: int,
+        *,
+        seed: int = 0,
+        amplitude: float = 0.15,
+        time_constant: float = 0.4,
+        max_flow: float = 4.0,
+        frame_time: float = 1 / 30,
+    ):
+        joints = check_whole("joints", joints, least=1)
+        self.options = BabblingOptions(
+            amplitude=amplitude, time_constant=time_constant, max_flow=max_flow, frame_time=frame_time
+        )
         self.rate = 0.5
         self._random = np.random.default_rng(seed)
         self._noise = np.zeros(joints)

@@ -1,6 +1,6 @@
-"""The two interfaces between this library and a robot: a camera and its joints.
+"""The interfaces between this library and a robot: a camera, its joints and a gripper.
 
-Anything with these methods works; nothing needs to be inherited. ``dense_vs.sims`` implements them for
+Anything with these members works; nothing needs to be inherited. ``dense_vs.sims`` implements them for
 simulated robots, a user for a real one.
 """
 
@@ -15,7 +15,7 @@ class Camera(Protocol):
     """A camera that gives the newest image."""
 
     def read(self) -> tuple[np.ndarray, float]:
-        """The next image, RGB uint8 ``(H, W, 3)`` or grey ``(H, W)``, and its time stamp [s].
+        """The next image, RGB uint8 ``(H, W, 3)`` or gray ``(H, W)``, and its time stamp [s].
 
         Blocks until there is one; the stamps increase and share their clock with :class:`Robot`'s.
         """
@@ -31,10 +31,45 @@ class Robot(Protocol):
         """Names of the N joints, in the order of every joint vector."""
         ...
 
+    @property
+    def joint_limits(self) -> np.ndarray | None:
+        """``(N, 2)`` least and greatest position [rad, m for a prismatic joint], -inf and inf for a joint without.
+
+        Commands keep them. None where the robot has no limits or keeps its own.
+        """
+        ...
+
     def joints(self) -> tuple[np.ndarray, float]:
         """Joint positions ``(N,)`` [rad, m for a prismatic joint] and their time stamp [s]."""
         ...
 
     def command(self, delta: np.ndarray) -> None:
-        """Change the joint targets by ``delta`` ``(N,)`` [rad]; returns without waiting for the motion."""
+        """Change the joint targets by ``delta`` ``(N,)`` [rad, m]; returns without waiting for the motion."""
+        ...
+
+
+class GripperState(Protocol):
+    """What a gripper reports after a command."""
+
+    @property
+    def opening(self) -> float:
+        """Distance between the fingertips [m]."""
+        ...
+
+    @property
+    def jammed(self) -> bool:
+        """Whether it stopped short of where it gets when nothing is in its way."""
+        ...
+
+
+@runtime_checkable
+class Gripper(Protocol):
+    """A parallel gripper; both commands return when the fingers have stopped."""
+
+    def open(self) -> GripperState:
+        """Open fully."""
+        ...
+
+    def close(self) -> GripperState:
+        """Close on whatever is between the fingers."""
         ...

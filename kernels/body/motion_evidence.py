@@ -6,22 +6,23 @@ surface point as J does,
 
     E_e <- decay E_e + |u - J dq|^2        E_u <- decay E_u + |u|^2        (J before the frame's update)
 
-and E_e / E_u tells own from other motion. A point's old place is x - J(x) dq (14), or x - u(x) (13) where the motion
-predicted there fits the flow better. The second lets the body's leading edge advance over what it
+and E_e / E_u tells own from other motion. A point's old place is x - J(x) dq, DIJE (14), or x - u(x), DIJE (13), where
+the motion predicted there fits the flow better. The second lets the body's leading edge advance over what it
 covers; a passer-by does not get J that way, as the motion predicted for it does not fit.
 
-Where the image stands still and should have moved the surface has been uncovered and is another: its energies begin
-anew. Where neither moves there is no evidence, and the energies stay as they are.
+Where the image stands still although the joints predict motion, another surface has been uncovered: its energies start
+from zero. Where neither moves there is no evidence, and the energies stay as they are.
 """
 
 from functools import cache
 from types import SimpleNamespace
+from typing import Any
 
 import warp as wp
 
 from dense_vs.kernels.image.bilinear import bilinear, bilinear_taps
 from dense_vs.kernels.image.flow_field import finite
-from dense_vs.kernels.jacobian.image_jacobian import displacement, sample_vec2
+from dense_vs.kernels.jacobian.moved_pixels import pixel_shift, sample_vec2
 
 wp.set_module_options({"enable_backward": False})
 
@@ -34,10 +35,17 @@ def self_motion_kernels(joints: int) -> SimpleNamespace:
     """Kernels for ``joints`` joints, with their element type ``Jacobian`` (2, N); all are launched over pixels."""
     Jacobian = wp.types.matrix((2, joints), wp.float32)
     JointVector = wp.types.vector(joints, wp.float32)
-    sample_jacobian = bilinear(Jacobian)
-    module = f"{__name__}_{joints}"
+    return SimpleNamespace(
+        Jacobian=Jacobian,
+        JointVector=JointVector,
+        predict_motion=_predict_motion(Jacobian, JointVector, joints),
+        update_motion=_update_motion(Jacobian, JointVector, joints),
+        label_motion=_label_motion(Jacobian, joints),
+    )
 
-    @wp.kernel(module=module, enable_backward=False)
+
+def _predict_motion(Jacobian: Any, JointVector: Any, joints: int) -> wp.Kernel:
+    @wp.kernel(module=f"{__name__}_predict_{joints}", enable_backward=False)
     def predict_motion(
         row_begin: int,
         column_step: int,
@@ -47,14 +55,20 @@ def self_motion_kernels(joints: int) -> SimpleNamespace:
         # Out:
         motion_out: wp.array3d(dtype=wp.vec2),
     ):
-        """J dq [px] of every pixel, J that of the frame before."""
+        """DIJE (1): J dq [px] of every pixel, J that of the frame before."""
         world, row, column = wp.tid()
         y = row_begin + row
         dq = dq_in[world]
         for x in range(column, jacobian_in.shape[2], column_step):
             motion_out[world, y, x] = jacobian_in[world, y, x] * dq
 
-    @wp.kernel(module=module, enable_backward=False)
+    return predict_motion
+
+
+def _update_motion(Jacobian: Any, JointVector: Any, joints: int) -> wp.Kernel:
+    sample_jacobian = bilinear(Jacobian)
+
+    @wp.kernel(module=f"{__name__}_update_{joints}", enable_backward=False)
     def update_motion(
         row_begin: int,
         column_step: int,
@@ -80,7 +94,7 @@ def self_motion_kernels(joints: int) -> SimpleNamespace:
         gain = gain_in[world]
         for x in range(column, width, column_step):
             flow = flow_in[world, y, x]
-            moved = displacement(motion_in, world, x, y, wp.static(MODEL_STEPS), width, height)
+            moved = pixel_shift(motion_in, world, x, y, wp.static(MODEL_STEPS), width, height)
             taps = bilinear_taps(x, y, moved, width, height)
             predicted = sample_vec2(motion_in, world, taps)
             error = wp.vec2(0.0, 0.0)
@@ -105,7 +119,11 @@ def self_motion_kernels(joints: int) -> SimpleNamespace:
             energy_out[world, y, x] = energy
             jacobian_out[world, y, x] = sample_jacobian(jacobian_in, world, taps) + wp.outer(error, gain)
 
-    @wp.kernel(module=module, enable_backward=False)
+    return update_motion
+
+
+def _label_motion(Jacobian: Any, joints: int) -> wp.Kernel:
+    @wp.kernel(module=f"{__name__}_label_{joints}", enable_backward=False)
     def label_motion(
         row_begin: int,
         column_step: int,
@@ -133,10 +151,4 @@ def self_motion_kernels(joints: int) -> SimpleNamespace:
                     label = wp.int8(wp.static(SELF))
             label_out[world, y, x] = label
 
-    return SimpleNamespace(
-        Jacobian=Jacobian,
-        JointVector=JointVector,
-        predict_motion=predict_motion,
-        update_motion=update_motion,
-        label_motion=label_motion,
-    )
+    return label_motion

@@ -92,7 +92,7 @@ def babbling_steps(
     """The next joint steps, in the chosen worlds.
 
     Args:
-        state: advanced in the chosen worlds; the counts of all begin anew. The pace changes where :func:`watch_flow`
+        state: advanced in the chosen worlds; the counts of all are reset. The pace changes where :func:`watch_flow`
             was called since the last step.
         positions: float32 ``(worlds, N)``, where the joints are [rad].
         limits: vec2 ``(N,)``, least and greatest position [rad], which the steps keep; the process goes on beyond.

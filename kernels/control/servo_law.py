@@ -1,4 +1,4 @@
-"""The visual servoing law (17) of DIJE in many worlds: joint step = k_p J# (p_target - p), damped and bounded.
+"""The visual servoing law DIJE (17) in many worlds: joint step = k_p J# (p_target - p), damped and bounded.
 
     step = J^T (J J^T + d^2 I)^-1 k_p (p_target - p)
 

@@ -4,7 +4,7 @@ Where image 2 is image 1 displaced by d, the expansions at x and at x + d~ (d~ w
 
     A d = db    with  A = (A_1(x) + A_2(x + d~)) / 2,  db = (b_1(x) - b_2(x + d~)) / 2 + A d~
 
-d minimises |A d - db|^2 summed over a window: (sum w A^T A) d = sum w A^T db, five sums a pixel, whose terms
+d minimizes |A d - db|^2 summed over a window: (sum w A^T A) d = sum w A^T db, five sums a pixel, whose terms
 are made here. In the first pixels from the image's border, where the expansions saw repeated pixels, the
 equations count less.
 """
@@ -31,22 +31,23 @@ def certainty(size: int) -> np.ndarray:
     return weights
 
 
+@wp.func
+def interpolate(image: wp.array4d(dtype=float), world: int, top: int, left: int, c: int, weights: wp.vec4) -> float:
+    """Bilinear value of plane ``c`` between four pixels."""
+    return (
+        weights[0] * image[world, top, c, left]
+        + weights[1] * image[world, top, c, left + 1]
+        + weights[2] * image[world, top + 1, c, left]
+        + weights[3] * image[world, top + 1, c, left + 1]
+    )
+
+
 @cache
 def equations_kernel(lanes: int) -> wp.Kernel:
     """Kernel of the equations of each pixel."""
     Run = run_type(lanes)
-    kernel = wp.kernel(module=run_module(f"{__name__}_{lanes}"), enable_backward=False)
 
-    @wp.func
-    def interpolate(image: wp.array4d(dtype=float), world: int, top: int, left: int, c: int, weights: wp.vec4) -> float:
-        return (
-            weights[0] * image[world, top, c, left]
-            + weights[1] * image[world, top, c, left + 1]
-            + weights[2] * image[world, top + 1, c, left]
-            + weights[3] * image[world, top + 1, c, left + 1]
-        )
-
-    @kernel
+    @wp.kernel(module=run_module(f"{__name__}_{lanes}"), enable_backward=False)
     def equations(
         row_begin: int,
         column_step: int,
@@ -70,9 +71,7 @@ def equations_kernel(lanes: int) -> wp.Kernel:
         last_x = float(width - 1)
         last_y = float(height - 1)
         first = slot_in[0] * worlds + world
-        second = first
-        if restarted_in[world] == 0:
-            second = (1 - slot_in[0]) * worlds + world
+        second = wp.where(restarted_in[world] == 0, (1 - slot_in[0]) * worlds + world, first)
         for run in range(column, (width + wp.static(lanes - 1)) // wp.static(lanes), column_step):
             x = run_begin(run, wp.static(lanes), width)
             dx = displacement_in[world, y, 0, x]

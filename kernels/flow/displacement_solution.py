@@ -16,7 +16,7 @@ wp.set_module_options({"enable_backward": False})
 
 SUMMED_ROWS = 4  # by a thread of the sums down columns
 ROW_STEP = 4  # pixels of a window's row that are added at once
-REGULARISATION = 1e-3  # added to the determinant, so that d is 0 where there is no texture
+REGULARIZATION = 1e-3  # added to the determinant, so that d is 0 where there is no texture
 
 
 def solution_lanes(device: Any) -> int:
@@ -29,21 +29,31 @@ def solution_lanes(device: Any) -> int:
 
 @cache
 def solution_kernels(lanes: int) -> SimpleNamespace:
-    """The sums over windows, and the solution."""
-    Run = run_type(lanes)
-    kernel = wp.kernel(module=run_module(f"{__name__}_{lanes}", CPU_FLAGS_SHALLOW), enable_backward=False)
+    """``sum_columns``, then ``solve``, which sums along rows; ``backward_flow`` brings d into the order of a flow."""
+    return SimpleNamespace(sum_columns=_sum_columns(lanes), solve=_solve(lanes), backward_flow=_backward_flow(lanes))
 
+
+def _sum_types(lanes: int) -> SimpleNamespace:
+    """Vectors of a run and of what a thread sums: a run of one equation, or all equations of one pixel."""
     planes = EQUATIONS if lanes == 1 else 1
-    Sum = run_type(lanes * planes)
+    Run, Sum = run_type(lanes), run_type(lanes * planes)
 
     @wp.func
     def read(images: wp.array4d(dtype=Run), world: int, y: int, c: int, x: int) -> Sum:
+        """One equation of a run, or all equations of one pixel."""
         if wp.static(planes == 1):
             return images[world, y, c, x]
         pixel = Sum()
         for i in range(wp.static(planes)):
             pixel[i] = images[world, y, c + i, x][0]
         return pixel
+
+    return SimpleNamespace(planes=planes, Run=Run, Sum=Sum, read=read)
+
+
+def _write_sums(lanes: int, types: SimpleNamespace) -> wp.Function:
+    """Warp function that writes a sum of :func:`_sum_types`, repeated beside the image by the thread at its edge."""
+    planes, Run, Sum = types.planes, types.Run, types.Sum
 
     @wp.func
     def write(
@@ -70,7 +80,15 @@ def solution_kernels(lanes: int) -> SimpleNamespace:
                 for i in range(wp.static(planes)):
                     sums[world, y, c + i, run] = value[i]
 
-    @kernel
+    return write
+
+
+def _sum_columns(lanes: int) -> wp.Kernel:
+    types = _sum_types(lanes)
+    planes, Run, Sum, read = types.planes, types.Run, types.Sum, types.read
+    write = _write_sums(lanes, types)
+
+    @wp.kernel(module=run_module(f"{__name__}_columns_{lanes}", CPU_FLAGS_SHALLOW), enable_backward=False)
     def sum_columns(
         row_begin: int,
         column_step: int,
@@ -121,6 +139,41 @@ def solution_kernels(lanes: int) -> SimpleNamespace:
                 write(sums_out, sum_runs_out, world, y + 2, c, run, width, radius, sum_2)
                 write(sums_out, sum_runs_out, world, y + 3, c, run, width, radius, sum_3)
 
+    return sum_columns
+
+
+def _solve(lanes: int) -> wp.Kernel:
+    Run = run_type(lanes)
+    solution = _solution(lanes)
+
+    @wp.kernel(module=run_module(f"{__name__}_solve_{lanes}", CPU_FLAGS_SHALLOW), enable_backward=False)
+    def solve(
+        row_begin: int,
+        column_step: int,
+        # In:
+        width: int,
+        window_in: wp.array(dtype=float),  # 0 beyond the window, up to a multiple of ROW_STEP
+        sums_in: wp.array4d(dtype=Run),  # (worlds, height, 5, width + what the window holds - 1)
+        # Out:
+        displacement_out: wp.array4d(dtype=Run),  # (worlds, height, 2, width)
+    ):
+        """d of each pixel from its window's sums."""
+        world, row, column = wp.tid()
+        y = row_begin + row
+        for run in range(column, (width + wp.static(lanes - 1)) // wp.static(lanes), column_step):
+            x = run_begin(run, wp.static(lanes), width)
+            dx, dy = solution(sums_in, window_in, world, y, x)
+            displacement_out[world, y, 0, x] = dx
+            displacement_out[world, y, 1, x] = dy
+
+    return solve
+
+
+def _solution(lanes: int) -> wp.Function:
+    """Warp function that gives d of a run of pixels from their windows' sums."""
+    types = _sum_types(lanes)
+    planes, Run, Sum, read = types.planes, types.Run, types.Sum, types.read
+
     @wp.func
     def sum_row(sums: wp.array4d(dtype=Run), window: wp.array(dtype=float), world: int, y: int, c: int, x: int) -> Sum:
         total = Sum()
@@ -155,32 +208,16 @@ def solution_kernels(lanes: int) -> SimpleNamespace:
         determinant = wp.cw_mul(gxx, gyy) - wp.cw_mul(gxy, gxy)
         inverse = Run()
         for i in range(wp.static(lanes)):
-            inverse[i] = 1.0 / (determinant[i] + wp.static(REGULARISATION))
+            inverse[i] = 1.0 / (determinant[i] + wp.static(REGULARIZATION))
         dx = wp.cw_mul(wp.cw_mul(gyy, hx) - wp.cw_mul(gxy, hy), inverse)
         dy = wp.cw_mul(wp.cw_mul(gxx, hy) - wp.cw_mul(gxy, hx), inverse)
         return dx, dy
 
-    @kernel
-    def solve(
-        row_begin: int,
-        column_step: int,
-        # In:
-        width: int,
-        window_in: wp.array(dtype=float),  # 0 beyond the window, up to a multiple of ROW_STEP
-        sums_in: wp.array4d(dtype=Run),  # (worlds, height, 5, width + what the window holds - 1)
-        # Out:
-        displacement_out: wp.array4d(dtype=Run),  # (worlds, height, 2, width)
-    ):
-        """d of each pixel from its window's sums."""
-        world, row, column = wp.tid()
-        y = row_begin + row
-        for run in range(column, (width + wp.static(lanes - 1)) // wp.static(lanes), column_step):
-            x = run_begin(run, wp.static(lanes), width)
-            dx, dy = solution(sums_in, window_in, world, y, x)
-            displacement_out[world, y, 0, x] = dx
-            displacement_out[world, y, 1, x] = dy
+    return solution
 
-    @kernel
+
+def _backward_flow(lanes: int) -> wp.Kernel:
+    @wp.kernel(module=run_module(f"{__name__}_flow_{lanes}", CPU_FLAGS_SHALLOW), enable_backward=False)
     def backward_flow(
         row_begin: int,
         column_step: int,
@@ -198,4 +235,4 @@ def solution_kernels(lanes: int) -> SimpleNamespace:
         for x in range(column, flow_out.shape[2], column_step):
             flow_out[world, y, x] = wp.vec2(-displacement_in[world, y, 0, x], -displacement_in[world, y, 1, x])
 
-    return SimpleNamespace(sum_columns=sum_columns, solve=solve, backward_flow=backward_flow)
+    return backward_flow

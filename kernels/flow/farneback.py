@@ -30,7 +30,7 @@ class FarnebackOptions:
         levels: levels below the image itself; fewer where a side would be below 32 px.
         winsize: side of the averaging window [px].
         iterations: at each level.
-        poly_n: radius of the neighbourhood that is expanded [px].
+        poly_n: radius of the neighborhood that is expanded [px].
         poly_sigma: standard deviation of its Gaussian weights [px].
         gaussian_window: weigh the averaging window by a Gaussian instead of evenly.
     """
@@ -76,7 +76,7 @@ class FarnebackOptions:
 class Farneback:
     """Flow between the two latest of a sequence of images, many worlds at once.
 
-    Write grey images to ``image``, call :meth:`push`, and again for the next; then :meth:`calculate` fills
+    Write gray images to ``image``, call :meth:`push`, and again for the next; then :meth:`calculate` fills
     ``flow``. Each image is expanded once. Neither call allocates, and both can be captured in a CUDA graph: which
     of the two images is the present one is itself a number on the device.
 
@@ -90,7 +90,7 @@ class Farneback:
     Args:
         worlds, height, width: of the images.
         options: of the method.
-        dtype: of ``image``, ``wp.uint8`` or ``wp.float32`` (grey levels up to about 255).
+        dtype: of ``image``, ``wp.uint8`` or ``wp.float32`` (gray levels up to about 255).
         device: Warp device.
         threads: bands of rows on a CPU.
     """

@@ -1,7 +1,7 @@
 """Polynomial expansion of images (G. Farneback, "Two-frame motion estimation based on polynomial expansion", 2003).
 
-Around each pixel the image is taken as f(d) = c + b^T d + d^T A d. The coefficients minimise the squared error
-weighted by a Gaussian g ("applicability"). With m_ij the sum of g f x^i y^j over the neighbourhood, and because
+Around each pixel the image is taken as f(d) = c + b^T d + d^T A d. The coefficients minimize the squared error
+weighted by a Gaussian g ("applicability"). With m_ij the sum of g f x^i y^j over the neighborhood, and because
 all odd moments of g vanish, they are
 
     b_x = m_10 / s2        A_xx = (m_20 - s2 m_00) / (s4 - s2^2)        A_xy + A_yx = m_11 / s2^2
@@ -39,12 +39,14 @@ def applicability(radius: int, sigma: float) -> tuple[np.ndarray, wp.vec3]:
 
 @cache
 def expansion_kernels(lanes: int) -> SimpleNamespace:
-    """The two passes of the expansion."""
+    """The two passes of the expansion: ``column_moments``, then ``expansion``."""
+    return SimpleNamespace(column_moments=_column_moments(lanes), expansion=_expansion(lanes))
+
+
+def _column_moments(lanes: int) -> wp.Kernel:
     Run = run_type(lanes)
 
-    kernel = wp.kernel(module=run_module(f"{__name__}_{lanes}"), enable_backward=False)
-
-    @kernel
+    @wp.kernel(module=run_module(f"{__name__}_columns_{lanes}"), enable_backward=False)
     def column_moments(
         row_begin: int,
         column_step: int,
@@ -75,7 +77,13 @@ def expansion_kernels(lanes: int) -> SimpleNamespace:
             moments_out[world, y, 1, x] = m1
             moments_out[world, y, 2, x] = m2
 
-    @kernel
+    return column_moments
+
+
+def _expansion(lanes: int) -> wp.Kernel:
+    Run = run_type(lanes)
+
+    @wp.kernel(module=run_module(f"{__name__}_rows_{lanes}"), enable_backward=False)
     def expansion(
         row_begin: int,
         column_step: int,
@@ -95,28 +103,28 @@ def expansion_kernels(lanes: int) -> SimpleNamespace:
         target = slot_in[0] * (expansion_out.shape[0] / 2) + world
         for run in range(column, (width + wp.static(lanes - 1)) // wp.static(lanes), column_step):
             x = run_begin(run, wp.static(lanes), width)
-            centre = x + radius
-            f = moments_in[world, y, 0, centre]
+            center = x + radius
+            f = moments_in[world, y, 0, center]
             m00 = f * weights_in[0, 0]
-            m01 = moments_in[world, y, 1, centre] * weights_in[0, 0]
-            m02 = moments_in[world, y, 2, centre] * weights_in[0, 0]
+            m01 = moments_in[world, y, 1, center] * weights_in[0, 0]
+            m02 = moments_in[world, y, 2, center] * weights_in[0, 0]
             m10 = Run()
             m20 = Run()
             m11 = Run()
             for k in range(1, radius + 1):
                 g0 = weights_in[0, k]
                 g1 = weights_in[1, k]
-                left = moments_in[world, y, 0, centre - k]
-                right = moments_in[world, y, 0, centre + k]
+                left = moments_in[world, y, 0, center - k]
+                right = moments_in[world, y, 0, center + k]
                 total = right + left
                 m00 += total * g0
                 m10 += (right - left) * g1
                 m20 += total * weights_in[2, k]
-                left = moments_in[world, y, 1, centre - k]
-                right = moments_in[world, y, 1, centre + k]
+                left = moments_in[world, y, 1, center - k]
+                right = moments_in[world, y, 1, center + k]
                 m01 += (right + left) * g0
                 m11 += (right - left) * g1
-                m02 += (moments_in[world, y, 2, centre + k] + moments_in[world, y, 2, centre - k]) * g0
+                m02 += (moments_in[world, y, 2, center + k] + moments_in[world, y, 2, center - k]) * g0
             mean = m00 * scale[2]
             expansion_out[target, y, 0, x] = m10 * scale[0]
             expansion_out[target, y, 1, x] = m01 * scale[0]
@@ -124,4 +132,4 @@ def expansion_kernels(lanes: int) -> SimpleNamespace:
             expansion_out[target, y, 3, x] = (m02 - mean) * scale[1]
             expansion_out[target, y, 4, x] = m11 * (scale[0] * scale[0])
 
-    return SimpleNamespace(column_moments=column_moments, expansion=expansion)
+    return expansion

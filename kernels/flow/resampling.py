@@ -1,6 +1,6 @@
 """Separable linear resampling of images, its weights in tables: blur, change of size and padding in one step.
 
-Each output row (and column) is a weighted sum of a few neighbouring input rows. The tables come from the whole
+Each output row (and column) is a weighted sum of a few neighboring input rows. The tables come from the whole
 matrix of weights, borders included, so that the kernels know neither borders nor scales.
 """
 
@@ -18,7 +18,7 @@ wp.set_module_options({"enable_backward": False})
 
 
 def linear_weights(source: int, target: int) -> np.ndarray:
-    """Matrix (target, source) of linear interpolation between the centres of ``source`` pixels, ends repeated."""
+    """Matrix (target, source) of linear interpolation between the centers of ``source`` pixels, ends repeated."""
     position = (np.arange(target) + 0.5) * (source / target) - 0.5
     position = np.clip(position, 0, source - 1)
     left = np.minimum(position.astype(int), max(source - 2, 0))

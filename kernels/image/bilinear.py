@@ -1,4 +1,4 @@
-"""Bilinear sampling of per-pixel vectors and matrices, the interpolate() of DIJE equations (13) to (16)."""
+"""Bilinear sampling of per-pixel vectors and matrices, interpolate() of DIJE (13) to DIJE (16)."""
 
 import math
 from functools import cache
@@ -11,7 +11,7 @@ wp.set_module_options({"enable_backward": False})
 
 @wp.struct
 class Taps:
-    """Where four neighbouring pixels lie and what each counts."""
+    """Where four neighboring pixels lie and what each counts."""
 
     left: int
     top: int

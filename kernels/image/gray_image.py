@@ -1,4 +1,4 @@
-"""Grey images from colour: BT.601 luma in OpenCV's fixed point, so that both give the same bytes."""
+"""Gray images from color: BT.601 luma in OpenCV's fixed point, so that both give the same bytes."""
 
 import warp as wp
 

@@ -1,4 +1,4 @@
-"""Runs of neighbouring pixels as one vector: what makes a pixel kernel use a CPU's wide registers.
+"""Runs of neighboring pixels as one vector: what makes a pixel kernel use a CPU's wide registers.
 
 Seen through :func:`runs`, element ``[..., x]`` of an image is the vector of the ``lanes`` pixels from x on: the
 elements overlap, and any x may be read or written. A kernel computes a run at once and steps by ``lanes``; the
@@ -9,6 +9,8 @@ value. On a GPU the same kernel is one of a thread a pixel or two.
 from typing import Any
 
 import warp as wp
+
+from dense_vs.kernels.views import seen_as
 
 CPU_LANES = 16
 GPU_LANES = 2  # less to compute per pixel for where it lies
@@ -41,15 +43,8 @@ def runs(image: wp.array, lanes: int) -> wp.array:
     if image.strides[-1] != _SIZES[image.dtype]:
         raise ValueError(f"rows with a stride of {image.strides[-1]} bytes cannot be seen as runs of {image.dtype}")
     *leading, width = image.shape
-    view = wp.array(
-        ptr=image.ptr,
-        dtype=run_type(lanes, image.dtype),
-        shape=(*leading, width - lanes + 1),
-        strides=image.strides,
-        device=image.device,
-    )
-    view._source = image  # the view does not own the memory
-    return view
+    shape = (*leading, width - lanes + 1)
+    return seen_as(image, run_type(lanes, image.dtype), shape, strides=image.strides)
 
 
 def run_count(width: int, lanes: int) -> int:

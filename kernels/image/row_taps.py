@@ -2,7 +2,7 @@
 
 Finding where a pixel's four taps lie takes longer than reading them, unless the compiler sees one plain loop over a
 row, which it then does 16 pixels at a time. Warp's loops over its arrays are none, so this one is written in C++.
-Arithmetic and order are those of ``displacement`` in ``image_jacobian.py`` and
+Arithmetic and order are those of ``pixel_shift`` in ``moved_pixels.py`` and
 :func:`dense_vs.kernels.image.bilinear.bilinear_taps`; a test holds them to the same bits.
 """
 
@@ -99,7 +99,7 @@ def find_row_taps(
     places: wp.array3d(dtype=wp.int32),
     fractions: wp.array3d(dtype=wp.float32),
 ):
-    """Taps of every pixel of row y, moved by the displacement image v: x - v(x), x - v(x - v(x)), ..."""
+    """Taps of every pixel of row y, moved by the shift image v: x - v(x), x - v(x - v(x)), ...; DIJE (13), (14)"""
     ...
 
 

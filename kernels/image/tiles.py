@@ -1,6 +1,6 @@
 """Pixel kernels for a GPU alone: a block of threads takes a tile of 32 x 8 pixels of one world.
 
-Neighbours above and below then share a cache, and the world is the same for the whole block, which the compiler knows
+Neighbors above and below then share a cache, and the world is the same for the whole block, which the compiler knows
 as it follows from the block's number: addresses of a world are computed once for 32 threads, and no thread divides
 64-bit numbers to find its pixel. A kernel for it is declared with ``grid_stride=False`` and starts with
 

@@ -1,4 +1,4 @@
-"""Image vectors as colours, DIJE Fig. 2: hue is the direction, brightness the length."""
+"""Image vectors as colors, DIJE Fig. 2: hue is the direction, brightness the length."""
 
 import warp as wp
 
@@ -16,7 +16,7 @@ def channel(sextant: float, offset: float, value: float) -> wp.uint8:
 
 
 @wp.kernel
-def vector_colours_kernel(
+def vector_colors_kernel(
     row_begin: int,
     column_step: int,
     # In:

@@ -1,6 +1,6 @@
 """The covariance that all pixels share, and its Kalman gain, one small matrix a world.
 
-With the same p0, q and r at every pixel, the covariance recursion of DIJE (9) and (11) holds no
+With the same p0, q and r at every pixel, the covariance recursion of DIJE (9) and DIJE (11) depends on no
 image data: it is the same at every pixel, and so is the gain. Kept once for the image it can be the
 full matrix of Qian and Su's filter instead of its diagonal, at no cost per pixel. Float64, because
 variances of unexcited joints stand beside ones 1e6 times smaller.
@@ -108,7 +108,9 @@ def update_shared_covariance(
     displacement_out: wp.array2d(dtype=wp.float64),
     gain_out: wp.array2d(dtype=wp.float32),
 ):
-    """Predict P <- F P F^T + Q, gain K = P h / (h^T P h + r), update P <- P - K (P h)^T, a thread a world.
+    """Predict P <- F P F^T + Q, DIJE (9) and (11) in full: gain K = P h / (h^T P h + r), P <- P - K (P h)^T.
+
+    A thread a world.
 
     P is that of the present posture; the gain that goes out is F(-d) K, for the image's state.
 

@@ -5,7 +5,7 @@ all of a pixel in one cache line.
 
 ``"planes"``: the 2 C numbers of a pixel, row after row, are cut into groups of 4 (of 2 where 4 does not divide them),
 and each group is an image of its own: (worlds groups, H, W) of vectors, group g of world w being image
-w groups + g. Neighbouring threads of a GPU then read neighbouring addresses, 16 bytes each by one instruction. Warp
+w groups + g. Neighboring threads of a GPU then read neighboring addresses, 16 bytes each by one instruction. Warp
 does not promise the compiler that its vectors are aligned, so the accesses are written in CUDA; that of a CPU is the
 plain one.
 """

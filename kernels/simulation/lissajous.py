@@ -6,7 +6,7 @@ wp.set_module_options({"enable_backward": False})
 
 
 def lissajous_positions(
-    centre: wp.array,
+    center: wp.array,
     amplitude: wp.array,
     frequency: wp.array,
     phase: wp.array,
@@ -17,7 +17,7 @@ def lissajous_positions(
     """Write each world's position into column ``index`` of an array.
 
     Args:
-        centre, amplitude, frequency, phase: of the path [m, m, 1/s, rad], each (worlds,) of vec3.
+        center, amplitude, frequency, phase: of the path [m, m, 1/s, rad], each (worlds,) of vec3.
         time: of each world [s], shape (worlds,).
         index: column of ``position`` to write.
         position: written [m], shape (worlds, columns) of vec3.
@@ -25,7 +25,7 @@ def lissajous_positions(
     wp.launch(
         _lissajous,
         dim=len(time),
-        inputs=[centre, amplitude, frequency, phase, time, index],
+        inputs=[center, amplitude, frequency, phase, time, index],
         outputs=[position],
         device=position.device,
     )
@@ -34,7 +34,7 @@ def lissajous_positions(
 @wp.kernel
 def _lissajous(
     # In:
-    centre_in: wp.array[wp.vec3],
+    center_in: wp.array[wp.vec3],
     amplitude_in: wp.array[wp.vec3],
     frequency_in: wp.array[wp.vec3],
     phase_in: wp.array[wp.vec3],
@@ -44,7 +44,7 @@ def _lissajous(
     position_out: wp.array2d[wp.vec3],
 ):
     world = wp.tid()
-    p = centre_in[world]
+    p = center_in[world]
     for axis in range(3):
         turn = wp.static(2.0 * wp.pi) * frequency_in[world][axis] * time_in[world] + phase_in[world][axis]
         p[axis] = p[axis] + amplitude_in[world][axis] * wp.sin(turn)

@@ -1,4 +1,4 @@
-"""Colours, grey levels and geom ids out of a ray tracer's packed pixels."""
+"""Colors, gray levels and geom ids out of a ray tracer's packed pixels."""
 
 import warp as wp
 
@@ -19,17 +19,17 @@ def unpack_image_kernel(
     rgb_out: wp.array3d[wp.vec3ub],
     ids_out: wp.array3d[int],  # geom id, -1 for none
 ):
-    """Split packed colour into uint8 RGB, and keep the id of a segment only where it is a geom."""
+    """Split packed color into uint8 RGB, and keep the id of a segment only where it is a geom."""
     world, row, column = wp.tid()
     y = row_begin + row
     width = ids_out.shape[2]
     for x in range(column, width, column_step):
         pixel = y * width + x
-        colour = packed_in[world, pixel]
+        color = packed_in[world, pixel]
         rgb_out[world, y, x] = wp.vec3ub(
-            wp.uint8((colour >> wp.uint32(16)) & wp.uint32(0xFF)),
-            wp.uint8((colour >> wp.uint32(8)) & wp.uint32(0xFF)),
-            wp.uint8(colour & wp.uint32(0xFF)),
+            wp.uint8((color >> wp.uint32(16)) & wp.uint32(0xFF)),
+            wp.uint8((color >> wp.uint32(8)) & wp.uint32(0xFF)),
+            wp.uint8(color & wp.uint32(0xFF)),
         )
         segment = segment_in[world, pixel]
         ids_out[world, y, x] = wp.where(segment[1] == geom_type, segment[0], -1)
@@ -44,10 +44,10 @@ def packed_to_gray_kernel(
     # Out:
     gray_out: wp.array3d[wp.uint8],
 ):
-    """Luma of packed colour."""
+    """Luma of packed color."""
     world, row, column = wp.tid()
     y = row_begin + row
     width = gray_out.shape[2]
     for x in range(column, width, column_step):
-        colour = int(packed_in[world, y * width + x])
-        gray_out[world, y, x] = luma((colour >> 16) & 0xFF, (colour >> 8) & 0xFF, colour & 0xFF)
+        color = int(packed_in[world, y * width + x])
+        gray_out[world, y, x] = luma((color >> 16) & 0xFF, (color >> 8) & 0xFF, color & 0xFF)

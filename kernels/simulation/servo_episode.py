@@ -1,9 +1,11 @@
-"""What each world of a batch is at: it babbles, is given its point, reaches one target after another, and rests.
+"""The phase of each world of a batch: it babbles, is given its point, reaches one target after another, and rests.
 
 Every world goes through these phases at its own pace; nothing of it is decided on the host, so a frame can be
 captured in a CUDA graph. A reach ends when the tracked point has stayed within ``tolerance`` of its target for
-``settle_frames`` frames, when it has taken ``max_frames``, or when the point is lost, as the servo would go on blind.
-The point's true place serves to measure the error at the end; it decides nothing.
+``settle_frames`` frames, when it has taken ``max_frames``, or when the point is lost. A lost point ends the world's
+run: nothing in its images says where the point is now, so the targets that are left count as lost, too. The
+simulator's true place of the point stands for the user's click that defines it after the babbling, and measures the
+error at the end of a reach; it decides nothing else.
 """
 
 from dataclasses import dataclass
@@ -87,7 +89,7 @@ def advance_episodes(
         tracked: vec2d ``(B, 1)``, tracked points [px].
         lost: int ``(B, 1)``.
         true_points: vec2d ``(B, 1)`` [px].
-        restarted: int ``(B,)``, not 0 in worlds that begin anew: they babble, and go on with the target that they had.
+        restarted: int ``(B,)``, not 0 in worlds that start again: they babble, then keep their target.
         babble_frames: frames of babbling before the point is defined.
         tolerance: distance that counts as there [px].
         settle_frames: frames it has to stay there.
@@ -192,10 +194,10 @@ def advance_episodes_kernel(
             index += 1
             age = 0
             settled = 0
-            if outcome == wp.static(LOST) and index < targets_in.shape[1]:
-                # The point is defined anew, as a user would before going on.
-                defining = 1
-                point = true_points_in[world, 0]
+            if outcome == wp.static(LOST):
+                for left in range(index, targets_in.shape[1]):
+                    outcome_out[world, left] = outcome
+                index = targets_in.shape[1]
         settled_out[world] = settled
         if index >= targets_in.shape[1]:
             phase = wp.static(RESTING)

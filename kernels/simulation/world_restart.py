@@ -1,4 +1,4 @@
-"""Worlds of a batch that begin anew alone: those that were asked to, and those whose state is no longer a number."""
+"""Worlds of a batch that start again on their own: those asked to, and those whose state is no longer a number."""
 
 from typing import Any
 

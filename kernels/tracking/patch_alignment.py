@@ -2,7 +2,7 @@
 
 A patch t(x) is fixed when a point is defined, x [px] from the point. In a later image the point is at p and its
 surroundings are seen through an affine map: i(x) = image(p + A x). The enhanced correlation coefficient of t and
-i (Evangelidis and Psarakis, 2008) is maximised over p and A. With t, i and the columns of G = d i(d + (I + D) x) /
+i (Evangelidis and Psarakis, 2008) is maximized over p and A. With t, i and the columns of G = d i(d + (I + D) x) /
 d(D, d) of weighted mean zero, <a, b> the weighted product and H = <G, G>, an iteration is
 
     c = H^-1 (lambda <G, t> - <G, i>),    lambda = (<i, i> - <i, G> H^-1 <G, i>) / (<i, t> - <i, G> H^-1 <G, t>),
@@ -30,7 +30,7 @@ MAX_ITERATIONS = 25
 TOLERANCE = 0.01  # px that a patch's corner moves by in the last iteration
 SHIFT_TOLERANCE = 0.3  # px that the patch moves by in the last iteration without D
 RIDGE = 1e-5  # of H's diagonal: steps stay bounded where a patch has no texture in a direction
-MIN_VARIANCE = 1e-3  # of grey values; less is no texture
+MIN_VARIANCE = 1e-3  # of gray values; less is no texture
 MIN_VISIBLE = 0.5  # of a patch's weight; with less inside the image there is no alignment
 NEGLIGIBLE = 0.05  # share of a sample that a row or column of pixels may have without being counted
 
@@ -122,7 +122,7 @@ def spline_slopes(a: float) -> wp.vec4:
 
 @wp.func
 def sample_spline(image: wp.array3d(dtype=wp.uint8), world: int, left: int, top: int, a: float, b: float) -> wp.vec3:
-    """Grey value less 128 at (left + a, top + b) and its derivatives by x and y.
+    """Gray value less 128 at (left + a, top + b) and its derivatives by x and y.
 
     Beyond the image's border its nearest pixel answers.
     """
@@ -218,6 +218,16 @@ def increment(
         scale = (image_image - wp.dot(projected, gradient_image)) / remaining
         change = inverse * (gradient_patch * scale) - projected
     return change
+
+
+@wp.func
+def corner_motion(change: vec6) -> float:
+    """Greatest shift of a patch's corner along x or y [px]."""
+    size = wp.vec2(
+        wp.abs(change[0]) + wp.abs(change[2]) + wp.abs(change[4]),
+        wp.abs(change[1]) + wp.abs(change[3]) + wp.abs(change[5]),
+    )
+    return wp.max(size)
 
 
 @wp.kernel
@@ -345,11 +355,7 @@ def align_patches_kernel(
         textured = wp.min(image_image, patch_patch) > wp.static(MIN_VARIANCE) * weight and least_texture > 0.0
         if textured and total[0] >= wp.static(MIN_VISIBLE) * (total[0] + invisible):
             change = increment(normal, gradient_image, gradient_patch, image_image, image_patch, shifting)
-            size = wp.vec2(
-                wp.abs(change[0]) + wp.abs(change[2]) + wp.abs(change[4]),
-                wp.abs(change[1]) + wp.abs(change[3]) + wp.abs(change[5]),
-            )
-            moved = wp.max(size)
+            moved = corner_motion(change)
             p = p + affine * wp.vec2(change[4], change[5])
             affine = affine * wp.mat22(
                 1.0 + change[0] * unit, change[2] * unit, change[1] * unit, 1.0 + change[3] * unit

@@ -1,7 +1,7 @@
 """Points that stay on moving surfaces, in many worlds: DIJE (15), and what keeps it from drifting.
 
 A point's new place solves p = p_old + u(p) by repeated sampling of the flow, u being stored at the pixels of
-the present frame; one step is (15) as printed. The patch around it is then aligned to the one it was defined
+the present frame; one step is DIJE (15) as printed. The patch around it is then aligned to the one it was defined
 with (``patch_alignment.py``, beyond the paper). The alignment is believed where it correlates and ends near the
 place that the flow carried the point to; a point that is not seen again for a while counts as lost, is still
 carried, and is found again when its patch aligns.
@@ -186,7 +186,7 @@ def carry_points_kernel(
     carried_out: wp.array2d(dtype=wp.vec2d),
     finite_out: wp.array2d(dtype=int),
 ):
-    """(15), repeated towards its fixed point."""
+    """DIJE (15), repeated toward its fixed point."""
     world, point = wp.tid()
     start = points_in[world, point]
     p = start
@@ -240,6 +240,6 @@ def accept_points_kernel(
 
 @wp.func
 def inside(p: wp.vec2d, last_pixel: wp.vec2d) -> bool:
-    """Whether a point lies between the centres of the first and the last pixel."""
+    """Whether a point lies between the centers of the first and the last pixel."""
     zero = wp.float64(0.0)
     return p[0] >= zero and p[1] >= zero and p[0] <= last_pixel[0] and p[1] <= last_pixel[1]

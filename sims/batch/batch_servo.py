@@ -7,7 +7,8 @@
 
 A frame is physics, rendering, optical flow, the dense Jacobian's update, tracking, and the command of each world's own
 phase: it babbles, then servos its point to one target after another, then rests. On a GPU a frame is one CUDA
-graph and nothing is read back unless asked for. Every world finishes, loses its point or begins anew alone.
+graph and nothing is read back unless asked for. Every world finishes, loses its point or begins again on its own. A
+lost point ends its world's run.
 """
 
 from collections.abc import Callable
@@ -21,7 +22,7 @@ from dense_vs.errors import DenseVSError
 from dense_vs.flow.batch_flow import BYTES_PER_PIXEL, BatchFlow
 from dense_vs.jacobian.error import JacobianError, jacobian_error
 from dense_vs.jacobian.filter import JacobianFilter, filter_bytes
-from dense_vs.jacobian.options import JacobianOptions
+from dense_vs.jacobian.options import EstimatorOptions, JacobianOptions
 from dense_vs.kernels.control.babbling import BabblingState, babbling_steps, restart_babbling, watch_flow
 from dense_vs.kernels.control.servo_law import limits_array, servo_steps
 from dense_vs.kernels.jacobian.surface_weights import surface_weight_kernels
@@ -29,11 +30,12 @@ from dense_vs.kernels.simulation.servo_episode import RESTING, EpisodeState, adv
 from dense_vs.kernels.simulation.surface_projection import project_surface_points
 from dense_vs.kernels.simulation.world_restart import joint_motion
 from dense_vs.kernels.tracking.point_tracking import PointTracks, begin_tracks, carry_tracks, locate_tracks
+from dense_vs.kernels.views import seen_as
 from dense_vs.point_servo.law import ServoOptions
 from dense_vs.point_servo.loop import SAME_SURFACE
 from dense_vs.point_servo.tracker import FIXED_POINT_STEPS, TrackerOptions
 from dense_vs.robot.babbling import BabblingOptions
-from dense_vs.sims.batch.episode import OUTCOMES, BatchResults, EpisodeOptions
+from dense_vs.sims.batch.episode import ENDS, BatchResults, EpisodeOptions
 from dense_vs.sims.engine.physics import WarpPhysics
 from dense_vs.sims.engine.renderer import GrayRenderer
 from dense_vs.sims.engine.scene import FRAME_SECONDS
@@ -50,11 +52,11 @@ class BatchServo:
     Args:
         world: B worlds at their beginning; with one world on a CPU made with ``physics_on_device=True``.
         point: site, body or geom of the model whose surface point is to be brought to the targets.
-        targets: (B, K, 2) [px], or K for as many reachable places, drawn from the seed.
+        targets: (B, K, 2) [px], or K for that many reachable places, drawn from the seed.
         seed: of babbling, dither and targets; every world has streams of its own.
         flow: method of :class:`BatchFlow`.
-        estimator: fields of :class:`JacobianOptions` that differ from the default; ``order`` is 1 unless given, as
-            the state of order 2 takes 3.5 times the memory with four joints.
+        estimator: options of :class:`dense_vs.DenseJacobian` that differ from the default; ``order`` is 1 unless
+            given, as the state of order 2 takes 3.5 times the memory with four joints.
         servo, babbling, tracker, episode: options of the parts.
 
     Attributes:
@@ -74,7 +76,7 @@ class BatchServo:
         targets: Any = 1,
         seed: int = 0,
         flow: str = "farneback-warp",
-        estimator: dict[str, Any] | None = None,
+        estimator: EstimatorOptions | None = None,
         servo: ServoOptions | None = None,
         babbling: BabblingOptions | None = None,
         tracker: TrackerOptions | None = None,
@@ -93,10 +95,8 @@ class BatchServo:
         self._episode_options = episode or EpisodeOptions()
         worlds, height, width = world.shape
         joints = len(world.joint_names)
-        choice = {"order": 1, **(estimator or {})}
-        options = JacobianOptions(
-            height=height, width=width, joints=joints, worlds=worlds, on_bad_flow="skip", **choice
-        )
+        chosen: EstimatorOptions = {"order": 1, "on_bad_flow": "skip", **(estimator or {})}
+        options = JacobianOptions(height=height, width=width, joints=joints, worlds=worlds, **chosen)
         if options.covariance != "shared":
             raise DenseVSError(f"covariance is {options.covariance!r}; expected 'shared' in a batch")
         self.surface_point = world.track_point(world.project(point))
@@ -112,10 +112,10 @@ class BatchServo:
             if self._graphs[now] is None:
                 with wp.ScopedCapture(self.device) as capture:
                     self._launch()
-                self.filter.turn()  # capturing ran nothing
+                self.filter.swap()  # capturing ran nothing
                 self._graphs[now] = capture.graph
             wp.capture_launch(self._graphs[now])
-            self.filter.turn()
+            self.filter.swap()
         else:
             self._launch()
         self.world.count_frame()
@@ -127,7 +127,7 @@ class BatchServo:
         if most is None:
             episode = self._episode_options
             reaches = self.episode.outcome.shape[1] * (episode.max_frames + 1)
-            # Twice the longest course, for worlds that begin anew.
+            # Twice the longest course, for worlds that start again.
             most = 2 * (self._babble_frames + reaches + 1)
         for count in range(most):
             self.frame()
@@ -185,7 +185,7 @@ class BatchServo:
         """The reaches so far."""
         episode = self.episode
         return BatchResults(
-            outcome=np.array(OUTCOMES)[episode.outcome.numpy()],
+            outcome=np.array(ENDS, dtype=object)[episode.outcome.numpy()],
             frames=episode.frames.numpy(),
             error_px=episode.error.numpy(),
             true_error_px=episode.true_error.numpy(),
@@ -245,9 +245,7 @@ class BatchServo:
         self._weigh = surface_weight_kernels(joints, kernels.order, self.filter.layout).surface_weights
         self._weights = wp.full((worlds, height, width), 1.0, dtype=float, device=device)
         self._at_points = wp.zeros((worlds, 1), dtype=kernels.Jacobian, device=device)
-        self._at_points_floats = wp.array(
-            ptr=self._at_points.ptr, dtype=float, shape=(worlds, 2, joints), device=device
-        )
+        self._at_points_floats = seen_as(self._at_points, float, (worlds, 2, joints))
 
     @property
     def stages(self) -> dict[str, Callable[[], None]]:

@@ -1,17 +1,19 @@
-"""What each robot of a batch goes through, and what came of it."""
+"""Options of the course that each robot of a batch takes, and its results."""
 
 from dataclasses import dataclass
 
 import numpy as np
 
-from dense_vs.errors import DenseVSError
+from dense_vs.checks import check_number, check_whole
+from dense_vs.point_servo.loop import ReachEnd
 
-OUTCOMES = ("pending", "reached", "missed", "lost")  # by the numbers of kernels/servo_episode.py
+# By the numbers of kernels/simulation/servo_episode.py.
+ENDS = (ReachEnd.PENDING, ReachEnd.REACHED, ReachEnd.MISSED, ReachEnd.LOST)
 
 
 @dataclass(frozen=True, kw_only=True)
 class EpisodeOptions:
-    """What a world goes through.
+    """The course of a world: babbling, then one reach after another.
 
     Attributes:
         babble_seconds: time spent learning J first [s].
@@ -27,25 +29,21 @@ class EpisodeOptions:
 
     def __post_init__(self):
         for name in ("babble_seconds", "tolerance"):
-            value = getattr(self, name)
-            number = isinstance(value, (int, float, np.number)) and not isinstance(value, bool)
-            if not number or not np.isfinite(value) or value <= 0:
-                raise DenseVSError(f"{name} is {value!r}; expected a finite number above 0")
+            check_number(name, getattr(self, name), above=0)
         for name in ("settle_frames", "max_frames"):
-            value = getattr(self, name)
-            if isinstance(value, bool) or not isinstance(value, (int, np.integer)) or value < 1:
-                raise DenseVSError(f"{name} is {value!r}; expected a whole number of at least 1")
+            check_whole(name, getattr(self, name), least=1)
 
 
 @dataclass(frozen=True)
 class BatchResults:
-    """What came of the reaches of B worlds with K targets each, by the loop and by the simulator's truth.
+    """Reaches of B worlds with K targets each, as the loop and as the simulator's truth have them.
 
     Attributes:
-        outcome: (B, K) of ``"pending"``, ``"reached"``, ``"missed"`` (given up) and ``"lost"`` (its point).
-        frames: (B, K), that the reach took.
-        error_px: (B, K), tracked point to target at the end [px]; NaN while pending.
-        true_error_px: (B, K), the point itself to target [px].
+        outcome: (B, K) of :class:`dense_vs.point_servo.ReachEnd`. A world that loses its point stops; its remaining
+            targets are ``LOST``, too.
+        frames: (B, K), that the reach took; 0 where it never began.
+        error_px: (B, K), tracked point to target at the end [px]; NaN while pending and where it never began.
+        true_error_px: (B, K), the point itself to target [px], likewise.
         restarts: (B,), how often a world was put back to its beginning because its state was not finite.
     """
 

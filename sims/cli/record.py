@@ -1,8 +1,4 @@
-"""``dense-vs record``: a simulated robot's video and joint log, with the truth beside them.
-
---format lerobot writes a LeRobot v3.0 dataset and --format mcap a ROS 2 bag, into the folder ``recording`` of --out. A
-real robot is recorded by :class:`dense_vs.recording.Recorder`.
-"""
+"""``dense-vs record``: a simulated robot's video and joint log, with the truth beside them."""
 
 import argparse
 from pathlib import Path
@@ -10,18 +6,31 @@ from pathlib import Path
 import numpy as np
 
 from dense_vs.errors import DenseVSError
+from dense_vs.files import output_folder
+from dense_vs.flow.estimator import FlowEstimator, to_gray
+from dense_vs.recording.truth_file import TruthFile
+from dense_vs.recording.writers import FORMATS, open_writer, written
+from dense_vs.robot.babbling import Babbling
 from dense_vs.sims.cli.options import add_world_arguments, make_world
 from dense_vs.view.progress import progress
 
-HELP = "record a simulated robot: video, joint log and the true Jacobians"
 VIDEO_QUALITY = 3  # compression artefacts are flow errors
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the command's arguments."""
-    parser.add_argument("--out", type=Path, required=True, help="folder for video.mp4, joints.csv and truth.npz")
-    parser.add_argument("--format", default="video", help="video, lerobot or mcap (default: video)")
-    parser.add_argument("--seconds", type=float, default=20.0, help="length of the recording (default: 20)")
+    parser.add_argument(
+        "--out", type=Path, required=True, metavar="DIR", help="folder for video.mp4, joints.csv and truth.npz"
+    )
+    parser.add_argument(
+        "--format",
+        default="video",
+        metavar="NAME",
+        help="video, lerobot (LeRobot v3.0) or mcap (ROS 2 bag), the last two in DIR/recording (default: video)",
+    )
+    parser.add_argument(
+        "--seconds", type=float, default=20.0, metavar="S", help="length of the recording (default: 20)"
+    )
     parser.add_argument(
         "--log-rate", type=float, default=100.0, metavar="HZ", help="rate of the joint log (default: 100)"
     )
@@ -37,7 +46,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         type=float,
         default=0.0,
         metavar="S",
-        help="seconds that the log's clock is behind the video's; give estimate the same (default: 0)",
+        help="seconds that the log's clock is behind the video's; give 'dense-vs estimate' the same (default: 0)",
     )
     parser.add_argument(
         "--truth-every", type=int, default=30, metavar="FRAMES", help="frames between truths (default: 30)"
@@ -47,11 +56,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> None:
     """Run the command."""
-    from dense_vs.files import output_folder
-    from dense_vs.flow.estimator import FlowEstimator, to_gray
-    from dense_vs.recording.truth_file import TruthFile
-    from dense_vs.recording.writers import FORMATS, open_writer, written
-    from dense_vs.robot.babbling import Babbling
     from dense_vs.sims.engine.world import FRAME_SECONDS
 
     for name, value in (("--seconds", arguments.seconds), ("--log-rate", arguments.log_rate)):

@@ -5,6 +5,7 @@ from typing import Any
 import numpy as np
 
 from dense_vs.arrays import real_vector
+from dense_vs.checks import check_number
 from dense_vs.errors import DenseVSError
 from dense_vs.sims.engine.scene import FRAME_SECONDS
 from dense_vs.sims.engine.world import SimWorld
@@ -37,8 +38,7 @@ class SimRobot:
     def __init__(self, world: SimWorld, *, command_seconds: float = 0.0):
         if world.shape[0] != 1:
             raise DenseVSError(f"the simulated world has {world.shape[0]} worlds; expected 1 for a robot")
-        if not 0 <= command_seconds < np.inf:
-            raise DenseVSError(f"command_seconds is {command_seconds!r}; expected a finite number of at least 0")
+        check_number("command_seconds", command_seconds, least=0)
         self.world = world
         frames = max(1, round(command_seconds / FRAME_SECONDS))
         s = np.arange(frames + 1) / frames

@@ -8,8 +8,8 @@ from dataclasses import dataclass
 from typing import Any
 
 import mujoco
-import numpy as np
 
+from dense_vs.checks import check_number
 from dense_vs.errors import DenseVSError
 
 GRAVITY = 9.81  # m/s^2
@@ -31,10 +31,7 @@ class Compliance:
 
     def __post_init__(self):
         for name, least, most in (("stiffness", 1e-3, 1.0), ("lag", 0.0, 10.0), ("reading_noise", 0.0, 1.0)):
-            value = getattr(self, name)
-            number = isinstance(value, (int, float, np.number)) and not isinstance(value, bool)
-            if not number or not np.isfinite(value) or not least <= value <= most:
-                raise DenseVSError(f"{name} is {value!r}; expected a finite number from {least:g} to {most:g}")
+            check_number(name, getattr(self, name), least=least, most=most)
 
 
 def resolve_compliance(compliance: Any) -> Compliance | None:

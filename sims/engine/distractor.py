@@ -24,13 +24,13 @@ class DistractorKind:
 
     Attributes:
         body: mocap body of the robot's model.
-        centre, amplitude: [m].
+        center, amplitude: [m].
         frequency: [1/s].
         without: geoms of the body that this kind does not have.
     """
 
     body: str
-    centre: tuple[Range, Range, Range]
+    center: tuple[Range, Range, Range]
     amplitude: tuple[Range, Range, Range]
     frequency: tuple[Range, Range, Range]
     without: tuple[str, ...] = ()
@@ -39,7 +39,7 @@ class DistractorKind:
 def _plate(y: float) -> DistractorKind:
     return DistractorKind(
         "distractor",
-        centre=((-0.05, 0.05), (y, y), (0.3, 0.4)),
+        center=((-0.05, 0.05), (y, y), (0.3, 0.4)),
         amplitude=((0.25, 0.4), _NO_MOTION, (0.08, 0.16)),
         frequency=((0.1, 0.2), _NO_MOTION, (0.12, 0.25)),
     )
@@ -49,7 +49,7 @@ def _walker(x: Range, y: Range, amplitude: Range, frequency: Range, without: tup
     """Back and forth sideways at a walk, with the bobbing of steps."""
     return DistractorKind(
         "walker",
-        centre=(x, y, _NO_MOTION),
+        center=(x, y, _NO_MOTION),
         amplitude=(amplitude, (0.02, 0.06), (0.01, 0.02)),
         frequency=(frequency, (0.1, 0.2), (1.6, 2.0)),
         without=without,
@@ -60,7 +60,7 @@ def _chair(x: Range, y: Range, amplitude: Range, frequency: Range, height: float
     """Back and forth on its casters, or carried at a height [m]."""
     return DistractorKind(
         "chair",
-        centre=(x, y, (height, height)),
+        center=(x, y, (height, height)),
         amplitude=(amplitude, (0.05, 0.1), _NO_MOTION),
         frequency=(frequency, (0.1, 0.2), _NO_MOTION),
     )
@@ -83,7 +83,7 @@ DISTRACTORS = {
 class DistractorPath:
     """Paths of a distractor, one a world; SI units."""
 
-    centre: np.ndarray  # (worlds, 3)
+    center: np.ndarray  # (worlds, 3)
     amplitude: np.ndarray  # (worlds, 3)
     frequency: np.ndarray  # (worlds, 3), 1/s
     phase: np.ndarray  # (worlds, 3), rad
@@ -94,10 +94,10 @@ class DistractorPath:
         ranges = DISTRACTORS[kind]
         rows = []
         for rng in rngs:
-            centre, amplitude, frequency = (
-                [_drawn(rng, *axis) for axis in axes] for axes in (ranges.centre, ranges.amplitude, ranges.frequency)
+            center, amplitude, frequency = (
+                [_drawn(rng, *axis) for axis in axes] for axes in (ranges.center, ranges.amplitude, ranges.frequency)
             )
-            rows.append((centre, amplitude, frequency, rng.uniform(0.0, 2.0 * np.pi, 3)))
+            rows.append((center, amplitude, frequency, rng.uniform(0.0, 2.0 * np.pi, 3)))
         return cls(*(np.array(column, dtype=np.float32) for column in zip(*rows, strict=True)))
 
 
@@ -107,14 +107,14 @@ class Distractor:
     def __init__(self, path: DistractorPath, mocap: int, device: wp.Device):
         self._mocap = mocap
         with wp.ScopedDevice(device):
-            self._centre = wp.array(path.centre, dtype=wp.vec3)
+            self._center = wp.array(path.center, dtype=wp.vec3)
             self._amplitude = wp.array(path.amplitude, dtype=wp.vec3)
             self._frequency = wp.array(path.frequency, dtype=wp.vec3)
             self._phase = wp.array(path.phase, dtype=wp.vec3)
 
     def place(self, time: wp.array, position: wp.array) -> None:
         """Position [m] at the worlds' times [s], shapes (worlds,) and (worlds, nmocap)."""
-        lissajous_positions(self._centre, self._amplitude, self._frequency, self._phase, time, self._mocap, position)
+        lissajous_positions(self._center, self._amplitude, self._frequency, self._phase, time, self._mocap, position)
 
 
 def _drawn(rng: np.random.Generator, low: float, high: float) -> float:

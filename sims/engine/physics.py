@@ -270,7 +270,7 @@ def _put_data(model: mujoco.MjModel, state: mujoco.MjData, worlds: int) -> mjw.D
     """MuJoCo-Warp data, without its constraint solver where the model disables constraints.
 
     The solver would find nothing to solve, at twice the time and twice the kernels to compile. MuJoCo-Warp 4.0
-    leaves it out when there is no room for constraints, but its integrators read the generalised force from ``efc.Ma``,
+    leaves it out when there is no room for constraints, but its integrators read the generalized force from ``efc.Ma``,
     which only the solver writes: without constraints that force is ``qfrc_smooth``.
     """
     if not model.opt.disableflags & int(mujoco.mjtDisableBit.mjDSBL_CONSTRAINT):

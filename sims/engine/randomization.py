@@ -1,4 +1,4 @@
-"""Domain randomisation: how the worlds of a batch differ beyond posture, seed and distractor.
+"""Domain randomization: how the worlds of a batch differ beyond posture, seed and distractor.
 
 Every world gets its own copy of those arrays of the model that differ: link sizes with all that follows from them
 (joint places, masses, inertias), the choice of textures, lights, and the camera's pose. MuJoCo computes what depends
@@ -14,6 +14,7 @@ import mujoco_warp as mjw
 import numpy as np
 import warp as wp
 
+from dense_vs.checks import check_number, check_whole
 from dense_vs.errors import DenseVSError
 
 # Arrays of the model that may differ, by the name they have in both engines.
@@ -71,16 +72,11 @@ class DomainRandomization:
             ("link_size", 0.5),
             ("light", 1.0),
             ("light_angle", np.pi),
-            ("camera_position", np.inf),
+            ("camera_position", None),
             ("camera_angle", np.pi),
         ):
-            value = getattr(self, name)
-            number = isinstance(value, (int, float, np.number)) and not isinstance(value, bool)
-            if not number or not np.isfinite(value) or not 0 <= value <= most:
-                raise DenseVSError(f"{name} is {value!r}; expected a finite number from 0 to {most:g}")
-        sets = self.texture_sets
-        if isinstance(sets, bool) or not isinstance(sets, (int, np.integer)) or sets < 1:
-            raise DenseVSError(f"texture_sets is {sets!r}; expected a whole number of at least 1")
+            check_number(name, getattr(self, name), least=0, most=most)
+        check_whole("texture_sets", self.texture_sets, least=1)
 
 
 class WorldModels:

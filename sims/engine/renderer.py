@@ -1,6 +1,6 @@
-"""Images of the worlds by MuJoCo-Warp's ray tracer: colour, depth along the optical axis, and geom ids.
+"""Images of the worlds by MuJoCo-Warp's ray tracer: color, depth along the optical axis, and geom ids.
 
-The ray tracer casts the ray of pixel (x, y) through ((x + 0.5)/W, (y + 0.5)/H) of the image, so with pixel centres
+The ray tracer casts the ray of pixel (x, y) through ((x + 0.5)/W, (y + 0.5)/H) of the image, so with pixel centers
 at integer coordinates the principal point of a symmetric camera is ((W - 1)/2, (H - 1)/2).
 """
 
@@ -140,7 +140,7 @@ class Renderer:
 
 
 class GrayRenderer:
-    """Renders the poses in ``data`` into a grey image, and nothing else.
+    """Renders the poses in ``data`` into a gray image, and nothing else.
 
     Args:
         gray: (worlds, height, width) uint8 that :meth:`render` writes.
@@ -209,7 +209,7 @@ def _row_bands(context: mjw.RenderContext, height: int, width: int, count: int) 
 
 
 def camera_intrinsics(model: mujoco.MjModel, camera: int, height: int, width: int) -> np.ndarray:
-    """(3, 3) matrix of the renderer's pinhole camera in px, pixel centres at integer coordinates.
+    """(3, 3) matrix of the renderer's pinhole camera in px, pixel centers at integer coordinates.
 
     A camera given by field of view keeps its vertical one. A camera given by focal length and sensor size has
     its sensor cropped to the image's aspect ratio, as the ray tracer does.

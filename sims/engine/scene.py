@@ -15,6 +15,7 @@ import mujoco
 import numpy as np
 
 from dense_vs.errors import DenseVSError
+from dense_vs.robot.joint_group import joint_indices
 from dense_vs.sims.engine.closed_chain import ClosedChain
 from dense_vs.sims.engine.compliance import Compliance, soften
 from dense_vs.sims.engine.distractor import DISTRACTORS
@@ -199,23 +200,15 @@ def _find_joints(model: mujoco.MjModel, joints: Sequence[str] | None, actuated: 
         raise DenseVSError("no joint of the model has a position actuator; expected at least one <position joint=...>")
     if joints is None:
         return sorted(actuated)
-    if isinstance(joints, str) or not joints:
-        raise DenseVSError(f"joints is {joints!r}; expected a sequence of names out of {_listed(valid)}")
     names = [_name(model, "joint", j) for j in range(model.njnt)]
-    found: list[int] = []
-    for joint in joints:
-        if joint not in names:
-            raise DenseVSError(f"joint {joint!r} is not in the model; expected one of {_listed(valid)}")
-        index = names.index(joint)
+    found = joint_indices(joints, names, "the model", valid=valid)
+    for joint, index in zip(joints, found, strict=True):
         kind = mujoco.mjtJoint(model.jnt_type[index])
         if kind not in _ONE_COORDINATE:
             kind = kind.name.removeprefix("mjJNT_").lower()
             raise DenseVSError(f"joint {joint!r} is of type {kind}; expected a hinge or slide: {_listed(valid)}")
         if index not in actuated:
             raise DenseVSError(f"joint {joint!r} has no position actuator; expected one of {_listed(valid)}")
-        if index in found:
-            raise DenseVSError(f"joint {joint!r} is named twice; expected each joint once: {_listed(valid)}")
-        found.append(index)
     return found
 
 

@@ -63,7 +63,7 @@ def is_seen(model: mujoco.MjModel, state: mujoco.MjData, pose: np.ndarray, geom:
     """
     ray = point - pose[:3, 3]
     hit, distance = _first_hit(model, state, pose[:3, 3], ray)
-    # A micrometre at a metre: the ray caster and the poses are float64.
+    # A micrometer at a meter: the ray caster and the poses are float64.
     return hit == geom and abs(distance - 1.0) < 1e-6
 
 
@@ -93,15 +93,15 @@ def _first_hit(model: mujoco.MjModel, state: mujoco.MjData, origin: np.ndarray, 
     """
     geom = np.array([-1], dtype=np.int32)
     normal = np.zeros(3)
-    travelled = 0.0
+    traveled = 0.0
     length = float(np.linalg.norm(ray))
     for _ in range(2 * model.ngeom + 1):
-        start = origin + travelled * ray
+        start = origin + traveled * ray
         distance = mujoco.mj_ray(model, state, start, ray, _RENDERED_GROUPS, True, -1, geom, normal)
         if distance < 0.0:
             return -1, np.inf
-        travelled += distance
+        traveled += distance
         if np.dot(normal, ray) <= 0.0:
-            return int(geom[0]), travelled
-        travelled += _SEE_THROUGH / length
+            return int(geom[0]), traveled
+        traveled += _SEE_THROUGH / length
     return -1, np.inf

@@ -1,4 +1,4 @@
-"""Textures whose motion can be seen: band-limited colour noise, painted on every geom of our robots from a seed.
+"""Textures whose motion can be seen: band-limited color noise, painted on every geom of our robots from a seed.
 
 The ray-traced renderer takes one bilinear sample a pixel and has no mipmaps, so detail finer than two pixels
 would alias into motion that no joint causes. Noise between two wavelengths avoids that and gives optical flow
@@ -43,11 +43,11 @@ def band_noise(rng: np.random.Generator, height: int, width: int) -> np.ndarray:
     return noise / max(noise.std(), 1e-9)
 
 
-def noise_texture(rng: np.random.Generator, height: int, width: int, colour: np.ndarray, paint: Paint) -> np.ndarray:
-    """Texture (height, width, 3) uint8: noise around a colour (3,) in 0 to 1, compressed instead of clipped."""
+def noise_texture(rng: np.random.Generator, height: int, width: int, color: np.ndarray, paint: Paint) -> np.ndarray:
+    """Texture (height, width, 3) uint8: noise around a color (3,) in 0 to 1, compressed instead of clipped."""
     brightness = band_noise(rng, height, width)[..., None]
     channels = np.stack([band_noise(rng, height, width) for _ in range(3)], axis=-1)
-    value = colour - 0.5 + paint.contrast * brightness + paint.chroma * channels
+    value = color - 0.5 + paint.contrast * brightness + paint.chroma * channels
     return np.rint(255.0 * (0.5 + 0.48 * np.tanh(value / 0.48))).astype(np.uint8)
 
 
@@ -67,26 +67,26 @@ def texture_size(geom_type: mujoco.mjtGeom, size: np.ndarray, texel: float) -> t
 
 
 def paint_geoms(spec: mujoco.MjSpec, rng: np.random.Generator, texel: float, sets: int = 1) -> None:
-    """Give every geom of the specification a texture of its own around its colour.
+    """Give every geom of the specification a texture of its own around its color.
 
     Args:
         spec: changed in place; geoms of the world body are scenery, and those of groups 1 and 2 are farther away:
             their texels are twice and three times as large.
-        rng: draws the noise and shifts the colours.
+        rng: draws the noise and shifts the colors.
         texel: side of a texel on the robot [m].
         sets: textures made for each geom; it wears the first, the k-th further one is named ``"<geom>/k"``.
     """
     bare = [(geom, np.array(geom.rgba[:3])) for geom in spec.geoms]
     for number in range(sets):
-        for geom, own_colour in bare:
+        for geom, own_color in bare:
             paint = SCENERY_PAINT if geom.parent.name == "world" else ROBOT_PAINT
             height, width = texture_size(geom.type, geom.size, texel * paint.texel * (1 + geom.group))
-            colour = np.clip(own_colour + rng.uniform(-0.1, 0.1, 3), 0.2, 0.75)
+            color = np.clip(own_color + rng.uniform(-0.1, 0.1, 3), 0.2, 0.75)
             name = geom.name if number == 0 else f"{geom.name}/{number}"
             texture = spec.add_texture(
                 name=name, type=mujoco.mjtTexture.mjTEXTURE_2D, width=width, height=height, nchannel=3
             )
-            texture.data = noise_texture(rng, height, width, colour, paint).tobytes()
+            texture.data = noise_texture(rng, height, width, color, paint).tobytes()
             if number == 0:
                 _wear(spec, geom)
 

@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 import warp as wp
 
+from dense_vs.checks import check_whole
 from dense_vs.device import resolve_device, resolve_threads, room_for
 from dense_vs.errors import DenseVSError
 from dense_vs.sims.engine import surface_points
@@ -26,7 +27,7 @@ from dense_vs.sims.engine.scene import FRAME_SECONDS, Scene, load_scene
 from dense_vs.sims.engine.surface_points import SurfacePoint
 from dense_vs.sims.engine.truth import GroundTruth
 
-BYTES_PER_PIXEL = 24  # about: colour, packed and not, depth, and ids with and without their types
+BYTES_PER_PIXEL = 24  # about: color, packed and not, depth, and ids with and without their types
 BYTES_OF_PHYSICS = 50_000  # of a world, about
 
 
@@ -79,7 +80,8 @@ class SimWorld:
         randomization: DomainRandomization | None = None,
         physics_on_device: bool = False,
     ):
-        self._shape = (_whole("worlds", worlds, 1), _whole("height", height, 8), _whole("width", width, 8))
+        worlds = check_whole("worlds", worlds, least=1)
+        self._shape = (worlds, check_whole("height", height, least=8), check_whole("width", width, least=8))
         self._device = resolve_device(device)
         self._threads = resolve_threads(threads)
         self._randomization = randomization or DomainRandomization()
@@ -87,11 +89,11 @@ class SimWorld:
         self._choice = {"robot": robot, "joints": joints, "camera": camera, "distractor": distractor}
         self._compliance = self._choice["compliance"] = resolve_compliance(compliance)
         self._choice["texture_sets"] = self._randomization.texture_sets
-        self._load(_whole("seed", seed, 0))
+        self._load(check_whole("seed", seed, least=0))
 
     def reset(self, seed: int | None = None) -> None:
         """Back to time 0: the same beginning again, or the one of another seed."""
-        if seed is not None and _whole("seed", seed, 0) != self._seed:
+        if seed is not None and check_whole("seed", seed, least=0) != self._seed:
             self._load(int(seed))
         else:
             self._begin()
@@ -264,7 +266,7 @@ class SimWorld:
 
     @property
     def intrinsics(self) -> np.ndarray:
-        """(3, 3) camera matrix [px], pixel centres at integer coordinates."""
+        """(3, 3) camera matrix [px], pixel centers at integer coordinates."""
         return self._intrinsics.copy()
 
     @property
@@ -385,9 +387,3 @@ class SimWorld:
 def _world_rng(seed: int, world: int, purpose: int, *more: int) -> np.random.Generator:
     # Purposes apart, so that a distractor leaves the posture as it is; textures take [seed, 0].
     return np.random.default_rng([seed, 1 + purpose, world, *more])
-
-
-def _whole(name: str, value: Any, least: int) -> int:
-    if isinstance(value, bool) or not isinstance(value, (int, np.integer)) or value < least:
-        raise DenseVSError(f"{name} is {value!r}; expected a whole number of at least {least}")
-    return int(value)

@@ -6,7 +6,7 @@ import pytest
 from dense_vs.sims import SimWorld
 
 # A slide that carries two hinges and the camera; gears, ranges and a keyframe that matter; a geom that no
-# chosen joint moves; a joint without an actuator; a camera given by sensor and focal length, off centre.
+# chosen joint moves; a joint without an actuator; a camera given by sensor and focal length, off center.
 EYE_IN_HAND = """
 <mujoco>
   <compiler angle="radian"/>
@@ -105,7 +105,7 @@ def cell():
 @pytest.fixture(scope="session")
 def trial():
     """An arm with markers whose postures are drawn anew for every question."""
-    from dense_vs.sims.papers.gothoskar.protocol import Trial
+    from dense_vs.sims.papers.gothoskar.arm_trials import Trial
 
     return Trial("ur5", 5, 2, "normal")
 

@@ -14,6 +14,7 @@ import numpy as np
 from dense_vs.body.self_body import SelfBody
 from dense_vs.flow.estimator import FlowEstimator, to_gray
 from dense_vs.jacobian.estimator import DenseJacobian
+from dense_vs.jacobian.options import Prediction
 from dense_vs.robot.babbling import Babbling
 from dense_vs.sims.engine.adapters import SimRobot
 from dense_vs.sims.engine.scene import FRAME_SECONDS
@@ -38,13 +39,13 @@ class View:
 
 
 @dataclass
-class Labeller:
+class Labeler:
     """An estimator of J and the labels that are drawn from it.
 
     Attributes:
         estimator, body: what is compared.
         times, iou, leak, leak_px: at the frames scored: [s]; intersection over union with the robot's pixels; share of
-            the walker's pixels labelled as the robot's, NaN where hardly any are seen, and their number.
+            the walker's pixels labeled as the robot's, NaN where hardly any are seen, and their number.
     """
 
     estimator: DenseJacobian
@@ -75,15 +76,15 @@ class Labeller:
         self.leak_px.append(leaked)
 
 
-def make_labellers(seed: int, device: str, threads: int | None, prediction: str = "model") -> dict[str, Labeller]:
+def make_labelers(seed: int, device: str, threads: int | None, prediction: Prediction = "model") -> dict[str, Labeler]:
     """Ours, ``"default"``, and the paper's, ``"paper"``, whose J is moved by ``prediction``."""
     size: dict[str, Any] = {"height": 240, "width": 320, "joints": len(JOINTS)}
     where: dict[str, Any] = {"device": device, "threads": threads}
     body: dict[str, Any] = {**size, **where, "seed": seed, "synchronous": True}
     paper = DenseJacobian(**size, **where, **PAPER_ESTIMATOR, prediction=prediction, on_bad_flow="skip")
     return {
-        "default": Labeller(DenseJacobian(**size, **where, on_bad_flow="skip"), SelfBody(**body)),
-        "paper": Labeller(paper, SelfBody(method="paper", **body)),
+        "default": Labeler(DenseJacobian(**size, **where, on_bad_flow="skip"), SelfBody(**body)),
+        "paper": Labeler(paper, SelfBody(method="paper", **body)),
     }
 
 

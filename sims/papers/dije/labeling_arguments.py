@@ -6,7 +6,7 @@ import math
 from dense_vs.errors import DenseVSError
 
 
-def add_labelling_arguments(parser: argparse.ArgumentParser) -> None:
+def add_labeling_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare what both experiments take."""
     parser.add_argument("--seconds", type=float, default=20.0, metavar="S", help="length of a run (default: 20)")
     parser.add_argument(
@@ -23,7 +23,7 @@ def add_labelling_arguments(parser: argparse.ArgumentParser) -> None:
     )
 
 
-def check_labelling_arguments(arguments: argparse.Namespace, least_seconds: float) -> None:
+def check_labeling_arguments(arguments: argparse.Namespace, least_seconds: float) -> None:
     """Refuse a time out of range.
 
     Raises:

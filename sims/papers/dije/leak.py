@@ -1,9 +1,9 @@
 """Fig. 4: how much of a person who walks past is taken for the robot's own body.
 
-Two experiments in one run. With estimation on, labels of the paper's algorithms, J moved by the measured flow (13) or
-by the predicted one (14), beside our default: the two transports leak alike then. With J only transported for 100
-frames, without any correction, the effect that the figure shows: (13) leaks and (14) does not, but loses parts of
-the arm.
+Two experiments in one run. With estimation on: labels of the paper's algorithms, J moved by the measured flow,
+DIJE (13), or by the predicted one, DIJE (14), beside our default; the two transports leak alike then. With J only
+transported for 100 frames, without any correction: the effect that the figure shows, DIJE (13) leaks and DIJE (14) does
+not, but loses parts of the arm.
 """
 
 import argparse
@@ -12,13 +12,12 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from dense_vs.sims.papers.dije.labeling_arguments import add_labelling_arguments, check_labelling_arguments
+from dense_vs.sims.papers.dije.labeling_arguments import add_labeling_arguments, check_labeling_arguments
 from dense_vs.sims.papers.rows import Row
 
 if TYPE_CHECKING:
-    from dense_vs.sims.papers.dije.leak_run import LeakRun
+    from dense_vs.sims.papers.dije.leak_record import LeakRun
 
-HELP = "Fig. 4: the label leaks into a walker, with (13), with (14) and by default"
 WARM_UP = 4.0  # s of learning before labels are scored
 SCORE_EVERY = 5  # frames
 TRANSPORT_FROM, TRANSPORT_FRAMES = 8.0, 100  # s; frames
@@ -27,16 +26,16 @@ METHODS = {"default": "default", "(13)": "paper's algorithms, (13)", "(14)": "pa
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the experiment's arguments."""
-    add_labelling_arguments(parser)
+    add_labeling_arguments(parser)
 
 
 def run(arguments: argparse.Namespace) -> list[Row]:
     """Run the experiment."""
     from dense_vs.sims.engine.scene import FRAME_SECONDS
-    from dense_vs.sims.papers.dije.labeling_figures import draw_leak, plot_leak
+    from dense_vs.sims.papers.dije.leak_figure import draw_leak, plot_leak
     from dense_vs.view.progress import progress
 
-    check_labelling_arguments(arguments, TRANSPORT_FROM + (TRANSPORT_FRAMES + 1) * FRAME_SECONDS)
+    check_labeling_arguments(arguments, TRANSPORT_FROM + (TRANSPORT_FRAMES + 1) * FRAME_SECONDS)
     runs = []
     with progress("seed", len(arguments.seeds) * round(arguments.seconds / FRAME_SECONDS)) as bar:
         for seed in arguments.seeds:
@@ -50,34 +49,34 @@ def run(arguments: argparse.Namespace) -> list[Row]:
 
 def run_seed(seed: int, arguments: Any, bar: Any) -> "LeakRun":
     """One walk past one robot."""
-    from dense_vs.sims.papers.dije.labeling import make_labellers, views
-    from dense_vs.sims.papers.dije.leak_run import LeakRun
+    from dense_vs.sims.papers.dije.labeling import make_labelers, views
+    from dense_vs.sims.papers.dije.leak_record import LeakRun
     from dense_vs.sims.papers.dije.transport import Transport
 
     where = arguments.device, arguments.threads
-    both = make_labellers(seed, *where)
-    labellers = {
+    both = make_labelers(seed, *where)
+    labelers = {
         "default": both["default"],
-        "(13)": make_labellers(seed, *where, prediction="flow")["paper"],
+        "(13)": make_labelers(seed, *where, prediction="flow")["paper"],
         "(14)": both["paper"],
     }
-    found = LeakRun(seed, labellers)
+    found = LeakRun(seed, labelers)
     transports: dict[str, Transport] = {}
     begin = end = 0
     for view in views(seed, arguments):
-        for labeller in labellers.values():
-            labeller.take(view)
+        for labeler in labelers.values():
+            labeler.take(view)
         for transport in transports.values():
             transport.take(view)
         if view.time >= WARM_UP and view.index % SCORE_EVERY == 0:
-            for labeller in labellers.values():
-                labeller.score(view)
+            for labeler in labelers.values():
+                labeler.score(view)
             if found.shown is None or view.walker.sum() > found.shown.walker.sum():
                 found.shown = view
-                found.shown_labels = {name: labeller.labels() for name, labeller in labellers.items()}
+                found.shown_labels = {name: labeler.labels() for name, labeler in labelers.items()}
         if not begin and view.time >= TRANSPORT_FROM:
             begin, end = view.index, view.index + TRANSPORT_FRAMES
-            J, own = labellers["default"].estimator.to_numpy(), labellers["default"].labels()
+            J, own = labelers["default"].estimator.to_numpy(), labelers["default"].labels()
             transports = {
                 "(13)": Transport(J, own, "flow", *where),
                 "(14)": Transport(J, own, "model", *where),
@@ -99,10 +98,10 @@ def leak_rows(runs: "Sequence[LeakRun]") -> list[Row]:
     seeds = tuple(run.seed for run in runs)
     rows = []
     for name, title in METHODS.items():
-        of = [run.labellers[name] for run in runs]
-        iou = [float(np.median(labeller.iou)) for labeller in of]
-        leak = [_mean_seen(labeller.leak) for labeller in of]
-        pixels = [float(np.mean(labeller.leak_px)) for labeller in of]
+        of = [run.labelers[name] for run in runs]
+        iou = [float(np.median(labeler.iou)) for labeler in of]
+        leak = [_mean_seen(labeler.leak) for labeler in of]
+        pixels = [float(np.mean(labeler.leak_px)) for labeler in of]
         rows += [
             Row(f"{title}: IoU, median over time", None, float(np.mean(iou)), "", seeds),
             Row(f"{title}: IoU, worst seed", None, min(iou), "", seeds),

@@ -1,15 +1,14 @@
 """Fig. 6, 7: four joints of the left arm bring the wrist, then the elbow, to targets in the image.
 
-At mid-run the controlled point is redefined from wrist to elbow. J is dense, so nothing is learnt anew.
+At mid-run the controlled point is redefined from wrist to elbow. J is dense, so nothing is learned anew.
 """
 
 import argparse
 
-from dense_vs.sims.papers.dije.servo_run import ServoTask
-from dense_vs.sims.papers.dije.servo_task import add_task_arguments, run_task
+from dense_vs.sims.papers.dije.servo_experiment import add_task_arguments, run_task
+from dense_vs.sims.papers.dije.servo_record import ServoTask
 from dense_vs.sims.papers.rows import Row
 
-HELP = "Fig. 6, 7: reaching, with the point redefined from wrist to elbow"
 TASK = ServoTask(
     figure="Fig. 7",
     robot="upper-body",

@@ -1,7 +1,7 @@
 """The reaching experiment: babble, learn J, bring a point of the body to targets; DIJE section V-B, Figs. 6 and 7.
 
 The loop sees images and joint readings only. The simulator's truth chooses targets that can be reached and
-measures what came of it.
+measures the result.
 """
 
 from collections.abc import Callable
@@ -104,7 +104,7 @@ class ReachingExperiment:
         """Define the point to control at its present place, as a click in the image would; that place [px].
 
         Args:
-            point: another one than the constructor's; what has been learnt stays.
+            point: another one than the constructor's; what has been learned stays.
             tracker: options of :class:`dense_vs.PointTracker`.
         """
         if point is not None:
@@ -173,5 +173,5 @@ class ReachingExperiment:
             self._on_frame(self)
 
     def _scaled(self, pixels: np.ndarray) -> np.ndarray:
-        # Pixel centres are whole numbers in both images.
+        # Pixel centers are whole numbers in both images.
         return pixels if self.scale == 1 else (pixels + 0.5) * self.scale - 0.5

@@ -1,12 +1,13 @@
-"""J that is only moved with the image, by (13) or (14), and never corrected: what Fig. 4 of DIJE shows.
+"""J that is only moved with the image, by DIJE (13) or (14), and never corrected: what Fig. 4 of DIJE shows.
 
-With the correction (10) on, both transports leak alike, as a wrong J is put right as fast as it is carried off. Alone,
-(13) carries the body's J off with whatever moves past it; (14) carries it by its own prediction only.
+With the correction DIJE (10) on, both transports leak alike, as a wrong J is corrected as fast as it is carried off.
+Alone, DIJE (13) carries the body's J off with whatever moves past it; DIJE (14) moves it by its own prediction only.
 """
 
 import numpy as np
 
 from dense_vs.jacobian.estimator import DenseJacobian
+from dense_vs.jacobian.options import Prediction
 from dense_vs.sims.papers.dije.labeling import View
 
 NO_CORRECTION = 1e12  # variance of a flow component [px^2] that leaves a gain of nothing
@@ -14,16 +15,16 @@ LEAST_JACOBIAN = 15.0  # px/rad; where J is larger it counts as the body's
 
 
 class Transport:
-    """The J of labelled pixels, zero elsewhere, under one transport.
+    """The J of labeled pixels, zero elsewhere, under one transport.
 
     Args:
         jacobian: ``(H, W, 2, N)`` at the start [px/rad].
         own: ``(H, W)`` bool, the body's pixels then.
-        prediction: ``"flow"`` (13) or ``"model"`` (14).
+        prediction: ``"flow"``, DIJE (13), or ``"model"``, DIJE (14).
         device, threads: as of :class:`DenseJacobian`.
     """
 
-    def __init__(self, jacobian: np.ndarray, own: np.ndarray, prediction: str, device: str, threads: int | None):
+    def __init__(self, jacobian: np.ndarray, own: np.ndarray, prediction: Prediction, device: str, threads: int | None):
         height, width, _, joints = jacobian.shape
         self._estimator = DenseJacobian(
             height=height,

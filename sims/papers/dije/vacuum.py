@@ -5,11 +5,10 @@ The head rolls along one line, so J has rank one there, and the targets are on t
 
 import argparse
 
-from dense_vs.sims.papers.dije.servo_run import ServoTask
-from dense_vs.sims.papers.dije.servo_task import add_task_arguments, run_task
+from dense_vs.sims.papers.dije.servo_experiment import add_task_arguments, run_task
+from dense_vs.sims.papers.dije.servo_record import ServoTask
 from dense_vs.sims.papers.rows import Row
 
-HELP = "Fig. 9: the head of a vacuum cleaner, which rolls along one line"
 TASK = ServoTask(
     figure="Fig. 9",
     robot="upper-body-vacuum",

@@ -71,10 +71,10 @@ def test_evaluation_goes_on_from_run_to_run_as_printed(reading):
         assert not own[index == worst].any()
 
 
-def test_a_centre_at_zero_is_inconsistent():
-    centres = np.zeros((1, 2, JOINTS))
+def test_a_center_at_zero_is_inconsistent():
+    centers = np.zeros((1, 2, JOINTS))
     values = evaluate_clusters(
-        np.concatenate([centres, MODES[:1]]), np.concatenate([centres, MODES[:1]]), np.full(2, 0.5)
+        np.concatenate([centers, MODES[:1]]), np.concatenate([centers, MODES[:1]]), np.full(2, 0.5)
     )
     unnormalized = np.array([1 - 0.05, 1 + 0.05 * (1 / np.sqrt(0.1) - 1)])
     np.testing.assert_allclose(values, unnormalized / unnormalized.sum())
@@ -153,7 +153,7 @@ def test_the_last_good_clusters_outlive_a_failure(monkeypatch, synchronous):
         J, _ = patches(0)
         body.submit(J)
         body.wait(30)
-        centres, own = body.centres, body.labels(J)
+        centers, own = body.centres, body.labels(J)
         gate = Gate(MemoryError("no memory left"))
         gate.open.set()
         with monkeypatch.context() as patch:
@@ -162,7 +162,7 @@ def test_the_last_good_clusters_outlive_a_failure(monkeypatch, synchronous):
             body.wait(30)
         assert body.status.state == "failed"
         assert body.status.error == "MemoryError: no memory left"
-        np.testing.assert_array_equal(body.centres, centres)
+        np.testing.assert_array_equal(body.centres, centers)
         np.testing.assert_array_equal(body.labels(J), own)
         body.submit(J)  # and the next one is tried again
         body.wait(30)
@@ -293,6 +293,7 @@ class StreetCamera:
 
 class PlaneRobot:
     joint_names = PlanarScene.joint_names
+    joint_limits = None
 
     def __init__(self):
         self.q, self.time = np.zeros(4), 0.0
@@ -304,6 +305,7 @@ class PlaneRobot:
         self.q, self.time = self.q + delta, self.time + 1 / 30
 
 
+@pytest.mark.slow
 def test_what_is_not_the_robot_does_not_slow_its_babbling(scene):
     rates = {}
     for name, body in (("known", make(method="motion")), ("unknown", None)):
@@ -318,11 +320,11 @@ def test_what_is_not_the_robot_does_not_slow_its_babbling(scene):
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        ({"clusters": 0}, "clusters is 0; expected a whole number from 1 to 127"),
+        ({"clusters": 0}, "clusters is 0; expected a whole number of at least 1 and at most 127"),
         ({"clusters": -3}, "clusters is -3"),
         ({"clusters": 2.0}, "clusters is 2.0"),
         ({"clusters": 128}, "clusters is 128"),
-        ({"threshold": -0.1}, "threshold is -0.1; expected a number from 0 to 1"),
+        ({"threshold": -0.1}, "threshold is -0.1; expected a finite number of at least 0 and at most 1"),
         ({"threshold": 1.5}, "threshold is 1.5"),
         ({"threshold": float("nan")}, "threshold is nan"),
         ({"threshold": "0.2"}, "threshold is '0.2'"),
@@ -345,7 +347,7 @@ def test_refuses_options(options, message):
 @pytest.mark.parametrize("option", ["decay", "unexplained", "rest", "measurement_noise", "least_energy"])
 def test_refuses_constants_of_the_energies(option):
     for value in (-1.0, float("nan"), "0.5"):
-        with pytest.raises(DenseVSError, match=f"{option} is .*expected a number"):
+        with pytest.raises(DenseVSError, match=f"{option} is .*expected a finite number"):
             SelfMotionOptions(**{option: value})
 
 

@@ -118,9 +118,9 @@ BAD_INPUT = {
     "video as log": (lambda r, f: [r / "video.mp4", r / "video.mp4"], "cannot read joint log"),
     "missing column": (
         lambda r, f: [r / "video.mp4", r / "joints.csv", "--joints", "x,elbow"],
-        "joint 'elbow' is not in the log; it has x, y, turn, zoom",
+        "joint 'elbow' is not in the log; expected one of x, y, turn, zoom",
     ),
-    "joint twice": (lambda r, f: [r / "video.mp4", r / "joints.csv", "--joints", "x,x"], "expected each name once"),
+    "joint twice": (lambda r, f: [r / "video.mp4", r / "joints.csv", "--joints", "x,x"], "named twice"),
     "short row": (
         lambda r, f: [r / "video.mp4", changed_log(r, f, lambda lines: [*lines[:3], "0.5,1", *lines[3:]])],
         "row 3 after the header, has 2 columns; expected 5",

@@ -43,16 +43,16 @@ def test_a_world_restarts_alone(sequence):
     np.testing.assert_array_equal(flow.numpy()[1], alone(sequence, 2, 1))
 
 
-def test_colour_images_and_images_written_in_place(sequence):
+def test_color_images_and_images_written_in_place(sequence):
     rng = np.random.default_rng(0)
     size = sequence.shape[2:]
     rgb = rng.integers(0, 256, (2, 1, *size, 3), dtype=np.uint8)
-    coloured, written = BatchFlow(1, *size, device="cpu"), BatchFlow(1, *size, device="cpu")
+    colored, written = BatchFlow(1, *size, device="cpu"), BatchFlow(1, *size, device="cpu")
     for image in rgb:
-        coloured.update(wp.array(image, dtype=wp.vec3ub, device="cpu"))
+        colored.update(wp.array(image, dtype=wp.vec3ub, device="cpu"))
         written.gray.assign(to_gray(image[0])[None])
         written.update()
-    np.testing.assert_array_equal(coloured.flow.numpy(), written.flow.numpy())
+    np.testing.assert_array_equal(colored.flow.numpy(), written.flow.numpy())
 
 
 def test_pairs_that_do_not_continue_each_other(sequence):

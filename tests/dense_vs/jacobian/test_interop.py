@@ -10,7 +10,7 @@ HEIGHT, WIDTH, JOINTS = 17, 19, 3
 gpu = pytest.mark.skipif(not wp.is_cuda_available(), reason="no CUDA device")
 
 
-def learnt(device, worlds=1):
+def learned(device, worlds=1):
     rng = np.random.default_rng(0)
     estimator = DenseJacobian(height=HEIGHT, width=WIDTH, joints=JOINTS, worlds=worlds, device=device)
     lead = () if worlds == 1 else (worlds,)
@@ -19,9 +19,10 @@ def learnt(device, worlds=1):
     return estimator
 
 
+@pytest.mark.slow
 def test_j_on_a_cpu_is_shared_with_torch():
     torch = pytest.importorskip("torch", reason="torch is not installed")
-    estimator = learnt("cpu")
+    estimator = learned("cpu")
     shared = torch.from_dlpack(estimator.jacobian)
     assert shared.shape == (HEIGHT, WIDTH, 2, JOINTS)
     assert shared.data_ptr() == estimator.jacobian.__array_interface__["data"][0]
@@ -29,7 +30,7 @@ def test_j_on_a_cpu_is_shared_with_torch():
 
 def test_j_on_a_cpu_is_shared_with_jax():
     jax = pytest.importorskip("jax", reason="jax is not installed")
-    estimator = learnt("cpu")
+    estimator = learned("cpu")
     np.testing.assert_array_equal(np.asarray(jax.numpy.from_dlpack(estimator.jacobian)), estimator.jacobian)
 
 
@@ -47,7 +48,7 @@ def test_torch_tensors_on_a_cpu_are_taken_without_a_copy():
 @pytest.mark.parametrize("worlds", [1, 3])
 def test_j_on_a_gpu_is_shared_with_torch(worlds):
     torch = pytest.importorskip("torch", reason="torch is not installed")
-    estimator = learnt("cuda:0", worlds)
+    estimator = learned("cuda:0", worlds)
     jacobian = estimator.jacobian
     shared = torch.from_dlpack(jacobian) if worlds == 1 else wp.to_torch(jacobian)
     lead = () if worlds == 1 else (worlds,)
@@ -61,7 +62,7 @@ def test_j_on_a_gpu_is_shared_with_torch(worlds):
 @gpu
 def test_j_on_a_gpu_is_shared_with_jax():
     jax = pytest.importorskip("jax", reason="jax is not installed")
-    estimator = learnt("cuda:0")
+    estimator = learned("cuda:0")
     shared = jax.numpy.from_dlpack(estimator.jacobian)
     np.testing.assert_array_equal(np.asarray(shared), estimator.to_numpy())
 

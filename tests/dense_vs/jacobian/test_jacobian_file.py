@@ -241,7 +241,7 @@ def test_refuses_damaged_content(saved, tmp_path, changes, message):
     [
         ({"joints": 5}, "is damaged: state"),
         ({"height": 0}, "is damaged: height is 0"),
-        ({"colour": 1}, "is damaged.*'colour'"),
+        ({"color": 1}, "is damaged.*'color'"),
         ({"device": "cpu"}, "is damaged.*'device'"),
     ],
 )

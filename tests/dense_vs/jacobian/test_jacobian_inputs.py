@@ -1,5 +1,7 @@
 """What the estimator takes and refuses, and that a refusal leaves it as it was."""
 
+from dataclasses import MISSING, fields
+from inspect import Parameter, signature
 from typing import Any
 
 import numpy as np
@@ -7,7 +9,7 @@ import pytest
 import warp as wp
 
 from dense_vs import DenseJacobian, DenseVSError
-from dense_vs.jacobian.options import JacobianOptions
+from dense_vs.jacobian.options import EstimatorOptions, JacobianOptions
 
 HEIGHT, WIDTH, JOINTS = 10, 13, 4
 FORMS = [("shared", 2), ("shared", 1), ("diagonal", 1), ("fixed", 1), ("full", 1)]
@@ -277,7 +279,7 @@ def test_goes_on_after_a_refusal_as_if_it_had_not_been(form, order):
 
 @pytest.mark.parametrize(("form", "order"), FORMS)
 @pytest.mark.parametrize("prediction", ["model", "flow"])
-def test_skipped_pixels_leave_their_neighbours_alone(form, order, prediction):
+def test_skipped_pixels_leave_their_neighbors_alone(form, order, prediction):
     """After a first frame the state is smooth and non-zero; one bad pixel then changes that pixel alone."""
     clean, holed = (make(covariance=form, order=order, prediction=prediction, on_bad_flow="skip") for _ in range(2))
     for estimator in (clean, holed):
@@ -307,12 +309,12 @@ def test_skipped_pixels_are_counted_by_world():
 
 
 BAD_OPTIONS = [
-    ({"height": 1}, "height is 1; expected a whole number from 2 to"),
+    ({"height": 1}, "height is 1; expected a whole number of at least 2 and at most"),
     ({"width": 20.0}, "width is 20.0; expected a whole number"),
     ({"height": "tall"}, "height is 'tall'; expected a whole number"),
-    ({"joints": 0}, "joints is 0; expected a whole number from 1 to"),
+    ({"joints": 0}, "joints is 0; expected a whole number of at least 1"),
     ({"joints": True}, "joints is True; expected a whole number"),
-    ({"joints": 65}, "joints is 65; expected a whole number from 1 to 64"),
+    ({"joints": 65}, "joints is 65; expected a whole number of at least 1 and at most 64"),
     ({"worlds": 0}, "worlds is 0; expected"),
     ({"worlds": -1}, "worlds is -1; expected"),
     ({"covariance": "Shared"}, "covariance is 'Shared'; expected one of shared, diagonal, fixed, full"),
@@ -336,7 +338,6 @@ BAD_OPTIONS = [
     ({"initial_hessian_variance": 0}, "initial_hessian_variance is 0; expected a finite number above 0"),
     ({"max_variance": -5}, "max_variance is -5; expected a finite number above 0"),
     ({"measurement_noise": True}, "measurement_noise is True; expected a finite number"),
-    ({"colour": 1}, "unknown option 'colour'; expected device, threads or height, width, joints"),
     ({"device": "cuda:99"}, "device 'cuda:99' is not present; expected 'auto' or one of cpu"),
     ({"device": "gpu"}, "device 'gpu' is not present; expected 'auto' or one of cpu"),
     ({"device": 0}, "device 0 is not present; expected 'auto' or one of cpu"),
@@ -353,8 +354,21 @@ def test_refuses_options(options, message):
 def test_refuses_to_guess_a_size(missing):
     options: dict[str, Any] = {"height": 8, "width": 8, "joints": 4}
     del options[missing]
-    with pytest.raises(DenseVSError, match=f"option '{missing}' is missing; height, width and joints are required"):
+    with pytest.raises(TypeError, match=f"required keyword-only argument: '{missing}'"):
         DenseJacobian(**options)
+
+
+def test_refuses_an_unknown_option():
+    with pytest.raises(TypeError, match="unexpected keyword argument 'color'"):
+        make(color=1)
+
+
+def test_signature_and_options_have_the_same_names_and_defaults():
+    parameters = signature(DenseJacobian).parameters
+    own = {name: parameter.default for name, parameter in parameters.items() if name not in ("device", "threads")}
+    assert own == {f.name: Parameter.empty if f.default is MISSING else f.default for f in fields(JacobianOptions)}
+    chosen = {*EstimatorOptions.__annotations__, "height", "width", "joints", "worlds"}
+    assert chosen == set(own)
 
 
 def test_order_defaults_to_two_where_it_is_cheap():

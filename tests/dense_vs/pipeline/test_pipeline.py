@@ -35,13 +35,13 @@ def test_feeds_flow_and_joint_step(scene, postures):
     np.testing.assert_array_equal(pipeline.estimator.jacobian, by_hand.jacobian)
 
 
-def test_colour_images_count_as_their_grey(scene, postures):
-    grey, colour = make(scene), make(scene)
+def test_color_images_count_as_their_gray(scene, postures):
+    gray, color = make(scene), make(scene)
     for k in range(3):
         image = scene.image(postures[k])
-        grey.process(image, k, postures[k])
-        colour.process(np.repeat(image[..., None], 3, axis=2), k, postures[k])
-    np.testing.assert_array_equal(grey.estimator.jacobian, colour.estimator.jacobian)
+        gray.process(image, k, postures[k])
+        color.process(np.repeat(image[..., None], 3, axis=2), k, postures[k])
+    np.testing.assert_array_equal(gray.estimator.jacobian, color.estimator.jacobian)
 
 
 def test_scale(scene, postures):
@@ -103,7 +103,7 @@ def test_refuses_parts_that_do_not_fit(scene):
     with pytest.raises(DenseVSError, match=r"flow is for images of \(48, 64\); the estimator has \(96, 128\)"):
         FramePipeline(estimator, FlowEstimator(height=48, width=64))
     for scale in (0, -1, 1.5, float("nan")):
-        with pytest.raises(DenseVSError, match=r"scale is .*expected a number above 0 and at most 1"):
+        with pytest.raises(DenseVSError, match=r"scale is .*expected a finite number above 0 and at most 1"):
             FramePipeline(estimator, scale=scale)
     with pytest.raises(DenseVSError, match="estimator has 3 worlds; a pipeline takes one"):
         FramePipeline(DenseJacobian(height=96, width=128, joints=4, worlds=3, device="cpu"))

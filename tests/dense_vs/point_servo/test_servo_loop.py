@@ -1,5 +1,7 @@
 """The closed loop on a robot and camera of the user's own: it learns, it reaches, it says what is wrong."""
 
+from typing import Any
+
 import numpy as np
 import pytest
 from planar_scene import PlanarScene
@@ -32,8 +34,8 @@ class PlaneCamera:
         self.robot, self.scene = robot, scene
 
     def read(self):
-        grey = self.scene.image(self.robot.q)
-        return np.repeat(grey[..., None], 3, axis=2), self.robot.time
+        gray = self.scene.image(self.robot.q)
+        return np.repeat(gray[..., None], 3, axis=2), self.robot.time
 
 
 def make(scene, **options):
@@ -43,7 +45,7 @@ def make(scene, **options):
 
 
 @pytest.fixture(scope="module")
-def learnt(scene):
+def learned(scene):
     """A loop that has babbled for six seconds."""
     robot, loop = make(scene)
     loop.babble(6.0)
@@ -56,8 +58,9 @@ def test_the_users_classes_are_a_camera_and_a_robot(scene):
     assert not isinstance(scene, Robot)
 
 
-def test_babbling_learns_the_image_jacobian(scene, learnt):
-    robot, loop = learnt
+@pytest.mark.slow
+def test_babbling_learns_the_image_jacobian(scene, learned):
+    robot, loop = learned
     J, true = np.array(loop.estimator.jacobian)[16:-16, 16:-16], scene.jacobian(robot.q)[16:-16, 16:-16]
     error = np.linalg.norm(J - true, axis=(2, 3)) / np.linalg.norm(true, axis=(2, 3))
     assert np.median(error) < 0.15
@@ -65,8 +68,9 @@ def test_babbling_learns_the_image_jacobian(scene, learnt):
     assert loop.frame.time == pytest.approx(6.0, abs=1 / 30)
 
 
-def test_reaches_where_the_point_truly_is(scene, learnt):
-    robot, loop = learnt
+@pytest.mark.slow
+def test_reaches_where_the_point_truly_is(scene, learned):
+    robot, loop = learned
     start = np.array([60.0, 50.0])
     on_plane = scene.to_plane(start, robot.q)
     loop.define_point(start)
@@ -83,15 +87,15 @@ def test_reaches_where_the_point_truly_is(scene, learnt):
         assert (np.abs(robot.q) <= 0.5 + 1e-9).all()
 
 
-def test_says_when_it_could_not_reach(learnt):
-    _, loop = learnt
+def test_says_when_it_could_not_reach(learned):
+    _, loop = learned
     loop.define_point([60.0, 50.0])
     reach = loop.reach([4.0, 4.0], max_frames=3)
     assert (reach.reached, reach.frames) == (False, 3)
     assert reach.error_px > 10
 
 
-def test_unlearnt_robot_stands_still(scene):
+def test_unlearned_robot_stands_still(scene):
     robot, loop = make(scene)
     loop.define_point([60.0, 50.0])
     loop.reach([70.0, 50.0], max_frames=4)
@@ -120,8 +124,8 @@ def test_keeps_joint_limits_of_its_own_and_of_a_given_servo(scene):
     assert make(scene, servo=servo)[1].servo is servo
 
 
-def test_refuses(scene, learnt):
-    robot, loop = learnt
+def test_refuses(scene, learned):
+    robot, loop = learned
     before = robot.q.copy()
     for seconds in (0, -1.0, float("nan"), float("inf")):
         with pytest.raises(DenseVSError, match=r"babbling of .* s; expected a finite number above 0"):
@@ -137,7 +141,7 @@ def test_refuses(scene, learnt):
     with pytest.raises(DenseVSError, match=r"no point is defined; expected define_point\(\) first"):
         fresh.reach([1.0, 2.0])
     estimator = DenseJacobian(height=scene.height, width=scene.width, joints=7, device="cpu")
-    with pytest.raises(DenseVSError, match="estimator has 7 joints; the robot has 4: x, y, turn, zoom"):
+    with pytest.raises(DenseVSError, match="estimator has 7 joints; expected 4: x, y, turn, zoom"):
         make(scene, estimator=estimator)
     with pytest.raises(DenseVSError, match=r"once scaled by 1.0; expected 64 x 48"):
         make(scene, estimator=DenseJacobian(height=48, width=64, joints=4, device="cpu"))
@@ -157,11 +161,12 @@ def test_a_robot_that_takes_a_command_only_so_often(scene):
     loop.reach([63.0, 48.0], max_frames=20, tolerance=1e-6)
     moved = np.flatnonzero([np.any(delta != 0) for delta in commands])
     np.testing.assert_array_equal(moved, np.arange(0, 80, 6))  # every 0.2 s of 30 frames a second
-    assert loop.estimator.updates == 80  # J is learnt in between, too
+    assert loop.estimator.updates == 80  # J is learned in between, too
     with pytest.raises(DenseVSError, match="command_period is 0"):
         ServoLoop(PlaneCamera(robot, scene), robot, device="cpu", command_period=0.0)
 
 
+@pytest.mark.slow
 def test_a_patch_that_is_renewed_stays_on_its_point(scene):
     robot, loop = make(scene, renew_patch=0.999999)
     loop.babble(4.0)
@@ -177,3 +182,33 @@ def test_a_patch_that_is_renewed_stays_on_its_point(scene):
     for value in (0.0, 1.0, np.nan):
         with pytest.raises(DenseVSError, match="renew_patch is"):
             make(scene, renew_patch=value)
+
+
+def test_some_of_the_joints_in_an_order_of_their_own(scene):
+    robot, loop = make(scene, joints=["y", "x"])
+    loop.babble(3.0)
+    np.testing.assert_array_equal(robot.q[2:], 0)
+    assert (robot.q[:2] != 0).all()
+    np.testing.assert_allclose(loop.frame.positions, robot.q[[1, 0]])
+    middle = (slice(32, -32), slice(32, -32))
+    J, true = np.array(loop.estimator.jacobian)[middle], scene.jacobian(robot.q)[middle][..., [1, 0]]
+    assert np.median(np.linalg.norm(J - true, axis=(2, 3)) / np.linalg.norm(true, axis=(2, 3))) < 0.2
+    with pytest.raises(DenseVSError, match="joint 'elbow' is not in the robot; expected one of x, y, turn, zoom"):
+        make(scene, joints=["elbow"])
+
+
+def test_says_what_a_robot_lacks(scene):
+    class NoLimits:
+        joint_names = PlanarRobot.joint_names
+
+        def joints(self):
+            return np.zeros(4), 0.0
+
+        def command(self, delta):
+            pass
+
+    robot: Any = NoLimits()
+    with pytest.raises(DenseVSError, match="robot is a NoLimits without joint_limits; expected joint_names, joint_"):
+        ServoLoop(PlaneCamera(PlanarRobot(), scene), robot, device="cpu")
+    robot.joint_limits = None
+    assert not ServoLoop(PlaneCamera(PlanarRobot(), scene), robot, device="cpu").group.limited

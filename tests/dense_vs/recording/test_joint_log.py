@@ -46,10 +46,10 @@ def test_select(log):
     chosen = log.select(["c", "a"])
     assert chosen.names == ("c", "a")
     np.testing.assert_array_equal(chosen.positions, log.positions[:, [2, 0]])
-    with pytest.raises(DenseVSError, match="joint 'd' is not in the log; it has a, b, c"):
+    with pytest.raises(DenseVSError, match="joint 'd' is not in the log; expected one of a, b, c"):
         log.select(["a", "d"])
     for names in (["a", "a"], []):
-        with pytest.raises(DenseVSError, match="expected each name once"):
+        with pytest.raises(DenseVSError, match=r"named twice|expected a sequence of names"):
             log.select(names)
 
 

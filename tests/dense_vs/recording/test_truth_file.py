@@ -28,7 +28,7 @@ def test_truth_comes_back(truth, tmp_path):
         assert getattr(back, name).dtype == getattr(truth, name).dtype
     some = TruthFile.read(path, ["zoom", "x"])
     np.testing.assert_array_equal(some.jacobians, truth.jacobians[..., [3, 0]])
-    with pytest.raises(DenseVSError, match=r"truth of joint 'elbow' is not in .*; it has x, y, turn, zoom"):
+    with pytest.raises(DenseVSError, match=r"joint 'elbow' is not in .*; expected one of x, y, turn, zoom"):
         TruthFile.read(path, ["x", "elbow"])
 
 
@@ -51,8 +51,8 @@ def test_truth_of_a_halved_image(scene):
         np.ones((1, scene.height, scene.width), dtype=bool),
     )
     y, x = np.mgrid[: scene.height // 2, : scene.width // 2]
-    centres = np.stack([2 * x + 0.5, 2 * y + 0.5], axis=-1)
-    halved = scene.jacobian(q, centres) / 2
+    centers = np.stack([2 * x + 0.5, 2 * y + 0.5], axis=-1)
+    halved = scene.jacobian(q, centers) / 2
     jacobian, mask = truth.at(0.0, scale=0.5)
     assert mask.shape == (scene.height // 2, scene.width // 2)
     error = np.linalg.norm(jacobian - halved, axis=(2, 3)) / np.linalg.norm(halved, axis=(2, 3))

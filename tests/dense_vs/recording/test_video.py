@@ -13,17 +13,17 @@ from dense_vs.recording import VideoReader, VideoWriter
 
 pytest.importorskip("av", reason="writing video needs PyAV")
 
-# Mean absolute difference of grey levels after H.264 at a quality meant for optical flow.
+# Mean absolute difference of gray levels after H.264 at a quality meant for optical flow.
 PIXEL_TOLERANCE = 3.0
 
 
-def grey_rgb(image):
+def gray_rgb(image):
     return np.repeat(image[..., None], 3, axis=2)
 
 
 @pytest.fixture(scope="module")
 def frames(scene):
-    return [grey_rgb(scene.image(np.array([0.03, 0.01, 0.02, 0]) * k)) for k in range(12)]
+    return [gray_rgb(scene.image(np.array([0.03, 0.01, 0.02, 0]) * k)) for k in range(12)]
 
 
 def write(path, frames, fps=30.0, **options):
@@ -47,7 +47,7 @@ def test_round_trip(tmp_path, frames, fps):
     assert os.listdir(tmp_path) == ["video.mp4"]
 
 
-def test_colours_keep_their_order(tmp_path):
+def test_colors_keep_their_order(tmp_path):
     frame = np.zeros((64, 64, 3), np.uint8)
     frame[..., 0], frame[..., 2] = 220, 30  # red
     image, _ = next(iter(VideoReader(write(tmp_path / "red.mp4", [frame] * 3))))

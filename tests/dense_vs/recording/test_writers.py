@@ -21,6 +21,7 @@ class Filmed:
     """A camera and a robot: joints at 300 Hz a little after each image."""
 
     joint_names = ("a", "b")
+    joint_limits = None
 
     def __init__(self, start=0.0):
         self.images, self.start, self.k, self.commands = moving_images(FRAMES), start, -1, 0

@@ -73,7 +73,7 @@ def test_each_world_as_the_equation(joints):
         np.testing.assert_allclose(damped[k], damped_servo_step(J, error, 0.7, 20.0), rtol=1e-4, atol=1e-6)
 
 
-def test_singular_and_unlearnt_jacobians():
+def test_singular_and_unlearned_jacobians():
     J = np.stack([np.outer([1.0, 2.0], [30.0, -10.0, 5.0]), np.zeros((2, 3))])
     batch = Batch(J, np.zeros((2, 2)), np.array([[2.0, -1.0], [50.0, 50.0]]))
     for damping in (0.0, 15.0):

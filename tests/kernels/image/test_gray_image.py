@@ -1,4 +1,4 @@
-"""Grey conversion."""
+"""Gray conversion."""
 
 import cv2
 import numpy as np

@@ -6,7 +6,7 @@ import warp as wp
 
 from dense_vs.kernels.image.bilinear import Taps, bilinear_taps
 from dense_vs.kernels.image.row_taps import RowTaps, find_row_taps, row_taps
-from dense_vs.kernels.jacobian.image_jacobian import displacement
+from dense_vs.kernels.jacobian.moved_pixels import pixel_shift
 
 HEIGHT, WIDTH = 13, 37
 
@@ -40,7 +40,7 @@ def both_ways(
     find_row_taps(image, 1, y, iterations, 2, row_places, row_fractions)
     for x in range(width):
         write_taps(row_taps(2, x, row_places, row_fractions), x, y, by_row, by_row_weights)
-        moved = displacement(image, 1, x, y, iterations, width, height)
+        moved = pixel_shift(image, 1, x, y, iterations, width, height)
         write_taps(bilinear_taps(x, y, moved, width, height), x, y, by_pixel, by_pixel_weights)
 
 

@@ -1,15 +1,15 @@
-"""Colours of vectors against OpenCV's, which rounds hues to two degrees."""
+"""Colors of vectors against OpenCV's, which rounds hues to two degrees."""
 
 import cv2
 import numpy as np
 import pytest
 import warp as wp
 
-from dense_vs.kernels.image.vector_colors import vector_colours_kernel
+from dense_vs.kernels.image.vector_colors import vector_colors_kernel
 from dense_vs.kernels.launch import launch_pixels
 from dense_vs.view.panels import vectors_to_rgb
 
-HUE_STEP = 255 / 60 * 2  # grey levels that two degrees of hue make
+HUE_STEP = 255 / 60 * 2  # gray levels that two degrees of hue make
 
 
 def opencv(vectors, full_scale):
@@ -39,7 +39,7 @@ def test_any_number_of_threads_and_worlds():
     for threads in (1, 3):
         out = wp.zeros((2, 9, 7), dtype=wp.vec3ub, device="cpu")
         arguments = [wp.array(vectors, dtype=wp.vec2, device="cpu"), 3.0, out]
-        launch_pixels(vector_colours_kernel, (2, 9, 7), arguments, "cpu", threads)
+        launch_pixels(vector_colors_kernel, (2, 9, 7), arguments, "cpu", threads)
         outs.append(out.numpy())
     np.testing.assert_array_equal(outs[0], outs[1])
     np.testing.assert_array_equal(outs[0][1], vectors_to_rgb(vectors[1], 3.0))

@@ -7,7 +7,7 @@ from dense_vs.kernels.launch import launch_pixels
 from dense_vs.kernels.simulation.packed_image import unpack_image_kernel
 
 
-def test_colours_and_ids_come_apart():
+def test_colors_and_ids_come_apart():
     rng = np.random.default_rng(0)
     shape = (2, 5, 7)
     rgb = rng.integers(0, 256, (*shape, 3)).astype(np.uint32)

@@ -13,7 +13,7 @@ CAMERA = 1
 INTRINSICS = np.array([270.0, 250.0, 6.2, 3.9])  # fx, fy, cx, cy
 GL = np.diag([1.0, -1.0, -1.0])  # MuJoCo's camera axes to those of the image
 
-# float32 with coordinates of a few metres and a focal length of 270 px.
+# float32 with coordinates of a few meters and a focal length of 270 px.
 FLOW_TOLERANCE = 2e-4  # px
 JACOBIAN_TOLERANCE = 1e-5  # of the largest entry
 

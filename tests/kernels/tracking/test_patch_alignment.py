@@ -19,7 +19,7 @@ MEDIAN_DIFFERENCE, NEARLY_ALL_DIFFERENCE = 0.02, 0.05
 
 
 def textures(rng, count):
-    """Functions of (..., 2) places to grey values: sums of 24 waves of 5 to 25 px."""
+    """Functions of (..., 2) places to gray values: sums of 24 waves of 5 to 25 px."""
     for _ in range(count):
         angle, wavelength = rng.uniform(0, np.pi, 24), rng.uniform(5, 25, 24)
         waves = 2 * np.pi / wavelength * np.array([np.cos(angle), np.sin(angle)])
@@ -27,8 +27,8 @@ def textures(rng, count):
         yield lambda places, k=waves, c=phases: 127 + 11.5 * np.cos(places @ k + c).sum(axis=-1)
 
 
-def quantised(grey, noise, rng):
-    return np.clip(np.rint(grey + rng.normal(0, noise, grey.shape)), 0, 255).astype(np.uint8)
+def quantized(gray, noise, rng):
+    return np.clip(np.rint(gray + rng.normal(0, noise, gray.shape)), 0, 255).astype(np.uint8)
 
 
 def affine_cases(*, noise, offset, mask, seed=0, count=COUNT):
@@ -50,8 +50,8 @@ def make_cases(noise, offset, mask, seed, count):
         truth = start + rng.uniform(-3, 3, 2)
         there = start + (pixels - truth) @ np.linalg.inv(affine).T
         gain, light = rng.uniform(0.8, 1.1), rng.uniform(-10, 10)
-        cases.before.append(quantised(texture(pixels), noise, rng))
-        cases.after.append(quantised(127 + gain * (texture(there) - 127) + light, noise, rng))
+        cases.before.append(quantized(texture(pixels), noise, rng))
+        cases.after.append(quantized(127 + gain * (texture(there) - 127) + light, noise, rng))
         direction = rng.uniform(0, 2 * np.pi)
         side = (pixels - start) @ [np.cos(direction), np.sin(direction)]
         cases.weights.append(np.ones((HEIGHT, WIDTH)) if mask == "whole" else side < 6)
@@ -92,21 +92,21 @@ def opencv(cases, window):
     """Places and correlations by cv2.findTransformECCWithMask; NaN and -1 where it gives up."""
     half = window // 2 + BORDER
     margin = half + half // 2 + 3
-    centre = np.array([margin, margin])
+    center = np.array([margin, margin])
     places, correlations = [], []
     for k in range(len(cases.start)):
         mask = (crop(cases.weights[k], cases.start[k], half) >= 0.5).astype(np.uint8) * 255
         inner = np.zeros_like(mask)
         inner[BORDER:-BORDER, BORDER:-BORDER] = 255
         region = crop(cases.after[k], cases.guess[k], margin)
-        warp = np.column_stack([cases.affine[k], centre - cases.affine[k] @ (half, half)]).astype(np.float32)
+        warp = np.column_stack([cases.affine[k], center - cases.affine[k] @ (half, half)]).astype(np.float32)
         criteria = (cv2.TERM_CRITERIA_EPS | cv2.TERM_CRITERIA_COUNT, 50, 1e-6)
         template, everywhere = crop(cases.before[k], cases.start[k], half), np.full(region.shape, 255, np.uint8)
         try:
             correlation, warp = cv2.findTransformECCWithMask(
                 template, region, mask & inner, everywhere, warp, cv2.MOTION_AFFINE, criteria, 3
             )
-            places.append(cases.guess[k] + warp @ (half, half, 1.0) - centre)
+            places.append(cases.guess[k] + warp @ (half, half, 1.0) - center)
         except cv2.error:
             correlation = -1.0
             places.append([np.nan, np.nan])

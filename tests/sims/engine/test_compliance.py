@@ -23,6 +23,7 @@ def followed(compliance, frames=12):
     return np.array(shares)
 
 
+@pytest.mark.slow
 def test_soft_joints_follow_late_and_arrive():
     stiff, soft = followed(False, 30), followed(True, 30)
     assert np.all(stiff[:8] > soft[:8])

@@ -16,12 +16,12 @@ def test_noise_is_finite_unit_and_has_no_fine_detail(shape):
     assert power[frequency > 1.0 / BANDS[0][0]].sum() < 1e-9 * power.sum()
 
 
-def test_texture_keeps_its_colour_and_contrast():
-    colour = np.array([0.3, 0.5, 0.6])
+def test_texture_keeps_its_color_and_contrast():
+    color = np.array([0.3, 0.5, 0.6])
     for paint in (ROBOT_PAINT, SCENERY_PAINT):
-        texture = noise_texture(np.random.default_rng(1), 256, 256, colour, paint)
+        texture = noise_texture(np.random.default_rng(1), 256, 256, color, paint)
         assert texture.dtype == np.uint8
-        np.testing.assert_allclose(texture.mean(axis=(0, 1)) / 255, colour, atol=0.05)  # compressed towards grey
+        np.testing.assert_allclose(texture.mean(axis=(0, 1)) / 255, color, atol=0.05)  # compressed towards gray
         assert 0.6 * paint.contrast < texture.std(axis=(0, 1)).mean() / 255 < 1.3 * paint.contrast
 
 

@@ -6,7 +6,7 @@ import pytest
 
 from dense_vs.sims import SimWorld
 
-# Depth comes from a float32 ray tracer: about 1e-5 of a metre, which moves a point along its ray only.
+# Depth comes from a float32 ray tracer: about 1e-5 of a meter, which moves a point along its ray only.
 DEPTH_TOLERANCE = 1e-4  # m
 FLOW_TOLERANCE = 1e-4  # px
 JACOBIAN_TOLERANCE = 2e-4  # of the largest entry

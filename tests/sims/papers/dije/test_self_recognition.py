@@ -9,10 +9,10 @@ import pytest
 
 from dense_vs.cli.main import main
 from dense_vs.errors import DenseVSError
-from dense_vs.sims.papers.dije.labeling import Labeller, View, views
-from dense_vs.sims.papers.dije.labeling_arguments import check_labelling_arguments
+from dense_vs.sims.papers.dije.labeling import Labeler, View, views
+from dense_vs.sims.papers.dije.labeling_arguments import check_labeling_arguments
 from dense_vs.sims.papers.dije.leak import leak_rows
-from dense_vs.sims.papers.dije.leak_run import LeakRun
+from dense_vs.sims.papers.dije.leak_record import LeakRun
 from dense_vs.sims.papers.dije.transport import Transport
 
 
@@ -36,21 +36,21 @@ def columns(first, last, width=40):
 
 
 def test_scores():
-    labeller = Labeller(Namespace(jacobian=None), FixedLabels(columns(0, 12)))
-    labeller.score(view(columns(0, 10), columns(11, 21)))
-    labeller.score(view(columns(0, 12), columns(0, 0)))
-    assert labeller.iou == [pytest.approx(10 / 12), 1.0]
-    assert labeller.leak[0] == pytest.approx(0.1)
-    assert np.isnan(labeller.leak[1])
-    assert labeller.leak_px == [20, 0]
+    labeler = Labeler(Namespace(jacobian=None), FixedLabels(columns(0, 12)))
+    labeler.score(view(columns(0, 10), columns(11, 21)))
+    labeler.score(view(columns(0, 12), columns(0, 0)))
+    assert labeler.iou == [pytest.approx(10 / 12), 1.0]
+    assert labeler.leak[0] == pytest.approx(0.1)
+    assert np.isnan(labeler.leak[1])
+    assert labeler.leak_px == [20, 0]
 
 
 def test_rows_are_means_over_seeds_and_the_worst_one():
     runs = []
     for seed, iou, leak in ((3, 0.9, 0.01), (4, 0.7, 0.05)):
-        labeller = Namespace(iou=[iou, iou, 0.0], leak=[leak, float("nan")], leak_px=[10, 20])
+        labeler = Namespace(iou=[iou, iou, 0.0], leak=[leak, float("nan")], leak_px=[10, 20])
         moved = {"(13)": (0.4, 0.0, 0.2), "(14)": (0.1, 0.3, float("nan"))}
-        runs.append(LeakRun(seed, {name: labeller for name in ("default", "(13)", "(14)")}, moved))
+        runs.append(LeakRun(seed, {name: labeler for name in ("default", "(13)", "(14)")}, moved))
     rows = {row.name: row for row in leak_rows(runs)}
     assert rows["default: IoU, median over time"].ours == pytest.approx(0.8)
     assert rows["default: IoU, worst seed"].ours == 0.7
@@ -85,9 +85,10 @@ def test_transport_alone_leaks_with_the_measured_flow_only():
 def test_refuses_times_out_of_range():
     for seconds, period in ((3.0, 0.7), (float("nan"), 0.7), (9.0, -0.1), (9.0, float("inf"))):
         with pytest.raises(DenseVSError, match=r"--(seconds|period) is .*expected"):
-            check_labelling_arguments(Namespace(seconds=seconds, period=period), 5.0)
+            check_labeling_arguments(Namespace(seconds=seconds, period=period), 5.0)
 
 
+@pytest.mark.slow
 def test_a_walker_is_seen_and_is_not_the_robot():
     arguments = Namespace(distractor="walker-behind", device="cpu", threads=None, seconds=0.1, period=0.0)
     frames = list(views(1, arguments))
@@ -98,6 +99,7 @@ def test_a_walker_is_seen_and_is_not_the_robot():
     assert np.abs(frames[-1].dq).max() > 0
 
 
+@pytest.mark.slow
 def test_labels_command(tmp_path, capsys):
     out, figures = tmp_path / "out", tmp_path / "rows.json"
     command = ["reproduce", "dije", "labels", "--seconds", "5", "--seed", "1", "--device", "cpu"]

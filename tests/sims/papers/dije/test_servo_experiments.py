@@ -9,7 +9,7 @@ import pytest
 from dense_vs.cli.main import main
 from dense_vs.errors import DenseVSError
 from dense_vs.sims.papers.dije import rake, reach, vacuum
-from dense_vs.sims.papers.dije.servo_task import parse_targets
+from dense_vs.sims.papers.dije.servo_experiment import parse_targets
 
 TASKS = {"reach": reach.TASK, "rake": rake.TASK, "vacuum": vacuum.TASK}
 

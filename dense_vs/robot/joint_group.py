@@ -1,0 +1,140 @@
+"""Joints chosen by name: their places in a robot's joint vectors, their limits and units."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from dense_vs.errors import DenseVSError
+from dense_vs.robot.protocols import Robot
+
+ROBOT_MEMBERS = ("joint_names", "joint_limits", "joints", "command")
+
+
+def joint_indices(
+    names: Sequence[str], available: Sequence[str], owner: str, *, valid: Sequence[str] | None = None
+) -> list[int]:
+    """Place of each name in ``available``.
+
+    Args:
+        names: chosen joints, in the order wanted.
+        available: all joints.
+        owner: whose they are, for an error: ``"the robot"``, ``"the log"``.
+        valid: what an error lists as valid, where that is less than all.
+
+    Raises:
+        DenseVSError: no name, a name that is not there, or one that is given twice.
+    """
+    listed = ", ".join(available if valid is None else valid)
+    if isinstance(names, str) or not len(names):
+        raise DenseVSError(f"joints is {names!r}; expected a sequence of names out of {listed}")
+    places = {name: index for index, name in enumerate(available)}
+    for number, name in enumerate(names):
+        if name not in places:
+            raise DenseVSError(f"joint {name!r} is not in {owner}; expected one of {listed}")
+        if name in list(names)[:number]:
+            raise DenseVSError(f"joint {name!r} is named twice; expected each joint once, out of {listed}")
+    return [places[name] for name in names]
+
+
+def checked_limits(limits: Any, joints: int) -> np.ndarray:
+    """Joint limits as float64 ``(N, 2)``, -inf and inf for None.
+
+    Raises:
+        DenseVSError: not N pairs of least and greatest position.
+    """
+    if limits is None:
+        return np.array([[-np.inf, np.inf]] * joints)
+    expected = f"{joints} pairs of least and greatest position"
+    try:
+        pairs = np.array(limits, dtype=np.float64)
+    except (TypeError, ValueError) as error:
+        raise DenseVSError(f"joint_limits are {limits!r}; expected {expected}") from error
+    if pairs.shape != (joints, 2) or not (pairs[:, 0] < pairs[:, 1]).all():
+        raise DenseVSError(f"joint_limits are {pairs.tolist()}; expected {expected}")
+    return pairs
+
+
+@dataclass(frozen=True)
+class JointGroup:
+    """Some of a robot's N joints, in an order of their own.
+
+    Attributes:
+        names: n names.
+        indices: ``(n,)``, their places in the robot's joint vectors.
+        limits: float64 ``(n, 2)``, least and greatest position [the joint's unit]; -inf and inf where there is none.
+        units: ``"rad"`` or ``"m"`` for each.
+        total: N, the number of joints of the robot.
+    """
+
+    names: tuple[str, ...]
+    indices: np.ndarray
+    limits: np.ndarray
+    units: tuple[str, ...]
+    total: int
+
+    @classmethod
+    def choose(
+        cls,
+        names: Sequence[str] | None,
+        available: Sequence[str],
+        *,
+        owner: str = "the robot",
+        limits: Any = None,
+        units: Sequence[str] | None = None,
+    ) -> "JointGroup":
+        """Choose joints by name.
+
+        Args:
+            names: in the order wanted; all for None.
+            available: the robot's N names.
+            owner: what the joints belong to, for an error.
+            limits: ``(N, 2)`` of all joints; None for none.
+            units: of all joints; ``"rad"`` unless given.
+
+        Raises:
+            DenseVSError: names as in :func:`joint_indices`, limits as in :func:`checked_limits`.
+        """
+        every = tuple(available)
+        chosen = every if names is None else tuple(names) if not isinstance(names, str) else names
+        indices = np.array(joint_indices(chosen, every, owner))
+        bounds = checked_limits(limits, len(every))
+        all_units = ("rad",) * len(every) if units is None else tuple(units)
+        return cls(tuple(chosen), indices, bounds[indices], tuple(all_units[i] for i in indices), len(every))
+
+    @classmethod
+    def of_robot(cls, robot: Robot, names: Sequence[str] | None = None) -> "JointGroup":
+        """Choose joints of a robot; all of them unless named.
+
+        Raises:
+            DenseVSError: as :meth:`choose`, or an object that lacks a member of :class:`Robot`.
+        """
+        missing = [member for member in ROBOT_MEMBERS if not hasattr(robot, member)]
+        if missing:
+            raise DenseVSError(
+                f"robot is a {type(robot).__name__} without {', '.join(missing)}; expected {', '.join(ROBOT_MEMBERS)}, "
+                "with joint_limits = None where there are none"
+            )
+        return cls.choose(names, robot.joint_names, limits=robot.joint_limits)
+
+    @property
+    def limited(self) -> bool:
+        """Whether any of the joints has a limit."""
+        return bool(np.isfinite(self.limits).any())
+
+    def take(self, positions: Any) -> np.ndarray:
+        """The group's part ``(n,)`` of a vector of all joints ``(N,)``."""
+        return np.asarray(positions)[self.indices]
+
+    def spread(self, delta: Any) -> np.ndarray:
+        """A vector of all joints ``(N,)`` with the group's ``(n,)`` in place and zero elsewhere."""
+        vector = np.zeros(self.total)
+        vector[self.indices] = delta
+        return vector
+
+    def clip_step(self, delta: np.ndarray, positions: np.ndarray) -> np.ndarray:
+        """The step ``(n,)`` from ``positions``, cut at the limits; a joint beyond its limit is brought back."""
+        if not self.limited:
+            return delta
+        return np.clip(positions + delta, self.limits[:, 0], self.limits[:, 1]) - positions

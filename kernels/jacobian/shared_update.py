@@ -1,0 +1,70 @@
+"""One frame of the filter where all pixels share one gain: DIJE (10) with the gain of (11), or (12).
+
+Bilinear sampling and the product with dq commute. On a CPU, where arithmetic is what costs, the two numbers of
+v = J dq are therefore computed once for the image and sampled in place of the columns of the state wherever only
+the product is needed: in the iteration and in the innovation. ``single_pass_update.py`` is the form for a GPU.
+"""
+
+from types import SimpleNamespace
+
+import warp as wp
+
+from dense_vs.kernels.image.row_taps import find_row_taps
+from dense_vs.kernels.jacobian.moved_pixels import innovation, moved_taps
+
+wp.set_module_options({"enable_backward": False})
+
+
+def shared_update_kernels(types: SimpleNamespace) -> SimpleNamespace:
+    """``predicted_flow`` and ``update_shared`` for the state of :func:`.state_types.state_types`."""
+    StateImage, StateRow = types.StateImage, types.StateRow
+    read_state, write_state, sample_state = types.read_state, types.write_state, types.sample_state
+    kernel = wp.kernel(module=f"{__name__}_{types.suffix}", enable_backward=False)
+
+    @kernel
+    def predicted_flow(
+        row_begin: int,
+        column_step: int,
+        # In:
+        state_in: StateImage,
+        regressor_in: wp.array(dtype=StateRow),
+        # Out:
+        flow_out: wp.array3d(dtype=wp.vec2),
+    ):
+        """DIJE (1), state times regressor at every pixel [px]: J dq, and its second-order term where there is one."""
+        world, row, column = wp.tid()
+        y = row_begin + row
+        regressor = regressor_in[world]
+        for x in range(column, state_in.shape[2], column_step):
+            flow_out[world, y, x] = read_state(state_in, world, y, x) * regressor
+
+    @kernel
+    def update_shared(
+        row_begin: int,
+        column_step: int,
+        # In:
+        state_in: StateImage,
+        shift_in: wp.array3d(dtype=wp.vec2),  # u of DIJE (13) or J dq of DIJE (14) [px]
+        iterations: int,
+        places: wp.array3d(dtype=wp.int32),
+        fractions: wp.array3d(dtype=wp.float32),
+        flow_in: wp.array3d(dtype=wp.vec2),
+        model_flow_in: wp.array3d(dtype=wp.vec2),
+        gain_in: wp.array(dtype=StateRow),
+        # Out:
+        state_out: StateImage,
+    ):
+        """State <- moved state + (u - predicted u) K^T, DIJE (10) and (12) with one gain K for the image."""
+        world, row, column = wp.tid()
+        y = row_begin + row
+        width = state_in.shape[2]
+        gain = gain_in[world]
+        if column_step == 1:
+            find_row_taps(shift_in, world, y, iterations, row_begin, places, fractions)
+        for x in range(column, width, column_step):
+            taps = moved_taps(shift_in, world, x, y, iterations, row_begin, column_step, places, fractions)
+            prior = sample_state(state_in, world, taps)
+            error = innovation(flow_in[world, y, x], model_flow_in, world, taps)
+            write_state(state_out, world, y, x, prior + wp.outer(error, gain))
+
+    return SimpleNamespace(predicted_flow=predicted_flow, update_shared=update_shared)

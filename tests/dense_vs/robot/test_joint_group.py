@@ -1,0 +1,56 @@
+"""Joints by name: the right places, limits and units, and errors that list the valid names."""
+
+import numpy as np
+import pytest
+
+from dense_vs import DenseVSError
+from dense_vs.robot import JointGroup
+
+NAMES = ["lift", "shoulder", "elbow"]
+LIMITS = np.array([[0.0, 0.5], [-1.0, 1.0], [-np.inf, np.inf]])
+
+
+def test_chosen_joints_come_in_their_order():
+    group = JointGroup.choose(["elbow", "lift"], NAMES, limits=LIMITS, units=["m", "rad", "rad"])
+    assert group.names == ("elbow", "lift")
+    assert group.units == ("rad", "m")
+    assert group.total == 3
+    np.testing.assert_array_equal(group.indices, [2, 0])
+    np.testing.assert_array_equal(group.limits, LIMITS[[2, 0]])
+    np.testing.assert_array_equal(group.take([1.0, 2.0, 3.0]), [3.0, 1.0])
+    np.testing.assert_array_equal(group.spread([5.0, 7.0]), [7.0, 0.0, 5.0])
+
+
+def test_all_joints_without_limits_unless_told():
+    group = JointGroup.choose(None, NAMES)
+    assert group.names == tuple(NAMES)
+    assert group.units == ("rad",) * 3
+    assert not group.limited
+    step = np.array([1.0, -2.0, 3.0])
+    np.testing.assert_array_equal(group.clip_step(step, np.zeros(3)), step)
+
+
+def test_steps_end_at_the_limits_and_lead_back_to_them():
+    group = JointGroup.choose(["shoulder", "elbow"], NAMES, limits=LIMITS)
+    np.testing.assert_allclose(group.clip_step(np.array([0.5, 9.0]), np.array([0.8, 0.0])), [0.2, 9.0])
+    np.testing.assert_allclose(group.clip_step(np.array([0.1, 0.0]), np.array([1.3, 0.0])), [-0.3, 0.0])
+
+
+@pytest.mark.parametrize(
+    ("names", "message"),
+    [
+        (["wrist"], "joint 'wrist' is not in the robot; expected one of lift, shoulder, elbow"),
+        (["lift", "lift"], "joint 'lift' is named twice; expected each joint once, out of lift, shoulder, elbow"),
+        ([], r"joints is \(\); expected a sequence of names out of lift, shoulder, elbow"),
+        ("lift", "joints is 'lift'; expected a sequence of names out of lift, shoulder, elbow"),
+    ],
+)
+def test_refuses_names(names, message):
+    with pytest.raises(DenseVSError, match=message):
+        JointGroup.choose(names, NAMES)
+
+
+@pytest.mark.parametrize("limits", [[[0, 1]], [[0, 1], [0, 1], [1, 0]], "none"])
+def test_refuses_limits(limits):
+    with pytest.raises(DenseVSError, match=r"joint_limits are .*expected 3 pairs of least and greatest position"):
+        JointGroup.choose(None, NAMES, limits=limits)
