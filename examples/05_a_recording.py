@@ -8,13 +8,13 @@ from pathlib import Path
 from dense_vs.cli import main
 from dense_vs.jacobian import jacobian_error
 from dense_vs.pipeline import estimate_recording
-from dense_vs.recording import Recording, TruthFile
+from dense_vs.recording import TruthFile, open_recording
 
 OUT = Path("out/examples/recording")
 
 main(["record", "--robot", "arm", "--seconds", "10", "--seed", "4", "--out", str(OUT)])
-recording = Recording(OUT / "video.mp4", OUT / "joints.csv")
-truth = TruthFile.read(OUT / "truth.npz", recording.log.names)
+recording = open_recording(OUT / "video.mp4", OUT / "joints.csv")  # or a LeRobot folder, a ROS bag, a folder of images
+truth = TruthFile.read(OUT / "truth.npz", recording.joint_names)
 
 errors = []
 for frame, estimator in estimate_recording(recording):

@@ -13,7 +13,7 @@ assert "site-packages" in folder.parts, f"{folder} is not an installed wheel"
 for name in ("kernels/launch.py", "sims/models/arm.xml", "sims/models/planar.xml", "sims/cli/reach.py", "py.typed"):
     assert (folder / name).is_file(), f"{name} is missing from the wheel"
 assert {"estimate", "reproduce"} <= set(all_commands())
-for name in ("dense_vs.cli.main", "dense_vs.kernels.jacobian.image_jacobian", "dense_vs.recording.video_recording"):
+for name in ("dense_vs.cli.main", "dense_vs.kernels.jacobian.image_jacobian", "dense_vs.recording.open_recording"):
     import_module(name)
 
 estimator = dense_vs.DenseJacobian(height=32, width=48, joints=2, device="cpu")

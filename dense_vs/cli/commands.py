@@ -25,7 +25,8 @@ class Command(NamedTuple):
 
 COMMANDS = {
     "depth-eval": Command("dense_vs.cli.depth_eval", "score depth from masks on the sets of the ODMS benchmark"),
-    "estimate": Command("dense_vs.cli.estimate", "estimate the dense image Jacobian from a video and a joint log"),
+    "estimate": Command("dense_vs.cli.estimate", "estimate the dense image Jacobian from a recording"),
+    "info": Command("dense_vs.cli.info", "show what is in a recording"),
     "learn-model": Command("dense_vs.cli.learn_model", "learn an arm's generative model from the pixels of features"),
     "segment": Command("dense_vs.cli.segment", "find an object in images or a video"),
     "segment-train": Command(

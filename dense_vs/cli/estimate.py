@@ -1,39 +1,49 @@
-"""``dense-vs estimate``: estimate the dense image Jacobian of a recorded robot from its video and joint log.
+"""``dense-vs estimate``: the dense image Jacobian of a recorded robot, and how much of the motion it explains.
 
-Writes the Jacobian J [px/rad] every so many frames and at the end, a video of flow and J, and a summary.
+PATH is a video with a CSV joint log, a LeRobot folder (v2.0, v2.1, v3.0), a ROS 1 or ROS 2 bag, or a folder of images
+with a CSV joint log; 'dense-vs info PATH' shows what is in it. Repeated images are joined with their joint steps, the
+clocks of camera and joints are aligned by the motion that both have seen, and what to do for a better recording is
+said in words.
 """
 
 import argparse
 import time
 from contextlib import nullcontext
 from pathlib import Path
+from typing import Any
 
 from dense_vs.cli.options import add_device_arguments
+from dense_vs.cli.recording_options import add_recording_arguments, episode_numbers, open_chosen
 from dense_vs.errors import DenseVSError
 from dense_vs.files import output_folder, write_json
 from dense_vs.jacobian.error import jacobian_error
-from dense_vs.pipeline.recorded import estimate_recording
-from dense_vs.recording.truth_file import TruthFile
-from dense_vs.recording.video import VideoWriter
-from dense_vs.recording.video_recording import Recording
+from dense_vs.jacobian.estimator import DenseJacobian
+from dense_vs.pipeline.explained_motion import share_of_pixels_known
+from dense_vs.pipeline.recorded import RecordedEstimate
+from dense_vs.recording import ClockOffset, Recording, TruthFile, VideoWriter, survey_episode
+from dense_vs.recording.survey import joint_motions, moved_together
+from dense_vs.view.advice import advice
 from dense_vs.view.panels import JacobianView, as_rgb, label, tile
 from dense_vs.view.progress import progress
 from dense_vs.view.provenance import versions
+from dense_vs.view.recording_report import write_report
 from dense_vs.view.tables import table
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the command's arguments."""
-    parser.add_argument("video", type=Path, help="video file, any that OpenCV reads")
-    parser.add_argument("joints", type=Path, help="CSV file: time [s] first, then one named joint [rad] a column")
+    add_recording_arguments(parser)
     parser.add_argument("--out", type=Path, required=True, metavar="DIR", help="folder for the results")
-    parser.add_argument("--joints", dest="joint_names", metavar="A,B,C", help="joints of the log to use (default: all)")
+    parser.add_argument(
+        "--episodes", metavar="A:B", help="estimate these episodes one after the other, A to B - 1; J is carried on"
+    )
+    parser.add_argument("--start", type=Path, metavar="NPZ", help="go on from this saved J")
     parser.add_argument(
         "--time-offset",
-        type=float,
-        default=0.0,
+        default="auto",
         metavar="S",
-        help="seconds to add to the log's times to bring them onto the video's clock (default: 0)",
+        help="seconds to add to the log's times to bring them onto the camera's clock, or auto: find them from the "
+        "motion (default: auto)",
     )
     parser.add_argument(
         "--scale", type=float, default=1.0, metavar="X", help="factor on the image size; DIJE halves it (default: 1)"
@@ -61,10 +71,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument("--no-video", action="store_true", help="do not draw the visualization video")
     parser.add_argument(
-        "--truth",
-        type=Path,
-        metavar="NPZ",
-        help="true Jacobians that 'dense-vs record' wrote; then the error of J is printed",
+        "--truth", type=Path, metavar="NPZ", help="true Jacobians that 'dense-vs record' wrote; prints the error"
     )
     add_device_arguments(parser)
 
@@ -73,68 +80,185 @@ def run(arguments: argparse.Namespace) -> None:
     """Run the command."""
     if arguments.every < 1:
         raise DenseVSError(f"--every is {arguments.every}; expected a whole number of at least 1")
-    names = arguments.joint_names.split(",") if arguments.joint_names else None
-    recording = Recording(
-        arguments.video,
-        arguments.joints,
-        joint_names=names,
-        time_offset=arguments.time_offset,
-    )
-    truth = TruthFile.read(arguments.truth, recording.log.names) if arguments.truth else None
+    offset = _time_offset(arguments.time_offset)
+    recording = open_chosen(arguments)
+    numbers = episode_numbers(arguments.episodes, recording.episodes) if arguments.episodes else None
+    if numbers is not None and arguments.episode is not None:
+        raise DenseVSError("--episode and --episodes are both given; expected one of them")
+    truth = TruthFile.read(arguments.truth, recording.joint_names) if arguments.truth else None
+    estimator = None
+    if arguments.start is not None:
+        estimator = DenseJacobian.load(arguments.start, device=arguments.device, threads=arguments.threads)
     out = output_folder(arguments.out)
-    view = JacobianView(recording.log.names)
-    started = time.perf_counter()
-    errors, frames, estimator = [], 0, None
-    steps = estimate_recording(
-        recording,
+    if numbers is None:
+        summary, estimator = _episode(arguments, recording, None, out, offset, estimator, truth)
+        print(_lines(summary))
+        print(f"results in {out}")
+        return
+    summaries = []
+    for number in numbers:
+        folder = output_folder(out / f"episode_{number:06d}")
+        summary, estimator = _episode(arguments, recording, number, folder, offset, estimator, truth)
+        summaries.append(summary)
+    header = ["episode", "images", "repeated", "offset [s]", "E first quarter", "E after it", "fps"]
+    rows = [
+        [
+            str(s["episode"]),
+            str(s["frames"]),
+            str(s["duplicate_frames"]),
+            f"{s['time_offset_s']:+.3f}",
+            f"{s['explained_motion_by_quarter'][0]:.2f}",
+            f"{s['explained_motion']:.3f}",
+            f"{s['fps']:.0f}",
+        ]
+        for s in summaries
+    ]
+    print(table(header, rows))
+    write_json(out / "summary.json", {"episodes": summaries, "versions": versions()})
+    if estimator is not None:
+        estimator.save(out / "jacobian.npz")
+    print(f"results in {out}")
+
+
+def _episode(
+    arguments: argparse.Namespace,
+    recording: Recording,
+    number: int | None,
+    out: Path,
+    offset: float | None,
+    start: DenseJacobian | None,
+    truth: TruthFile | None,
+) -> tuple[dict[str, Any], DenseJacobian]:
+    """Estimate one episode and write its results; its summary and the estimator after it."""
+    episode = recording.episode(number)
+    done = RecordedEstimate(
+        episode if offset is None else episode.shifted(offset),
         scale=arguments.scale,
         method=arguments.flow,
         device=arguments.device,
         threads=arguments.threads,
-        covariance=arguments.covariance,
-        prediction=arguments.prediction,
+        start=start,
+        **({} if start else {"covariance": arguments.covariance, "prediction": arguments.prediction}),
     )
-    writer = nullcontext() if arguments.no_video else VideoWriter(out / "estimate.mp4", recording.video.fps)
-    with writer as video, progress("estimate", recording.video.frame_count) as bar:
-        for frame, estimator in steps:
-            frames += 1
-            bar.update()
-            if frame.flow is None:
-                continue
-            jacobian = estimator.to_numpy()
-            if frames % arguments.every == 0:
-                estimator.save(out / f"jacobian_{frames:06d}.npz")
-            if truth is not None and (true := truth.at(frame.time, arguments.scale)) is not None:
-                errors.append({"time": frame.time, **vars(jacobian_error(jacobian, *true))})
-            if video is not None:
-                panels = [label(as_rgb(frame.image), f"camera {frame.time:.2f} s"), view.flow(frame.flow, "flow u")]
-                panels += [view.flow(estimator.predicted_flow(frame.dq), "predicted flow J dq")]
-                panels += view.columns(jacobian)
-                video.write(tile(panels, columns=3))
-    assert estimator is not None  # estimate() raises where no frame was used
-    estimator.save(out / "jacobian.npz")
-    seconds = time.perf_counter() - started
-    summary = {
-        "frames": frames,
-        "skipped_frames": recording.skipped_frames,
-        "joints": list(recording.log.names),
+    if offset is None:
+        with progress(f"clock, episode {episode.number}", done.frame_count) as bar:
+            clock = survey_episode(episode, on_image=bar.update).offset
+        done.align(clock)
+    else:
+        clock = ClockOffset(offset, 1.0, 0.0, best=offset)
+    started = time.perf_counter()
+    drawing = nullcontext() if arguments.no_video else VideoWriter(out / "estimate.mp4", done.fps)
+    errors: list[dict[str, Any]] = []
+    with drawing as video, progress(f"estimate, episode {episode.number}", done.frame_count) as bar:
+        seen = 0
+        for used, (frame, estimator) in enumerate(done, start=1):
+            bar.update(done.images - seen)
+            seen = done.images
+            if frame.flow is not None:
+                if used % arguments.every == 0:
+                    estimator.save(out / f"jacobian_{used:06d}.npz")
+                errors += _error(truth, frame, estimator, arguments.scale)
+                if video is not None:
+                    video.write(_picture(frame, estimator, recording.joint_names))
+    done.estimator.save(out / "jacobian.npz")
+    motions = joint_motions(episode.log)
+    together = moved_together(episode.log, [joint.name for joint in motions if joint.moves])
+    summary = _summary(done, clock, motions, together, errors, time.perf_counter() - started)
+    summary["advice"] = advice(summary)
+    write_json(out / "summary.json", summary)
+    write_report(out / "report.png", summary, done)
+    if truth is not None:
+        _print_errors(arguments.truth, truth, errors)
+    return summary, done.estimator
+
+
+def _summary(
+    done: Any, clock: Any, motions: Any, together: Any, errors: list[dict[str, Any]], seconds: float
+) -> dict[str, Any]:
+    estimator, names = done.estimator, done.episode.log.names
+    return {
+        "recording": str(done.episode.source.path),
+        "format": done.episode.source.name,
+        "episode": done.episode.number,
+        "camera": done.episode.camera,
+        "frames": done.images,
+        "skipped_frames": done.episode.skipped_frames,
+        "duplicate_frames": done.repeated,
+        "gaps": done.gaps,
+        "joints": list(names),
         "size": [estimator.options.height, estimator.options.width],
+        "explained_motion": done.explained.settled(),
+        "explained_motion_by_quarter": done.explained.quarters(),
+        "explained_motion_by_joint": dict(zip(names, done.explained.by_joint(), strict=True)),
+        "time_offset_s": clock.seconds,
+        "time_offset_confidence": clock.confidence,
+        "time_offset_error_s": clock.error,
+        "time_offset_drift": clock.drift,
+        "time_offset_reason": clock.reason,
+        "excitation_by_joint": {joint.name: joint.excitation for joint in motions},
+        "unmoved_joints": [joint.name for joint in motions if not joint.moves],
+        "joints_moved_together": [list(group) for group in together],
+        "share_of_pixels_known": share_of_pixels_known(estimator, done.usual_step),
         "jacobian_error_median": errors[-1]["median"] if errors else None,
         "jacobian_errors": errors,
         "seconds": seconds,
-        "fps": frames / seconds,
+        "fps": done.images / seconds,
         "device": str(estimator.device),
         "versions": versions(),
     }
-    write_json(out / "summary.json", summary)
-    if truth is not None:
-        if not errors:
-            raise DenseVSError(
-                f"{arguments.truth} has no truth within the estimated frames; it covers {truth.times[0]:.3f} to "
-                f"{truth.times[-1]:.3f} s"
-            )
-        rows = [
-            [f"{e['time']:.2f}", f"{e['median']:.3f}", f"{e['p90']:.3f}", f"{e['inner_median']:.3f}"] for e in errors
-        ]
-        print(table(["time [s]", "J error median", "90 %", "median 3 px inside"], rows))
-    print(f"{frames} frames in {seconds:.1f} s, {recording.skipped_frames} outside the joint log; results in {out}")
+
+
+def _lines(summary: dict[str, Any]) -> str:
+    """The table of one episode and what to do about it."""
+    offset = f"{summary['time_offset_s']:+.3f} s (confidence {summary['time_offset_confidence']:.2f})"
+    rows = [
+        ["motion explained after the first quarter", f"{summary['explained_motion']:.3f}"],
+        ["by quarter", " ".join(f"{e:.2f}" for e in summary["explained_motion_by_quarter"])],
+        ["images", str(summary["frames"])],
+        ["images outside the joint log", str(summary["skipped_frames"])],
+        ["repeated images", str(summary["duplicate_frames"])],
+        ["gaps", str(summary["gaps"])],
+        ["time offset", offset],
+        ["share of pixels known", f"{summary['share_of_pixels_known']:.2f}"],
+        ["images a second", f"{summary['fps']:.0f}"],
+    ]
+    joints = [
+        [name, f"{summary['excitation_by_joint'][name]:.0f}", f"{summary['explained_motion_by_joint'][name]:.3f}"]
+        for name in summary["joints"]
+    ]
+    parts = [table(["quality", "value"], rows), table(["joint", "excitation", "part of E"], joints)]
+    parts += [f"{summary['frames']} frames in {summary['seconds']:.1f} s"]
+    return "\n".join([*parts, *(f"- {line}" for line in summary["advice"])])
+
+
+def _time_offset(text: str) -> float | None:
+    """Seconds, or None for ``auto``."""
+    if text == "auto":
+        return None
+    try:
+        return float(text)
+    except ValueError:
+        raise DenseVSError(f"--time-offset is {text!r}; expected auto or seconds") from None
+
+
+def _error(truth: TruthFile | None, frame: Any, estimator: DenseJacobian, scale: float) -> list[dict[str, Any]]:
+    if truth is None or (true := truth.at(frame.time, scale)) is None:
+        return []
+    return [{"time": frame.time, **vars(jacobian_error(estimator.to_numpy(), *true))}]
+
+
+def _print_errors(path: Path, truth: TruthFile, errors: list[dict[str, Any]]) -> None:
+    if not errors:
+        raise DenseVSError(
+            f"{path} has no truth within the estimated frames; it covers {truth.times[0]:.3f} to "
+            f"{truth.times[-1]:.3f} s"
+        )
+    rows = [[f"{e['time']:.2f}", f"{e['median']:.3f}", f"{e['p90']:.3f}", f"{e['inner_median']:.3f}"] for e in errors]
+    print(table(["time [s]", "J error median", "90 %", "median 3 px inside"], rows))
+
+
+def _picture(frame: Any, estimator: DenseJacobian, names: tuple[str, ...]) -> Any:
+    view = JacobianView(names)
+    panels = [label(as_rgb(frame.image), f"camera {frame.time:.2f} s"), view.flow(frame.flow, "flow u")]
+    panels += [view.flow(estimator.predicted_flow(frame.dq), "predicted flow J dq")]
+    return tile([*panels, *view.columns(estimator.to_numpy())], columns=3)

@@ -14,7 +14,15 @@ from dense_vs.cli.commands import all_commands
 from dense_vs.cli.parsing import LazyParser, from_module
 from dense_vs.errors import DenseVSError
 
-EXTRAS = {"mujoco": "sims", "mujoco_warp": "sims", "av": "viz", "matplotlib": "viz", "sklearn": "vos"}
+EXTRAS = {
+    "av": "recordings",
+    "matplotlib": "viz",
+    "mujoco": "sims",
+    "mujoco_warp": "sims",
+    "pyarrow": "recordings",
+    "rosbags": "recordings",
+    "sklearn": "vos",
+}
 USER_ERROR, INTERRUPTED, READER_GONE = 2, 130, 141  # the last two as a shell reports SIGINT and SIGPIPE
 
 

@@ -13,7 +13,7 @@ import numpy as np
 
 from dense_vs.errors import DenseVSError
 from dense_vs.files import output_folder, write_json
-from dense_vs.recording.video import VideoReader, VideoWriter
+from dense_vs.recording import VideoReader, VideoWriter
 from dense_vs.segmentation import FewShotSegmenter, OnnxSegmenter, assess_mask, read_mask, write_mask
 from dense_vs.segmentation.annotated_folder import IMAGE_SUFFIXES, image_files, read_image, write_image
 from dense_vs.view.mask_picture import draw_mask

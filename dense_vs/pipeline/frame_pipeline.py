@@ -1,5 +1,6 @@
 """One camera frame through the estimator: gray image, flow, joint step, J; for a live robot and for a recording."""
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
@@ -43,6 +44,8 @@ class FramePipeline:
         flow: of the same size; the default method unless given.
         scale: factor on the image size, 0.5 in the paper.
         body: is fed with every frame's motion and J, where one is given; see :meth:`labels`.
+        before_update: called with each frame's time, flow and joint step while the estimator is still that of the frame
+            before; a judge of its prediction.
 
     Raises:
         DenseVSError: sizes that differ, several worlds, a scale out of (0, 1].
@@ -55,6 +58,7 @@ class FramePipeline:
         *,
         scale: float = 1.0,
         body: SelfBody | None = None,
+        before_update: Callable[[float, np.ndarray, np.ndarray], None] | None = None,
     ):
         size = estimator.options.height, estimator.options.width
         if estimator.options.worlds != 1:
@@ -68,6 +72,7 @@ class FramePipeline:
             body.fix_size(*size, estimator.options.joints)
         self.scale = scale
         self.body = body
+        self.before_update = before_update
         self.frame: Frame | None = None
 
     def process(self, image: Any, time: float, positions: Any) -> Frame:
@@ -100,12 +105,18 @@ class FramePipeline:
         else:
             flow = self.flow(last.gray, gray)
             dq = q - last.positions
+            if self.before_update is not None:
+                self.before_update(time, flow, dq)
             self.estimator.update(flow, dq)
             if self.body is not None:
                 self.body.observe(flow, dq)
                 self.body.submit(self.estimator.jacobian)
             self.frame = Frame(time, scaled, gray, q, flow, dq)
         return self.frame
+
+    def restart(self) -> None:
+        """Forget the last frame, not what was learned: after a gap, flow and joint step across it would be wrong."""
+        self.frame = None
 
     def labels(self) -> np.ndarray:
         """Whether each pixel of the last frame is the robot's own body, bool ``(H, W)``.

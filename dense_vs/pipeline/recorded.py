@@ -1,42 +1,123 @@
-"""The estimator on a whole recording."""
+"""The estimator on a recorded episode: repeated images joined, gaps left out, decoding beside the filter."""
 
 from collections.abc import Iterator
-from typing import Unpack
+from typing import Any, Unpack
+
+import numpy as np
 
 from dense_vs.checks import check_number
+from dense_vs.errors import DenseVSError
 from dense_vs.flow.estimator import FlowEstimator
 from dense_vs.jacobian.estimator import DenseJacobian
 from dense_vs.jacobian.options import EstimatorOptions
+from dense_vs.pipeline.explained_motion import ExplainedMotion
 from dense_vs.pipeline.frame_pipeline import Frame, FramePipeline, scaled_size
-from dense_vs.recording.video_recording import Recording
+from dense_vs.recording import ClockOffset, Episode, Recording
+from dense_vs.recording.distinct_images import DistinctImages
+from dense_vs.recording.prefetch import prefetch
 
 
-def estimate_recording(
-    recording: Recording,
-    *,
-    scale: float = 1.0,
-    method: str = "dis",
-    device: str = "auto",
-    threads: int | None = None,
-    **estimator_options: Unpack[EstimatorOptions],
-) -> Iterator[tuple[Frame, DenseJacobian]]:
-    """Run the estimator over a recording; yields every frame within the log and the estimator after it.
+class RecordedEstimate:
+    """Iterates over an episode: every image that brings new motion, and the estimator after it.
 
     Args:
-        recording: images, times and joints.
+        episode: images and joints on one clock.
         scale: factor on the image size.
         method: of :class:`FlowEstimator`.
         device, threads, estimator_options: of :class:`DenseJacobian`, whose help has their units and defaults;
             ``on_bad_flow`` is ``"skip"`` unless given.
+        start: an estimator to go on with, made here unless given.
+
+    Attributes:
+        estimator: the estimator.
+        explained: how much of the motion it explains so far.
+        last_frame: the last one, None before the first.
 
     Raises:
-        DenseVSError: bad options, at the call; fewer than two frames within the log, at the end.
+        DenseVSError: bad options, or a start that does not fit.
     """
-    check_number("scale", scale, above=0, most=1)
-    height, width = scaled_size((recording.video.height, recording.video.width), scale)
-    options: EstimatorOptions = {"on_bad_flow": "skip", **estimator_options}
-    estimator = DenseJacobian(
-        height=height, width=width, joints=len(recording.log.names), device=device, threads=threads, **options
-    )
-    pipeline = FramePipeline(estimator, FlowEstimator(method, height, width), scale=scale)
-    return ((pipeline.process(*frame), estimator) for frame in recording)
+
+    def __init__(
+        self,
+        episode: Episode,
+        *,
+        scale: float = 1.0,
+        method: str = "dis",
+        device: str = "auto",
+        threads: int | None = None,
+        start: DenseJacobian | None = None,
+        **estimator_options: Unpack[EstimatorOptions],
+    ):
+        check_number("scale", scale, above=0, most=1)
+        images = episode.images()
+        episode.check_overlap(images)
+        height, width = scaled_size((images.height, images.width), scale)
+        self.frame_count, self.fps = images.frame_count, images.fps
+        joints = len(episode.log.names)
+        if start is None:
+            options: EstimatorOptions = {"on_bad_flow": "skip", **estimator_options}
+            start = DenseJacobian(height=height, width=width, joints=joints, device=device, threads=threads, **options)
+        has = start.options
+        if (has.height, has.width, has.joints, has.worlds) != (height, width, joints, 1):
+            raise DenseVSError(
+                f"start is of {has.width} x {has.height} px and {has.joints} joints; expected {width} x {height} px "
+                f"and {joints} joints as the recording has"
+            )
+        self.episode, self.estimator = episode, start
+        self.explained = ExplainedMotion(joints)
+        self._distinct = DistinctImages((), self.fps)
+        self.last_frame: Frame | None = None
+        self._squared_steps, self._steps = np.zeros(joints), 0
+        self._pipeline = FramePipeline(
+            start, FlowEstimator(method, height, width), scale=scale, before_update=self._judge
+        )
+
+    def align(self, offset: float | ClockOffset) -> None:
+        """Move the joint log onto the camera's clock, before the first frame; see :meth:`Episode.shifted`."""
+        self.episode = self.episode.shifted(offset)
+
+    @property
+    def images(self) -> int:
+        """Images within the joint log so far."""
+        return self._distinct.images
+
+    @property
+    def repeated(self) -> int:
+        """Images among them that repeat the one before; their joint steps go with the next image."""
+        return self._distinct.repeated
+
+    @property
+    def gaps(self) -> int:
+        """Places at which images are missing, over which nothing is learned."""
+        return len(self._distinct.gaps)
+
+    @property
+    def usual_step(self) -> np.ndarray:
+        """Root mean square joint step between images ``(N,)``, in the joints' own units."""
+        return np.sqrt(self._squared_steps / max(self._steps, 1))
+
+    def __iter__(self) -> Iterator[tuple[Frame, DenseJacobian]]:
+        """Frames and the estimator.
+
+        Raises:
+            DenseVSError: fewer than two images within the log, or a damaged file, at that point.
+        """
+        stamped = ((frame.image, frame.time) for frame in self.episode)
+        self._distinct = DistinctImages(stamped, self.fps)
+        log = self.episode.log
+        for found in prefetch(self._distinct):
+            if found.after_gap:
+                self._pipeline.restart()
+            joints = log.at(np.clip([found.time], log.times[0], log.times[-1]))[0]
+            self.last_frame = self._pipeline.process(found.image, found.time, joints)
+            yield self.last_frame, self.estimator
+
+    def _judge(self, time: float, flow: Any, dq: Any) -> None:
+        self.explained.observe(time, flow, self.estimator.to_numpy(), dq)
+        self._squared_steps += np.square(dq)
+        self._steps += 1
+
+
+def estimate_recording(recording: Episode | Recording, **options: Any) -> RecordedEstimate:
+    """The estimator on an episode, or on the chosen one of a recording, see :class:`RecordedEstimate`."""
+    return RecordedEstimate(recording.episode() if isinstance(recording, Recording) else recording, **options)

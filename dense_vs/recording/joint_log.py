@@ -15,6 +15,8 @@ from dense_vs.arrays import real_vector
 from dense_vs.errors import DenseVSError
 from dense_vs.robot.joint_group import joint_indices
 
+IMAGE_COLUMN = "image"  # of a joint log: name of the image that was taken at a row's time
+
 
 @dataclass(frozen=True)
 class JointLog:
@@ -79,6 +81,8 @@ class JointLog:
     def read_csv(cls, path: str | os.PathLike[str]) -> "JointLog":
         """Read a CSV file: a header, time [s] in the first column, a named joint in every other one.
 
+        A column named ``image`` may hold the file names of images; it is no joint.
+
         Raises:
             DenseVSError: no such file, no header, a row of another length, a cell that is not a finite
                 number (with its line), times that do not increase.
@@ -92,6 +96,10 @@ class JointLog:
         if not rows:
             raise DenseVSError(f"joint log {path} is empty; expected a header and rows of numbers")
         header = [cell.strip() for cell in rows[0]]
+        if IMAGE_COLUMN in header[1:] and all(len(row) == len(header) for row in rows):
+            images = header.index(IMAGE_COLUMN, 1)
+            rows = [row[:images] + row[images + 1 :] for row in rows]
+            header = header[:images] + header[images + 1 :]
         if len(header) < 2 or all(_is_number(cell) for cell in header):
             raise DenseVSError(
                 f"joint log {path} starts with {','.join(header)!r}; expected a header naming the time column "

@@ -15,7 +15,7 @@ from dense_vs.flow.estimator import FlowEstimator
 from dense_vs.jacobian.estimator import DenseJacobian
 from dense_vs.point_servo.law import VisualServo
 from dense_vs.point_servo.tracker import TrackerOptions
-from dense_vs.recording.video import VideoWriter
+from dense_vs.recording.video_writer import VideoWriter
 from dense_vs.sims.cli.options import add_world_arguments, make_world
 from dense_vs.view.panels import ReachView
 from dense_vs.view.plots import plot_reach

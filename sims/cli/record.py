@@ -1,16 +1,15 @@
 """``dense-vs record``: a simulated robot's video and joint log, with the truth beside them."""
 
 import argparse
-import csv
 from pathlib import Path
 
 import numpy as np
 
 from dense_vs.errors import DenseVSError
-from dense_vs.files import atomic_write, output_folder
+from dense_vs.files import output_folder
 from dense_vs.flow.estimator import FlowEstimator, to_gray
 from dense_vs.recording.truth_file import TruthFile
-from dense_vs.recording.video import VideoWriter
+from dense_vs.recording.writers import FORMATS, open_writer, written
 from dense_vs.robot.babbling import Babbling
 from dense_vs.sims.cli.options import add_world_arguments, make_world
 from dense_vs.view.progress import progress
@@ -22,6 +21,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the command's arguments."""
     parser.add_argument(
         "--out", type=Path, required=True, metavar="DIR", help="folder for video.mp4, joints.csv and truth.npz"
+    )
+    parser.add_argument(
+        "--format",
+        default="video",
+        metavar="NAME",
+        help="video, lerobot (LeRobot v3.0) or mcap (ROS 2 bag), the last two in DIR/recording (default: video)",
     )
     parser.add_argument(
         "--seconds", type=float, default=20.0, metavar="S", help="length of the recording (default: 20)"
@@ -60,6 +65,8 @@ def run(arguments: argparse.Namespace) -> None:
         raise DenseVSError(
             "--jitter and --time-offset are finite seconds, --truth-every is a whole number of at least 1"
         )
+    if arguments.format not in FORMATS:
+        raise DenseVSError(f"--format is {arguments.format!r}; expected one of {', '.join(FORMATS)}")
     world = make_world(arguments)
     out = output_folder(arguments.out)
     frames = max(2, round(arguments.seconds / FRAME_SECONDS))
@@ -70,11 +77,11 @@ def run(arguments: argparse.Namespace) -> None:
     truth_times, truth_jacobians, truth_masks = [], [], []
     image = world.frame().rgb
     gray, last_flow = to_gray(image), None
-    with (
-        VideoWriter(out / "video.mp4", 1 / FRAME_SECONDS, quality=VIDEO_QUALITY) as video,
-        progress("record", frames) as bar,
-    ):
-        video.write(image)
+    folder = out if arguments.format == "video" else out / "recording"
+    names = tuple(world.joint_names)
+    writer = open_writer(arguments.format, folder, names, fps=1 / FRAME_SECONDS, quality=VIDEO_QUALITY)
+    with written(writer), progress("record", frames) as bar:
+        writer.add_image(image, world.time)
         bar.update()
         for frame in range(1, frames):
             q = world.joints()[0]
@@ -85,20 +92,16 @@ def run(arguments: argparse.Namespace) -> None:
             image = world.frame().rgb
             previous, gray = gray, to_gray(image)
             last_flow = flow(previous, gray)
-            video.write(image)
+            writer.add_image(image, world.time)
             if frame % arguments.truth_every == 0 or frame == frames - 1:
                 truth_times.append(world.time)
                 truth_jacobians.append(world.true_jacobian())
                 truth_masks.append(world.robot_mask())
             bar.update()
-    times, positions = _sampled(
-        np.concatenate(log_times), np.concatenate(log_positions), arguments.log_rate, arguments.jitter, arguments.seed
-    )
-    with atomic_write(out / "joints.csv", "w") as stream:
-        writer = csv.writer(stream, lineterminator="\n")
-        writer.writerow(["time", *world.joint_names])
+        times, positions = np.concatenate(log_times), np.concatenate(log_positions)
+        times, positions = _sampled(times, positions, arguments.log_rate, arguments.jitter, arguments.seed)
         for time, row in zip(times - arguments.time_offset, positions, strict=True):
-            writer.writerow([f"{time:.6f}", *(f"{q:.8f}" for q in row)])
+            writer.add_joints(row, time)
     truth = TruthFile(tuple(world.joint_names), np.array(truth_times), np.array(truth_jacobians), np.array(truth_masks))
     truth.write(out / "truth.npz")
     print(f"{frames} frames, {len(times)} joint readings, truth at {len(truth_times)} frames in {out}")

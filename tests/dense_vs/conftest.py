@@ -36,7 +36,7 @@ def recording(scene, postures, tmp_path_factory):
     """A folder with video.mp4, joints.csv at 100 Hz and truth.npz of the last frames."""
     pytest.importorskip("av", reason="writing video needs PyAV")
     from dense_vs.recording.truth_file import TruthFile
-    from dense_vs.recording.video import VideoWriter
+    from dense_vs.recording.video_writer import VideoWriter
 
     folder = tmp_path_factory.mktemp("recording")
     times = np.arange(RECORDING_FRAMES) / RECORDING_FPS

@@ -8,7 +8,7 @@ import pytest
 
 from dense_vs import DenseJacobian, JointLog
 from dense_vs.cli import main
-from dense_vs.recording.video import VideoReader
+from dense_vs.recording.video_reader import VideoReader
 
 FRAMES = 40
 
@@ -36,6 +36,7 @@ def test_writes_its_results(estimated):
         "jacobian.npz",
         "jacobian_000015.npz",
         "jacobian_000030.npz",
+        "report.png",
         "summary.json",
     ]
     last = DenseJacobian.load(estimated / "jacobian.npz", device="cpu")
@@ -77,7 +78,7 @@ def test_chosen_joints_scale_and_no_video(recording, tmp_path, capsys):
         "--scale", 0.5, "--no-video", "--flow", "farneback", "--device", "cpu",
     )  # fmt: skip
     assert code == 0
-    assert sorted(os.listdir(tmp_path)) == ["jacobian.npz", "summary.json"]
+    assert sorted(os.listdir(tmp_path)) == ["jacobian.npz", "report.png", "summary.json"]
     estimator = DenseJacobian.load(tmp_path / "jacobian.npz", device="cpu")
     assert (estimator.options.height, estimator.options.width) == (48, 64)
     assert json.loads((tmp_path / "summary.json").read_text())["joints"] == ["turn", "x", "zoom", "y"]

@@ -7,7 +7,7 @@ import pytest
 
 from dense_vs import DenseVSError, JointLog
 from dense_vs.pipeline.recorded import estimate_recording
-from dense_vs.recording.video_recording import Recording
+from dense_vs.recording import open_recording
 
 FRAMES = 40
 
@@ -24,7 +24,7 @@ def median_error(scene, estimator, q):
 
 
 def test_learns_from_the_files(scene, recording, postures):
-    source = Recording(recording / "video.mp4", recording / "joints.csv")
+    source = open_recording(recording / "video.mp4", recording / "joints.csv").episode()
     frames, estimator = estimate(source)
     assert (len(frames), source.skipped_frames, estimator.updates) == (FRAMES, 0, FRAMES - 1)
     np.testing.assert_allclose([frame.time for frame in frames], np.arange(FRAMES) / 25, atol=1e-3)
@@ -34,8 +34,8 @@ def test_learns_from_the_files(scene, recording, postures):
 
 
 def test_chosen_joints_come_in_their_order(recording):
-    whole = Recording(recording / "video.mp4", recording / "joints.csv")
-    some = Recording(recording / "video.mp4", recording / "joints.csv", joint_names=["zoom", "x", "turn", "y"])
+    whole = open_recording(recording / "video.mp4", recording / "joints.csv")
+    some = open_recording(recording / "video.mp4", recording / "joints.csv", joint_names=["zoom", "x", "turn", "y"])
     all_frames, _ = estimate(whole)
     frames, estimator = estimate(some)
     assert estimator.options.joints == 4
@@ -47,8 +47,8 @@ def test_offset_brings_a_late_log_back(recording, tmp_path):
     rows = [line.split(",", 1) for line in lines[1:]]
     late = tmp_path / "late.csv"
     late.write_text("\n".join([lines[0], *[f"{float(t) + 0.5},{rest}" for t, rest in rows]]))
-    on_time, _ = estimate(Recording(recording / "video.mp4", recording / "joints.csv"))
-    shifted, _ = estimate(Recording(recording / "video.mp4", late, time_offset=-0.5))
+    on_time, _ = estimate(open_recording(recording / "video.mp4", recording / "joints.csv"))
+    shifted, _ = estimate(open_recording(recording / "video.mp4", late).episode().shifted(-0.5))
     for a, b in zip(on_time, shifted, strict=True):
         np.testing.assert_allclose(a.positions, b.positions, atol=1e-9)
 
@@ -59,7 +59,7 @@ def test_frames_outside_the_log_are_left_out_and_counted(recording, tmp_path):
     short = tmp_path / "short.csv"
     rows = np.column_stack([log.times[inside], log.positions[inside]])
     np.savetxt(short, rows, delimiter=",", header="time,x,y,turn,zoom", comments="")
-    source = Recording(recording / "video.mp4", short)
+    source = open_recording(recording / "video.mp4", short).episode()
     frames, estimator = estimate(source)
     # A frame whose stamp differs from the log's end by rounding alone is within it.
     first, last = log.times[inside][0] - 1e-4, log.times[inside][-1] + 1e-4
@@ -69,26 +69,27 @@ def test_frames_outside_the_log_are_left_out_and_counted(recording, tmp_path):
 
 
 def test_scale(recording):
-    frames, estimator = estimate(Recording(recording / "video.mp4", recording / "joints.csv"), scale=0.5)
+    frames, estimator = estimate(open_recording(recording / "video.mp4", recording / "joints.csv"), scale=0.5)
     assert estimator.jacobian.shape == (48, 64, 2, 4)
     assert frames[0].gray.shape == (48, 64)
 
 
 def test_clocks_apart_are_refused_at_once(recording):
+    source = open_recording(recording / "video.mp4", recording / "joints.csv").episode()
     for offset in (100.0, -100.0):
         with pytest.raises(DenseVSError, match=r"video covers 0.000 to .* s and the joint log .*expected at least two"):
-            Recording(recording / "video.mp4", recording / "joints.csv", time_offset=offset)
+            estimate_recording(source.shifted(offset), device="cpu")
 
 
 def test_a_single_common_frame_is_refused(recording):
-    source = Recording(recording / "video.mp4", recording / "joints.csv", time_offset=-1.59)
+    source = open_recording(recording / "video.mp4", recording / "joints.csv").episode().shifted(-1.59)
     with pytest.raises(DenseVSError, match="expected at least two frames within the log"):
         estimate(source)
     assert source.skipped_frames >= FRAMES - 1
 
 
 def test_bad_options_are_refused_before_the_first_frame(recording):
-    source = Recording(recording / "video.mp4", recording / "joints.csv")
+    source = open_recording(recording / "video.mp4", recording / "joints.csv").episode()
     bad_options: list[tuple[dict[str, Any], str]] = [
         ({"method": "raft"}, "flow method 'raft' is unknown"),
         ({"device": "tpu"}, "device 'tpu' is not present"),
@@ -100,10 +101,7 @@ def test_bad_options_are_refused_before_the_first_frame(recording):
     for options, message in bad_options:
         with pytest.raises(DenseVSError, match=message):
             estimate_recording(source, **options)
-    bad_arguments: list[tuple[dict[str, Any], str]] = [
-        ({"time_offset": float("nan")}, "time_offset is nan"),
-        ({"joint_names": ["x", "elbow"]}, "joint 'elbow' is not in the log; expected one of x, y, turn, zoom"),
-    ]
-    for arguments, message in bad_arguments:
-        with pytest.raises(DenseVSError, match=message):
-            Recording(recording / "video.mp4", recording / "joints.csv", **arguments)
+    with pytest.raises(DenseVSError, match="time_offset is nan"):
+        source.shifted(float("nan"))
+    with pytest.raises(DenseVSError, match="joint 'elbow' is not in the log; expected"):
+        open_recording(recording / "video.mp4", recording / "joints.csv", joint_names=["x", "elbow"])

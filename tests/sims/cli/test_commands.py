@@ -87,8 +87,10 @@ def test_estimate_saves_jacobians(estimated):
     from dense_vs import DenseJacobian
 
     saved = sorted(path.name for path in estimated[1].glob("jacobian*.npz"))
-    assert saved == ["jacobian.npz", "jacobian_000060.npz", "jacobian_000120.npz", "jacobian_000180.npz"]
-    assert DenseJacobian.load(estimated[1] / "jacobian.npz", device="cpu").updates == 180
+    updates = DenseJacobian.load(estimated[1] / "jacobian.npz", device="cpu").updates
+    # The arm sets off slowly: images in which nothing has visibly moved yet are joined with the next.
+    assert 170 <= updates <= 180
+    assert saved == ["jacobian.npz", *(f"jacobian_{used:06d}.npz" for used in range(60, updates + 2, 60))]
 
 
 def test_joint_log_has_its_own_rate_and_jitter(estimated):

@@ -1,4 +1,4 @@
-"""Video files in and out: any that OpenCV reads, H.264 out."""
+"""Video files out: H.264 in MP4."""
 
 import os
 from collections.abc import Iterator
@@ -6,81 +6,14 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
-import cv2
 import numpy as np
 
 from dense_vs.checks import check_number
 from dense_vs.errors import DenseVSError
 
 
-class VideoReader:
-    """The frames of a video file with their time stamps, a :class:`dense_vs.Camera` of the past.
-
-    Args:
-        path: any file that OpenCV reads.
-
-    Attributes:
-        height, width: frame size [px].
-        fps: nominal frame rate [Hz].
-        frame_count: number of frames that the container states, 0 where it does not.
-        start: time of the first frame [s].
-
-    Raises:
-        DenseVSError: missing, not a video, or without a single frame.
-    """
-
-    def __init__(self, path: str | os.PathLike[str]):
-        self.path = Path(path)
-        if not self.path.is_file():
-            raise DenseVSError(f"video {self.path} does not exist")
-        # FFmpeg would write its own line about a bad file to stderr; OpenCV reads this once, before its first file.
-        os.environ.setdefault("OPENCV_FFMPEG_LOGLEVEL", "-8")
-        log_level = cv2.utils.logging.getLogLevel()
-        cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_SILENT)
-        try:
-            self._capture = cv2.VideoCapture(str(self.path))
-        finally:
-            cv2.utils.logging.setLogLevel(log_level)
-        if not self._capture.isOpened():
-            raise DenseVSError(f"video {self.path} cannot be opened; expected a file that OpenCV reads")
-        self.fps = float(self._capture.get(cv2.CAP_PROP_FPS)) or 30.0
-        self.frame_count = max(int(self._capture.get(cv2.CAP_PROP_FRAME_COUNT)), 0)
-        self._time: float | None = None
-        self._first = self._next()
-        if self._first is None:
-            raise DenseVSError(f"video {self.path} has no frame that can be read; is it truncated?")
-        self.height, self.width = self._first[0].shape[:2]
-        self.start = self._first[1]
-
-    def __iter__(self) -> Iterator[tuple[np.ndarray, float]]:
-        """RGB uint8 ``(H, W, 3)`` and time [s] of every frame, once; the first is at the container's first stamp.
-
-        Raises:
-            DenseVSError: the frame size changes.
-        """
-        frame, self._first = self._first, None
-        while frame is not None:
-            if frame[0].shape[:2] != (self.height, self.width):
-                raise DenseVSError(
-                    f"video {self.path} changes its frame size from {self.width} x {self.height} to "
-                    f"{frame[0].shape[1]} x {frame[0].shape[0]} at {frame[1]:.3f} s"
-                )
-            yield frame
-            frame = self._next()
-
-    def _next(self) -> tuple[np.ndarray, float] | None:
-        read, image = self._capture.read()
-        if not read:
-            return None
-        stamp = self._capture.get(cv2.CAP_PROP_POS_MSEC) / 1000
-        if self._time is not None and stamp <= self._time:  # a container without stamps: count frames
-            stamp = self._time + 1 / self.fps
-        self._time = stamp
-        return cv2.cvtColor(image, cv2.COLOR_BGR2RGB), stamp
-
-
 class VideoWriter:
-    """Writes RGB frames as H.264 in an MP4 file, which browsers and OpenCV play; use as a context manager.
+    """Writes RGB frames as H.264 in an MP4 file, which browsers play; use as a context manager.
 
     The file takes its name when it is complete; an error leaves none.
 

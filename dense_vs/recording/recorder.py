@@ -1,0 +1,76 @@
+"""Records a robot while a loop runs it: stands between the loop and the robot's own camera and joints."""
+
+import os
+from collections.abc import Sequence
+
+import numpy as np
+
+from dense_vs.recording.writers import QUALITY, open_writer
+from dense_vs.robot import Camera, Robot
+
+
+class Recorder:
+    """Camera and robot that pass everything on and write it down; use as a context manager.
+
+    with Recorder(camera, robot, "run", form="lerobot") as recorder:
+        ServoLoop(recorder, recorder).babble(20)
+
+    Args:
+        camera, robot: what is recorded.
+        path: folder of the recording.
+        form: ``"video"``, ``"lerobot"`` or ``"mcap"``, see :func:`open_writer`.
+        fps: of the camera, in the formats that store one [Hz].
+        quality: of the video.
+
+    Raises:
+        DenseVSError: another format, or a folder that cannot be written to.
+    """
+
+    def __init__(
+        self,
+        camera: Camera,
+        robot: Robot,
+        path: str | os.PathLike[str],
+        *,
+        form: str = "lerobot",
+        fps: float = 30.0,
+        quality: int = QUALITY,
+    ):
+        self._camera, self._robot = camera, robot
+        self._writer = open_writer(form, path, tuple(robot.joint_names), fps=fps, quality=quality)
+
+    @property
+    def joint_names(self) -> Sequence[str]:
+        """Names of the robot's joints."""
+        return self._robot.joint_names
+
+    @property
+    def joint_limits(self) -> np.ndarray | None:
+        """The robot's limits, as it gives them."""
+        return self._robot.joint_limits
+
+    def read(self) -> tuple[np.ndarray, float]:
+        """The camera's next image, written down."""
+        image, time = self._camera.read()
+        shown = np.asarray(image)
+        self._writer.add_image(np.repeat(shown[..., None], 3, axis=2) if shown.ndim == 2 else shown, time)
+        return image, time
+
+    def joints(self) -> tuple[np.ndarray, float]:
+        """The robot's joints, written down."""
+        positions, time = self._robot.joints()
+        self._writer.add_joints(positions, time)
+        return positions, time
+
+    def command(self, delta: np.ndarray) -> None:
+        """Pass a command on."""
+        self._robot.command(delta)
+
+    def __enter__(self) -> "Recorder":
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
+        if kind is None or issubclass(kind, KeyboardInterrupt):  # a run that was interrupted is worth keeping
+            self._writer.close()
+        else:
+            self._writer.abort()

@@ -1,0 +1,135 @@
+"""Writers of recordings: video and joint log, LeRobot v3.0, and ROS 2 bags in MCAP. One protocol, chosen by name."""
+
+import csv
+import os
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Protocol
+
+import numpy as np
+
+from dense_vs.errors import DenseVSError
+from dense_vs.files import atomic_write, output_folder
+from dense_vs.recording.video_writer import VideoWriter
+
+FORMATS = ("video", "lerobot", "mcap")
+QUALITY = 12  # constant rate factor that keeps texture for optical flow
+
+
+class RecordingWriter(Protocol):
+    """Takes images and joint readings in any interleaving; files are complete after :meth:`close`."""
+
+    def add_image(self, image: np.ndarray, time: float) -> None:
+        """Add an RGB uint8 ``(H, W, 3)`` image and its stamp [s]."""
+        ...
+
+    def add_joints(self, positions: np.ndarray, time: float) -> None:
+        """Add joint positions ``(N,)`` and their stamp [s]."""
+        ...
+
+    def close(self) -> None:
+        """Complete the files.
+
+        Raises:
+            DenseVSError: no image, fewer than two joint readings, or a full disk.
+        """
+        ...
+
+    def abort(self) -> None:
+        """Leave no files of what is not complete."""
+        ...
+
+
+def open_writer(
+    form: str,
+    path: str | os.PathLike[str],
+    joint_names: tuple[str, ...],
+    *,
+    fps: float = 30.0,
+    quality: int = QUALITY,
+) -> RecordingWriter:
+    """A writer of a recording.
+
+    Args:
+        form: ``"video"`` (video.mp4 and joints.csv), ``"lerobot"`` (LeRobot v3.0) or ``"mcap"`` (a ROS 2 bag).
+        path: folder, made here; new or empty but for ``"video"``.
+        joint_names: N names.
+        fps: images a second, in the formats that store one [Hz].
+        quality: constant rate factor of H.264, lower is better.
+
+    Raises:
+        DenseVSError: another format, or a folder that cannot be written to.
+    """
+    if form not in FORMATS:
+        raise DenseVSError(f"format is {form!r}; expected one of {', '.join(FORMATS)}")
+    if form == "video":
+        return VideoAndLogWriter(output_folder(path), joint_names, fps=fps, quality=quality)
+    folder = Path(path)
+    if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
+        raise DenseVSError(f"{folder} is there already; expected a new or empty folder")
+    if form == "lerobot":
+        from dense_vs.recording.lerobot_writer import LeRobotWriter
+
+        return LeRobotWriter(folder, joint_names, fps=fps, quality=quality)
+    from dense_vs.recording.ros_bag_writer import RosBagWriter
+
+    return RosBagWriter(folder, joint_names)
+
+
+@contextmanager
+def written(writer: RecordingWriter) -> Iterator[None]:
+    """Closes a writer at the end of the block, also one that was interrupted; any other error leaves no recording."""
+    try:
+        yield
+    except KeyboardInterrupt:
+        writer.close()
+        raise
+    except BaseException:
+        writer.abort()
+        raise
+    writer.close()
+
+
+class VideoAndLogWriter:
+    """video.mp4 and joints.csv; image stamps are multiples of 1 / fps from 0, and the log's times count from there.
+
+    Args:
+        folder: where to write.
+        joint_names: N names.
+        fps, quality: of :class:`VideoWriter`.
+    """
+
+    def __init__(self, folder: Path, joint_names: tuple[str, ...], *, fps: float, quality: int):
+        self._folder, self._names = folder, joint_names
+        self._video = VideoWriter(folder / "video.mp4", fps, quality=quality)
+        self._times: list[float] = []
+        self._positions: list[np.ndarray] = []
+        self._start: float | None = None
+
+    def add_image(self, image: np.ndarray, time: float) -> None:
+        """Add an image."""
+        self._start = time if self._start is None else self._start
+        self._video.write(image)
+
+    def add_joints(self, positions: np.ndarray, time: float) -> None:
+        """Add a reading; one that is not newer than the last is the same reading again."""
+        if not self._times or time > self._times[-1]:
+            self._times.append(time)
+            self._positions.append(np.array(positions, dtype=np.float64))
+
+    def close(self) -> None:
+        """Complete both files."""
+        if len(self._times) < 2:
+            self.abort()
+            raise DenseVSError(f"{self._folder} got {len(self._times)} joint readings; expected at least 2")
+        self._video.__exit__(None)
+        with atomic_write(self._folder / "joints.csv", "w") as stream:
+            rows = csv.writer(stream, lineterminator="\n")
+            rows.writerow(["time", *self._names])
+            for time, row in zip(self._times, self._positions, strict=True):
+                rows.writerow([f"{time - (self._start or 0.0):.6f}", *(f"{q:.8f}" for q in row)])
+
+    def abort(self) -> None:
+        """Leave no video."""
+        self._video.__exit__(KeyboardInterrupt)

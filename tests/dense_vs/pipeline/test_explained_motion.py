@@ -1,0 +1,79 @@
+"""E against its definition, computed pixel by pixel in float64."""
+
+import numpy as np
+import pytest
+
+from dense_vs.pipeline import ExplainedMotion
+
+
+def reference(flow, J, dq):
+    """1 - sum |u - J(y) dq|^2 / sum |u|^2 with y = x - J(y) dq by three rounds, nearest pixels."""
+    height, width = flow.shape[:2]
+    residual = energy = 0.0
+    for row in range(height):
+        for column in range(width):
+            u = flow[row, column].astype(float)
+            if np.hypot(*u) <= 0.7:
+                continue
+            y, x = row, column
+            for k in range(3):
+                predicted = J[y, x].astype(float) @ dq
+                if k < 2:
+                    x = int(np.clip(np.rint(column - predicted[0]), 0, width - 1))
+                    y = int(np.clip(np.rint(row - predicted[1]), 0, height - 1))
+            residual += np.sum((u - predicted) ** 2)
+            energy += np.sum(u**2)
+    return 1 - residual / energy
+
+
+@pytest.fixture
+def frame():
+    random = np.random.default_rng(0)
+    J = random.normal(0, 20, (30, 40, 2, 3)).astype(np.float32)
+    dq = np.array([0.05, -0.02, 0.03])
+    flow = (J @ dq + random.normal(0, 0.5, (30, 40, 2))).astype(np.float32)
+    flow[:5] = 0
+    return flow, J, dq
+
+
+def test_one_frame(frame):
+    flow, J, dq = frame
+    explained = ExplainedMotion(3)
+    explained.observe(0.0, flow, J, dq)
+    assert explained.explained() == pytest.approx(reference(flow, J, dq), abs=1e-9)
+    assert explained.by_joint().sum() == pytest.approx(explained.explained())
+
+
+def test_exact_and_worthless_and_unlearned(frame):
+    flow, J, dq = frame
+    exact = ExplainedMotion(3)
+    even = np.broadcast_to(np.array([[1.0, 2.0, 0.0], [0.5, 0.0, 1.0]], np.float32), J.shape) * 30
+    exact.observe(0.0, (even @ dq).astype(np.float32), even, dq)
+    assert exact.explained() == pytest.approx(1.0)
+    nothing = ExplainedMotion(3)
+    nothing.observe(0.0, flow, np.zeros_like(J), dq)
+    assert nothing.explained() == 0
+    unlearned = ExplainedMotion(3)
+    missing = even.copy()
+    missing[..., 2] = np.nan  # a column that is not learned counts as zero
+    unlearned.observe(0.0, (even @ dq).astype(np.float32), missing, dq)
+    assert 0 < unlearned.explained() < 1
+    assert unlearned.by_joint()[2] == 0
+    still = ExplainedMotion(3)
+    still.observe(0.0, np.zeros_like(flow), J, dq)
+    assert np.isnan(still.explained())
+
+
+def test_quarters_and_bounded_memory(frame):
+    flow, J, dq = frame
+    explained = ExplainedMotion(3)
+    zero = np.zeros_like(J[:8, :8])
+    part = flow[10:18, :8]
+    for k in range(10_000):
+        good = k >= 7500
+        explained.observe(float(k), (J[:8, :8] @ dq).astype(np.float32) if good else part, J[:8, :8] * good + zero, dq)
+    assert len(explained.spans) <= 4096
+    quarters = explained.quarters()
+    np.testing.assert_allclose(quarters[:3], 0, atol=0.01)
+    assert quarters[3] != pytest.approx(0, abs=0.01)
+    assert explained.settled() == pytest.approx(explained.explained(2499.75), abs=0.01)
