@@ -24,7 +24,7 @@ HAND = f"{EXPERIMENT} --tries --arm --samples --independent"
 OPTIONS = {
     "depth-eval": "folder --methods --sets --json",
     "depth-train": "--sequences --seed --out --processes",
-    "estimate": "video joints --out --joints --time-offset --scale --every --flow --covariance --prediction --no-video "
+    "estimate": "joints --out --joints --time-offset --scale --every --flow --covariance --prediction --no-video "
     f"--truth {DEVICE}",
     "learn-model": "recording --out --json --state --controller --kinematics --method --noise --distortion --holdout "
     "--seed",
