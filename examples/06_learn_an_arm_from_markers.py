@@ -11,7 +11,7 @@ from dense_vs.sims.marked_arm.observed_arm import make_observed_arm
 
 rng = np.random.default_rng(0)
 arm = make_observed_arm("ur5", seed=0, cameras=2)
-q = arm.chain.home + rng.normal(0, 0.3, (130, arm.chain.joints))  # (T, joints) [rad]
+q = arm.chain.home + rng.normal(0, 0.3, (130, arm.chain.joint_count))  # (T, joints) [rad]
 pixels = arm.pixels(q)  # (T, cameras, markers, 2) [px]; NaN where a marker is hidden
 pixels = pixels + rng.normal(0, 0.5, pixels.shape)  # a detector is never exact
 
