@@ -83,7 +83,10 @@ class DenseJacobian:
 
     @property
     def variance(self) -> np.ndarray:
-        """Variance of each column of J, float32 ``(H, W, N)`` [px^2/rad^2], the same for its x and y rows (6)."""
+        """Variance of each column of J, float32 ``(H, W, N)`` [px^2/rad^2], the same for its x and y rows (6).
+
+        Infinite for a joint that is not learned.
+        """
         joints = self.options.joints
         stored = self.filter.covariance[self.filter.now].numpy()
         if self.options.covariance == "diagonal":
@@ -91,7 +94,8 @@ class DenseJacobian:
         elif self.options.covariance == "full":
             variance = np.diagonal(stored, axis1=-2, axis2=-1)
         else:
-            shared = np.diagonal(stored, axis1=1, axis2=2)[:, None, None, :joints].astype(np.float32)
+            own = np.diagonal(stored, axis1=1, axis2=2)[:, :joints] * np.square(self._factors)
+            shared = np.where(self._factors > 0, own, np.inf)[:, None, None].astype(np.float32)
             variance = np.broadcast_to(shared, (*self.filter.shape, joints))
         return self._unbatch(_read_only(variance))
 
@@ -104,7 +108,22 @@ class DenseJacobian:
         if self.options.covariance == "diagonal":
             stored = stored[..., None] * np.eye(self.options.joints, dtype=np.float32)
         joints = self.options.joints
-        return self._unbatch(stored[..., :joints, :joints].copy())
+        kept = stored[..., :joints, :joints]
+        if self.options.joint_scale is None:
+            return self._unbatch(kept.copy())
+        unlearned = np.diag(np.where(self._factors > 0, 0.0, np.inf))
+        both = np.outer(self._factors > 0, self._factors > 0)
+        scaled = np.where(both, kept * np.outer(self._factors, self._factors), 0.0)
+        return self._unbatch(np.where(np.isinf(unlearned), unlearned, scaled))
+
+    @property
+    def learned(self) -> np.ndarray:
+        """Which joints are learned, bool ``(N,)``; the columns of the others stay zero, see ``joint_scale``."""
+        return self._factors > 0
+
+    @property
+    def _factors(self) -> np.ndarray:
+        return np.array(self.options.step_factors)
 
     @property
     def skipped_pixels(self) -> int | np.ndarray:

@@ -1,20 +1,22 @@
 """Options of the dense image Jacobian estimator, checked when they are set."""
 
 from dataclasses import dataclass
-from typing import Literal, get_args
+from typing import Any, Literal, get_args
 
 import numpy as np
 
+from dense_vs.arrays import real_vector
 from dense_vs.errors import DenseVSError
 
 CovarianceForm = Literal["shared", "diagonal", "fixed", "full"]
-Prediction = Literal["model", "flow", "none"]
+Prediction = Literal["model", "flow", "nearest", "none"]
 OnBadFlow = Literal["error", "skip"]
 
 MAX_JOINTS = 64
 MAX_JOINTS_FULL = 8
 MAX_JOINTS_ORDER_2 = 8
 MAX_JOINTS_DEFAULT_ORDER_2 = 6
+STANDARD_STEP = 0.02  # rad a frame, typical of the motions that the variances were tuned on
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -33,7 +35,9 @@ class JacobianOptions:
             per pixel and joint, (9) to (11); ``"fixed"``, the constant weight of (12); ``"full"``, an
             N x N matrix per pixel (Qian and Su), for at most 8 joints.
         prediction: displacement that J is moved by: ``"model"``, J dq (14); ``"flow"``, the measured flow
-            (13); ``"none"``.
+            (13); ``"nearest"``, beyond the paper and for ``"shared"`` and ``"fixed"``, at each pixel that of the two
+            whose predicted flow is nearer to the measured one, so that the body's leading edge takes J along over
+            what it covers (default of ``"shared"``; the others' is ``"model"``); ``"none"``.
         prediction_iterations: steps of y = x - J(y) dq in ``"model"``, 1 to 3; 1 is (14) as printed.
         process_noise: variance that J gains per squared joint step [px^2/rad^4], as it changes with the
             robot's motion; 300 unless given, 1e4 in order 1.
@@ -44,6 +48,14 @@ class JacobianOptions:
         initial_hessian_variance: variance of H at the start, and its bound [px^2/rad^4].
         max_variance: bound on a variance, reached where a joint is not excited [px^2/rad^2];
             ``initial_variance`` unless given.
+        joint_scale: typical step of each joint between two images, in the joint's own unit, N numbers; 0 for a
+            joint that is not to be learned. With it J does not depend on the units of the joints: the
+            variances above hold for joints whose typical step is ``STANDARD_STEP``. None takes steps as they come,
+            for joints in rad. For ``"shared"`` only. :func:`dense_vs.jacobian.excitation.excitation` finds it from a log.
+        rest: where neither the flow nor J dq reaches it nothing moves, and J fades to zero in place of following the
+            flow's noise [px]; 0, the default, learns from every flow however small. For ``"shared"`` and ``"fixed"``.
+        max_innovation: bound on \\|u - J dq\\| as a multiple of \\|u\\| + 0.5 px, against occlusions and wrong flow; none
+            unless given. For ``"shared"`` and ``"fixed"``.
         move_variance: whether ``"diagonal"`` moves the variance with J; the paper does not. The
             other forms keep it in place.
         on_bad_flow: ``"error"`` refuses a flow image with a value that is not finite; ``"skip"`` only
@@ -56,7 +68,7 @@ class JacobianOptions:
     worlds: int = 1
     order: int | None = None
     covariance: CovarianceForm = "shared"
-    prediction: Prediction = "model"
+    prediction: Prediction | None = None
     prediction_iterations: int = 2
     process_noise: float | None = None
     drift_noise: float = 0.0
@@ -65,6 +77,9 @@ class JacobianOptions:
     hessian_noise: float = 1000.0
     initial_hessian_variance: float = 1e4
     max_variance: float | None = None
+    joint_scale: tuple[float, ...] | None = None
+    rest: float = 0.0
+    max_innovation: float | None = None
     move_variance: bool = False
     on_bad_flow: OnBadFlow = "error"
 
@@ -80,6 +95,8 @@ class JacobianOptions:
             if isinstance(value, bool) or not isinstance(value, (int, np.integer)) or not least <= value <= most:
                 raise DenseVSError(f"{name} is {value!r}; expected a whole number from {least} to {most}")
             object.__setattr__(self, name, int(value))  # NumPy's numbers are no JSON
+        if self.prediction is None:
+            object.__setattr__(self, "prediction", "nearest" if self.covariance == "shared" else "model")
         for name, kind in (
             ("covariance", CovarianceForm),
             ("prediction", Prediction),
@@ -87,6 +104,11 @@ class JacobianOptions:
         ):
             if getattr(self, name) not in get_args(kind):
                 raise DenseVSError(f"{name} is {getattr(self, name)!r}; expected one of {', '.join(get_args(kind))}")
+        if self.prediction == "nearest" and self.covariance not in ("shared", "fixed"):
+            raise DenseVSError(
+                f"prediction 'nearest' with covariance {self.covariance!r}; expected covariance 'shared' or 'fixed'"
+            )
+        self._check_joint_scale()
         if self.covariance == "full" and self.joints > MAX_JOINTS_FULL:
             raise DenseVSError(
                 f"covariance 'full' with {self.joints} joints; expected at most {MAX_JOINTS_FULL}, "
@@ -111,6 +133,13 @@ class JacobianOptions:
         if self.max_variance is None:
             object.__setattr__(self, "max_variance", self.initial_variance)
         self._check_noise("max_variance", positive=True)
+        self._check_noise("rest", positive=False)
+        if self.max_innovation is not None:
+            self._check_noise("max_innovation", positive=True)
+        if self.covariance not in ("shared", "fixed") and (self.rest or self.max_innovation):
+            raise DenseVSError(
+                f"rest or max_innovation with covariance {self.covariance!r}; expected covariance 'shared' or 'fixed'"
+            )
 
     def _check_noise(self, name: str, positive: bool) -> None:
         value = getattr(self, name)
@@ -119,3 +148,48 @@ class JacobianOptions:
             bound = "above 0" if positive else "of at least 0"
             raise DenseVSError(f"{name} is {value!r}; expected a finite number {bound}")
         object.__setattr__(self, name, float(value))
+
+    @property
+    def step_factors(self) -> tuple[float, ...]:
+        """What each joint's step is multiplied by to be in standard units; 0 for one that is not learned."""
+        return step_factors(self.joint_scale, self.joints)
+
+    def _check_joint_scale(self) -> None:
+        if self.joint_scale is None:
+            return
+        if self.covariance != "shared":
+            raise DenseVSError(f"joint_scale with covariance {self.covariance!r}; expected covariance 'shared'")
+        step_factors(self.joint_scale, self.joints)
+        object.__setattr__(self, "joint_scale", tuple(float(value) for value in self.joint_scale))  # no NumPy in JSON
+
+
+def step_factors(joint_scale: Any, joints: int) -> tuple[float, ...]:
+    """What brings each joint's step to standard units: STANDARD_STEP / scale, 0 where the scale is 0, 1 without any.
+
+    Raises:
+        DenseVSError: not ``joints`` finite numbers of at least 0.
+    """
+    if joint_scale is None:
+        return (1.0,) * joints
+    scale = real_vector(np.asarray(joint_scale, dtype=float), "joint_scale", (joints,))
+    if (scale < 0).any():
+        raise DenseVSError(f"joint_scale is {scale.tolist()}; expected typical steps of at least 0")
+    return tuple(STANDARD_STEP / float(value) if value > 0 else 0.0 for value in scale)
+
+
+def recorded_options(joints: int) -> dict[str, Any]:
+    """Options for a recording of a real robot, as far as they differ from the defaults.
+
+    Found on three reaches of a humanoid's seven-joint arm with its own camera (``profiling/real_robot.py``): compressed
+    and blurred images, a swaying camera, joints that all move at once. They belong to state of first order.
+    For up to 6 joints the defaults stay.
+    """
+    if joints <= MAX_JOINTS_DEFAULT_ORDER_2:
+        return {}
+    return {
+        "measurement_noise": 0.3,
+        "initial_variance": 1000.0,
+        "process_noise": 3e4,
+        "rest": 0.2,
+        "max_innovation": 1.0,
+    }

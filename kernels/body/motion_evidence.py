@@ -112,6 +112,7 @@ def self_motion_kernels(joints: int) -> SimpleNamespace:
         # In:
         jacobian_in: wp.array3d(dtype=Jacobian),
         energy_in: wp.array3d(dtype=wp.vec2),
+        unit_in: wp.array(dtype=JointVector),  # what brings each column of J to standard units
         unexplained: float,  # E_e / E_u of the body is below it
         least_energy: float,  # px^2: with less of either nothing is known
         least_squared: float,  # J not larger than this, squared, moves nothing
@@ -124,7 +125,10 @@ def self_motion_kernels(joints: int) -> SimpleNamespace:
         for x in range(column, jacobian_in.shape[2], column_step):
             vector = jacobian_in[world, y, x]
             energy = energy_in[world, y, x]
-            squared = wp.ddot(vector, vector)
+            squared = float(0.0)
+            for i in range(wp.static(joints)):
+                answer = wp.vec2(vector[0, i], vector[1, i]) * unit_in[world][i]
+                squared += wp.dot(answer, answer)
             label = wp.int8(wp.static(UNKNOWN))
             # A sum of squares is finite if its terms are.
             if finite(wp.vec2(squared, squared)) and wp.max(energy[0], energy[1]) > least_energy:

@@ -27,6 +27,27 @@ wp.set_module_options({"enable_backward": False})
 
 sample_vec2 = bilinear(wp.vec2)
 
+FADE = wp.constant(0.9)  # of the state, a frame, where nothing moves and nothing was due to
+NEAR = wp.constant(0.01)  # px^2; with a smaller innovation, squared, either old place of a pixel will do
+SLACK = wp.constant(0.5)  # px of innovation that is let through where the image stands still
+
+
+@wp.func
+def bounded_innovation(error: wp.vec2, flow: wp.vec2, bound: float) -> wp.vec2:
+    """Innovation no longer than ``bound`` (|u| + SLACK), 0 for no bound: occlusions and outliers of the flow."""
+    most = bound * (wp.length(flow) + SLACK)
+    length = wp.length(error)
+    if bound > 0.0 and length > most:
+        return error * (most / length)
+    return error
+
+
+@wp.func
+def at_rest(flow: wp.vec2, error: wp.vec2, rest: float) -> bool:
+    """Whether neither the flow nor the predicted flow reaches ``rest`` [px]; never with 0."""
+    predicted = flow - error
+    return wp.max(wp.dot(flow, flow), wp.dot(predicted, predicted)) < rest * rest
+
 
 @wp.func
 def displacement(
@@ -161,13 +182,20 @@ def jacobian_kernels(joints: int, order: int = 1, layout: Layout = "matrices") -
         iterations: int,
         places: wp.array3d(dtype=wp.int32),
         fractions: wp.array3d(dtype=wp.float32),
+        or_flow: int,
+        rest: float,
+        bound: float,
         flow_in: wp.array3d(dtype=wp.vec2),
         model_flow_in: wp.array3d(dtype=wp.vec2),
         gain_in: wp.array(dtype=StateRow),
         # Out:
         state_out: StateImage,
     ):
-        """State <- moved state + (u - predicted u) K^T, (10) and (12) with one gain K for the image."""
+        """State <- moved state + (u - predicted u) K^T, (10) and (12) with one gain K for the image.
+
+        With ``or_flow`` a pixel's state comes from x - u(x) where the flow predicted there fits u better. ``rest`` [px]
+        and ``bound`` as in :func:`at_rest` and :func:`bounded_innovation`.
+        """
         world, row, column = wp.tid()
         y = row_begin + row
         width = state_in.shape[2]
@@ -176,18 +204,28 @@ def jacobian_kernels(joints: int, order: int = 1, layout: Layout = "matrices") -
             find_row_taps(displacement_in, world, y, iterations, row_begin, places, fractions)
         for x in range(column, width, column_step):
             taps = moved_taps(displacement_in, world, x, y, iterations, row_begin, column_step, places, fractions)
+            flow = flow_in[world, y, x]
+            error = innovation(flow, model_flow_in, world, taps)
+            if or_flow != 0 and finite(flow) and wp.dot(error, error) > NEAR:
+                by_flow = bilinear_taps(x, y, flow, width, state_in.shape[1])
+                error_by_flow = flow - sample_vec2(model_flow_in, world, by_flow)
+                if wp.dot(error_by_flow, error_by_flow) < wp.dot(error, error):
+                    taps = by_flow
+                    error = error_by_flow
             prior = sample_state(state_in, world, taps)
-            error = innovation(flow_in[world, y, x], model_flow_in, world, taps)
-            write_state(state_out, world, y, x, prior + wp.outer(error, gain))
+            if finite(flow) and at_rest(flow, error, rest):
+                write_state(state_out, world, y, x, FADE * prior)
+            else:
+                write_state(state_out, world, y, x, prior + wp.outer(bounded_innovation(error, flow, bound), gain))
 
     @cache
-    def update_shared_once(by_model: bool, iterations: int) -> wp.Kernel:
+    def update_shared_once(by_model: bool, iterations: int, or_flow: bool = False) -> wp.Kernel:
         """Tile kernel of one pass: ``predicted_flow`` and ``update_shared``, v = J dq computed wherever it is wanted.
 
-        The displacement is v, iterated, with ``by_model``, else the flow, or none with 0 iterations. The choice
-        is compiled in: a GPU is held up by the number of instructions here.
+        The displacement is v, iterated, with ``by_model``, else the flow, or none with 0 iterations; with
+        ``or_flow`` as in ``update_shared``. The choice is compiled in: a GPU is held up by the number of instructions here.
         """
-        module = f"{__name__}_once_{int(by_model)}{iterations}_{joints}_{order}"
+        module = f"{__name__}_once_{int(by_model)}{iterations}{int(or_flow)}_{joints}_{order}"
 
         @wp.kernel(module=module, enable_backward=False, grid_stride=False)
         def update_once(
@@ -195,6 +233,8 @@ def jacobian_kernels(joints: int, order: int = 1, layout: Layout = "matrices") -
             state_in: StateImage,
             regressor_in: wp.array(dtype=StateRow),
             flow_in: wp.array3d(dtype=wp.vec2),
+            rest: float,
+            bound: float,
             gain_in: wp.array(dtype=StateRow),
             # Out:
             state_out: StateImage,
@@ -224,6 +264,17 @@ def jacobian_kernels(joints: int, order: int = 1, layout: Layout = "matrices") -
             error = wp.vec2(0.0, 0.0)
             if finite(flow):
                 error = flow - prior * regressor
+                seek = wp.static(or_flow)
+                if seek and wp.dot(error, error) > NEAR:
+                    prior_by_flow = sample_state(state_in, world, bilinear_taps(x, y, flow, width, height))
+                    error_by_flow = flow - prior_by_flow * regressor
+                    if wp.dot(error_by_flow, error_by_flow) < wp.dot(error, error):
+                        prior = prior_by_flow
+                        error = error_by_flow
+                if at_rest(flow, error, rest):
+                    write_state(state_out, world, y, x, FADE * prior)
+                    return
+                error = bounded_innovation(error, flow, bound)
             write_state(state_out, world, y, x, prior + wp.outer(error, gain_in[world]))
 
         return update_once
