@@ -24,8 +24,8 @@ from dense_vs.body.k_means import MAX_CLUSTERS
 from dense_vs.body.motion_evidence import SelfMotion, SelfMotionOptions
 from dense_vs.device import resolve_device, resolve_threads
 from dense_vs.errors import DenseVSError
-from dense_vs.jacobian.options import step_factors
 from dense_vs.jacobian.image import array_shape, jacobian_image
+from dense_vs.jacobian.options import step_factors
 from dense_vs.kernels.body.kmeans import kmeans_kernels
 from dense_vs.kernels.launch import PixelLaunch
 

@@ -38,7 +38,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--covariance", default="shared", help="shared, diagonal (the paper's), fixed or full (default: shared)"
     )
-    parser.add_argument("--prediction", default="model", help="model (14), flow (13) or none (default: model)")
+    parser.add_argument(
+        "--prediction",
+        help="model (14), flow (13), nearest of the two, none (default: nearest; model unless shared)",
+    )
     parser.add_argument("--no-video", action="store_true", help="do not draw the visualisation video")
     parser.add_argument(
         "--truth", type=Path, metavar="NPZ", help="true Jacobians that 'dense-vs record' wrote; prints the error"

@@ -1,7 +1,8 @@
 """Which joints of a recording move enough for their columns of J to be learned, whatever their unit.
 
-Nothing here compares one joint's numbers with another's: a joint is judged by how far it went beside its own noise, and by
-how much of its motion the other joints' motion predicts. So radians, degrees, counts and 0 to 1 stand side by side.
+Nothing here compares one joint's numbers with another's: a joint is judged by how far it went beside its own noise,
+and by how much of its motion the other joints' motion predicts. So radians, degrees, counts and 0 to 1 stand side by
+side.
 """
 
 from dataclasses import dataclass

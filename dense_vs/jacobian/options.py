@@ -51,11 +51,11 @@ class JacobianOptions:
         joint_scale: typical step of each joint between two images, in the joint's own unit, N numbers; 0 for a
             joint that is not to be learned. With it J does not depend on the units of the joints: the
             variances above hold for joints whose typical step is ``STANDARD_STEP``. None takes steps as they come,
-            for joints in rad. For ``"shared"`` only. :func:`dense_vs.jacobian.excitation.excitation` finds it from a log.
+            for joints in rad. For ``"shared"`` only. :func:`dense_vs.jacobian.excitation.excitation` finds it.
         rest: where neither the flow nor J dq reaches it nothing moves, and J fades to zero in place of following the
             flow's noise [px]; 0, the default, learns from every flow however small. For ``"shared"`` and ``"fixed"``.
-        max_innovation: bound on \\|u - J dq\\| as a multiple of \\|u\\| + 0.5 px, against occlusions and wrong flow; none
-            unless given. For ``"shared"`` and ``"fixed"``.
+        max_innovation: bound on the length of u - J dq as a multiple of the length of u plus 0.5 px, against
+            occlusions and wrong flow; none unless given. For ``"shared"`` and ``"fixed"``.
         move_variance: whether ``"diagonal"`` moves the variance with J; the paper does not. The
             other forms keep it in place.
         on_bad_flow: ``"error"`` refuses a flow image with a value that is not finite; ``"skip"`` only

@@ -3,9 +3,13 @@
 from collections.abc import Iterator
 from typing import Any
 
+import numpy as np
+
 from dense_vs.errors import DenseVSError
 from dense_vs.flow.estimator import FlowEstimator
 from dense_vs.jacobian.estimator import DenseJacobian
+from dense_vs.jacobian.excitation import Excitation, excitation
+from dense_vs.jacobian.options import recorded_options
 from dense_vs.pipeline.frame_pipeline import Frame, FramePipeline, scaled_size
 from dense_vs.recording.video_recording import Recording
 
@@ -25,7 +29,8 @@ def estimate_recording(
         recording: images, times and joints.
         scale: factor on the image size.
         method: of :class:`FlowEstimator`.
-        device, threads, options: of :class:`DenseJacobian`.
+        device, threads, options: of :class:`DenseJacobian`; those of :func:`recorded_options` and the joints' own scale
+            where they are not given.
 
     Raises:
         DenseVSError: bad options, at the call; fewer than two frames within the log, at the end.
@@ -34,8 +39,18 @@ def estimate_recording(
         raise DenseVSError(f"scale is {scale}; expected a number above 0 and at most 1")
     height, width = scaled_size((recording.video.height, recording.video.width), scale)
     options.setdefault("on_bad_flow", "skip")
-    estimator = DenseJacobian(
-        height=height, width=width, joints=len(recording.log.names), device=device, threads=threads, **options
-    )
+    joints = len(recording.log.names)
+    if options.get("covariance", "shared") == "shared":
+        options = recorded_options(joints) | options
+        if "joint_scale" not in options:
+            options["joint_scale"] = recorded_excitation(recording).scale
+    estimator = DenseJacobian(height=height, width=width, joints=joints, device=device, threads=threads, **options)
     pipeline = FramePipeline(estimator, FlowEstimator(method, height, width), scale=scale)
     return ((pipeline.process(*frame), estimator) for frame in recording)
+
+
+def recorded_excitation(recording: Recording) -> Excitation:
+    """How well a recording's log shows each joint, at the rate of its images."""
+    log = recording.log
+    count = max(3, int((log.times[-1] - log.times[0]) * recording.video.fps) + 1)
+    return excitation(log.at(np.linspace(log.times[0], log.times[-1], count)), log.names)

@@ -17,9 +17,9 @@ the displacement d since then is kept once, and enters the image's pass through 
 J_i + sum_m H_im d_m is computed where J is read.
 
 Joints in units of their own. The covariance and its noises belong to joints whose typical steps are alike. A joint
-of another unit (counts, degrees, 0 to 1) enters with a factor a on its step: the covariance is that of J / a, the image's
-state stays in px per the joint's own unit, and the gain that goes out is K_i a_i for J, K_ij a_i a_j for H. With a = 0 a
-joint is left out: its columns keep the value they have, and no other joint's do anything but what they would without it.
+of another unit (counts, degrees, 0 to 1) enters with a factor a on its step: the covariance is that of J / a, the
+image's state stays in px per the joint's own unit, and the gain that goes out is K_i a_i for J, K_ij a_i a_j for H.
+With a = 0 a joint is left out: its columns stay as they are, and the others' are what they would be without it.
 """
 
 import warp as wp

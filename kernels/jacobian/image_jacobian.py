@@ -223,7 +223,8 @@ def jacobian_kernels(joints: int, order: int = 1, layout: Layout = "matrices") -
         """Tile kernel of one pass: ``predicted_flow`` and ``update_shared``, v = J dq computed wherever it is wanted.
 
         The displacement is v, iterated, with ``by_model``, else the flow, or none with 0 iterations; with
-        ``or_flow`` as in ``update_shared``. The choice is compiled in: a GPU is held up by the number of instructions here.
+        ``or_flow`` as in ``update_shared``. The choice is compiled in: a GPU is held up by the number of
+        instructions here.
         """
         module = f"{__name__}_once_{int(by_model)}{iterations}{int(or_flow)}_{joints}_{order}"
 

@@ -148,7 +148,8 @@ class ReferenceJacobian:
         if self.o.covariance == "diagonal":
             return self.p
         variance = np.diagonal(self.P, axis1=-2, axis2=-1)[..., : self.o.joints]
-        return np.broadcast_to(variance, (self.o.height, self.o.width, self.o.joints))
+        own = variance * np.square(self.o.step_factors)
+        return np.broadcast_to(own, (self.o.height, self.o.width, self.o.joints))
 
     def update(self, flow, dq):
         o, u, dq = self.o, np.asarray(flow, dtype=np.float64), np.asarray(dq, dtype=np.float64)
