@@ -8,6 +8,7 @@ confirm. Labels are compared with masks drawn by hand, the tracker with points m
 import argparse
 from collections.abc import Sequence
 from itertools import pairwise
+from typing import Any
 
 import cv2
 import numpy as np
@@ -44,12 +45,19 @@ class Explained:
         return float(1 - rest / motion)
 
 
-def follow(episode: Episode, joints: Sequence[int], estimator: DenseJacobian | None = None, *, logged: bool = False,
-           method: str | None = None, options: dict | None = None) -> tuple[Explained, DenseJacobian]:  # fmt: skip
+def follow(
+    episode: Episode,
+    joints: Sequence[int],
+    estimator: DenseJacobian | None = None,
+    *,
+    logged: bool = False,
+    method: str | None = None,
+    options: dict[str, Any] | None = None,
+) -> tuple[Explained, DenseJacobian]:
     """Run an estimator over an episode; a new one unless given."""
     positions = (episode.joints_as_logged if logged else episode.joints)[:, joints]
     if estimator is None:
-        chosen = recorded_options(len(joints)) | {"joint_scale": excitation(positions).scale}
+        chosen: dict[str, Any] = recorded_options(len(joints)) | {"joint_scale": excitation(positions).scale}
         chosen = options if options is not None else chosen
         estimator = DenseJacobian(height=SIZE[0], width=SIZE[1], joints=len(joints), device="cpu", **chosen)
     own_flow = None if method is None else FlowEstimator(method, *SIZE)
@@ -114,7 +122,7 @@ def arms(episode: Episode, others: list[Episode]) -> dict[str, float]:
 
 def main() -> int:
     """Run the command."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser = argparse.ArgumentParser(description="How well J, the labels and the tracker do on a real humanoid.")
     add_report_arguments(parser)
     arguments = parser.parse_args()
     wp.config.log_level = wp.LOG_ERROR

@@ -16,7 +16,7 @@ MAX_JOINTS = 64
 MAX_JOINTS_FULL = 8
 MAX_JOINTS_ORDER_2 = 8
 MAX_JOINTS_DEFAULT_ORDER_2 = 6
-STANDARD_STEP = 0.02  # rad a frame, typical of the motions that the variances were tuned on
+STANDARD_STEP = 0.012  # rad a frame, that of the babbling which the variances were tuned on
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -188,8 +188,8 @@ def recorded_options(joints: int) -> dict[str, Any]:
         return {}
     return {
         "measurement_noise": 0.3,
-        "initial_variance": 1000.0,
-        "process_noise": 3e4,
+        "initial_variance": 2800.0,
+        "process_noise": 2.3e5,
         "rest": 0.2,
         "max_innovation": 1.0,
     }

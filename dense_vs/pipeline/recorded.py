@@ -9,7 +9,7 @@ from dense_vs.errors import DenseVSError
 from dense_vs.flow.estimator import FlowEstimator
 from dense_vs.jacobian.estimator import DenseJacobian
 from dense_vs.jacobian.excitation import Excitation, excitation
-from dense_vs.jacobian.options import recorded_options
+from dense_vs.jacobian.options import MAX_JOINTS_DEFAULT_ORDER_2, STANDARD_STEP, recorded_options
 from dense_vs.pipeline.frame_pipeline import Frame, FramePipeline, scaled_size
 from dense_vs.recording.video_recording import Recording
 
@@ -29,8 +29,9 @@ def estimate_recording(
         recording: images, times and joints.
         scale: factor on the image size.
         method: of :class:`FlowEstimator`.
-        device, threads, options: of :class:`DenseJacobian`; those of :func:`recorded_options` and the joints' own scale
-            where they are not given.
+        device, threads, options: of :class:`DenseJacobian`; those of :func:`recorded_options` and ``joint_scale``
+            where they are not given. Joints that hardly move are left out; the others' units do not matter from 7
+            joints on, and are rad (m) below unless ``joint_scale`` says otherwise.
 
     Raises:
         DenseVSError: bad options, at the call; fewer than two frames within the log, at the end.
@@ -43,7 +44,11 @@ def estimate_recording(
     if options.get("covariance", "shared") == "shared":
         options = recorded_options(joints) | options
         if "joint_scale" not in options:
-            options["joint_scale"] = recorded_excitation(recording).scale
+            scale = recorded_excitation(recording).scale
+            if joints <= MAX_JOINTS_DEFAULT_ORDER_2:
+                # The Hessian's prior holds in rad: from a slow log's own steps it would be many times too wide.
+                scale = np.where(scale > 0, STANDARD_STEP, 0.0)
+            options["joint_scale"] = scale
     estimator = DenseJacobian(height=height, width=width, joints=joints, device=device, threads=threads, **options)
     pipeline = FramePipeline(estimator, FlowEstimator(method, height, width), scale=scale)
     return ((pipeline.process(*frame), estimator) for frame in recording)

@@ -162,7 +162,7 @@ def test_joints_in_units_of_their_own(form, joints, order):
     rng = np.random.default_rng([7, joints, order])
     units = np.array([1e3, 1.0, 1e-3, 57.3, 1e-2, 8.0, 0.25])[:joints]
     in_rad, in_units = (
-        make(form, joints, order, 14, 17, joint_scale=scale) for scale in (np.full(joints, 0.02), 0.02 * units)
+        make(form, joints, order, 14, 17, joint_scale=scale) for scale in (np.full(joints, 0.012), 0.012 * units)
     )
     frames = [(white(0.3)(rng, 14, 17)[None].astype(np.float32), joint_steps(rng, joints, 1)) for _ in range(5)]
     assert_follows_reference(in_units, [(u, (dq * units).astype(np.float32)) for u, dq in frames])
@@ -178,7 +178,7 @@ def test_joints_in_units_of_their_own(form, joints, order):
 def test_a_joint_left_out_changes_nothing_for_the_others(form, joints, order):
     rng = np.random.default_rng([8, joints, order])
     kept = np.array([k for k in range(joints) if k != 2])
-    scale = np.full(joints, 0.02)
+    scale = np.full(joints, 0.012)
     scale[2] = 0
     whole = make(form, joints, order, 14, 17, joint_scale=scale)
     without = make(form, joints - 1, order, 14, 17, joint_scale=scale[kept])
