@@ -44,11 +44,11 @@ def estimate_recording(
     if options.get("covariance", "shared") == "shared":
         options = recorded_options(joints) | options
         if "joint_scale" not in options:
-            scale = recorded_excitation(recording).scale
+            typical = recorded_excitation(recording).scale
             if joints <= MAX_JOINTS_DEFAULT_ORDER_2:
                 # The Hessian's prior holds in rad: from a slow log's own steps it would be many times too wide.
-                scale = np.where(scale > 0, STANDARD_STEP, 0.0)
-            options["joint_scale"] = scale
+                typical = np.where(typical > 0, STANDARD_STEP, 0.0)
+            options["joint_scale"] = typical
     estimator = DenseJacobian(height=height, width=width, joints=joints, device=device, threads=threads, **options)
     pipeline = FramePipeline(estimator, FlowEstimator(method, height, width), scale=scale)
     return ((pipeline.process(*frame), estimator) for frame in recording)
