@@ -232,6 +232,7 @@ class JacobianFilter:
         options, kernels = self.options, self.kernels
         regressor, gain = (_seen_as(array, kernels.StateRow, array.shape[:1]) for array in (self.regressor, self.gain))
         dq = _seen_as(self.dq, kernels.JointVector, self.dq.shape[:1])
+        assert options.prediction is not None  # the options have resolved it
         by_model = options.prediction in ("model", "nearest")
         or_flow = options.prediction == "nearest"
         iterations = options.prediction_iterations if by_model else {"flow": 1, "none": 0}[options.prediction]
