@@ -60,6 +60,7 @@ class SelfMotion:
         device: Warp device.
         threads: CPU threads; any number gives the same bits.
         options: constants.
+        factors: (N,), what brings each joint's step to standard units, 0 where it is left out; ones for rad.
 
     Attributes:
         frames: that have been observed.
@@ -73,6 +74,7 @@ class SelfMotion:
         device: wp.Device,
         threads: int,
         options: SelfMotionOptions,
+        factors: np.ndarray | None = None,
     ):
         self.shape, self.joints, self.device, self.threads, self.options = shape, joints, device, threads, options
         self._kernels = kernels = self_motion_kernels(joints)
@@ -91,6 +93,10 @@ class SelfMotion:
         self._projected = zeros((worlds, joints), wp.float64)
         self._dq = zeros((worlds, joints), wp.float32)
         self._gain = zeros((worlds, joints), wp.float32)
+        own = np.ones(joints) if factors is None else np.asarray(factors, dtype=np.float64)
+        self._factor = wp.array(np.tile(own, (worlds, 1)), dtype=wp.float64, device=device)
+        unit = np.divide(1.0, own, out=np.zeros(joints), where=own > 0).astype(np.float32)
+        self._unit = wp.array(np.tile(unit, (worlds, 1)), dtype=wp.float32, device=device)
         self._record()
         self.reset()
 
@@ -124,11 +130,12 @@ class SelfMotion:
 
         Args:
             jacobian: (B, H, W) of (2, N).
-            min_jacobian: Frobenius norm that the body's exceeds [px/rad].
+            min_jacobian: Frobenius norm that the body's exceeds, in standard units [px/rad].
         """
         options = self.options
         bounds = [options.unexplained, options.least_energy, min_jacobian**2]
-        arguments = [jacobian, self.energies, *bounds, self.labels]
+        unit = seen_as(self._unit, self._kernels.JointVector, self._unit.shape[:1])
+        arguments = [jacobian, self.energies, unit, *bounds, self.labels]
         PixelLaunch(self._kernels.label_motion, self.shape, arguments, self.device, self.threads)()
         return self.labels
 
@@ -145,7 +152,7 @@ class SelfMotion:
             inputs = [jacobian, energy, self._motion, self.flow, gain, *constants]
             outputs = [self._jacobian[1 - now], self._energy[1 - now]]
             self._update.append(self._pixels(kernels.update_motion, [*inputs, *outputs]))
-            inputs = [self._dq, self._covariance[now], self._displacement[now], *noises]
+            inputs = [self._dq, self._covariance[now], self._displacement[now], self._factor, *noises]
             outputs = [self._projected, self._covariance[1 - now], self._displacement[1 - now], self._gain]
             self._update_gain.append(
                 wp.launch(

@@ -26,6 +26,7 @@ from dense_vs.checks import check_choice, check_flag, check_number, check_whole
 from dense_vs.device import resolve_device, resolve_threads
 from dense_vs.errors import DenseVSError
 from dense_vs.jacobian.image import array_shape, jacobian_image
+from dense_vs.jacobian.options import step_factors
 from dense_vs.kernels.body.kmeans import kmeans_kernels
 from dense_vs.kernels.launch import PixelLaunch
 
@@ -52,6 +53,8 @@ class SelfBody:
         reading: of Algorithm 1's formula, see :mod:`dense_vs.body.cluster_evaluation`.
         max_lag: submissions without new clusters after which the state says ``"behind"``.
         motion: constants of the energies.
+        joint_scale: as in :class:`dense_vs.jacobian.JacobianOptions`, for joints in other units than rad; for
+            ``"motion"``.
         device: ``"auto"``, ``"cpu"`` or ``"cuda:N"``.
         threads: CPU threads of the labeling; Algorithm 1 takes one. Any number gives the same bits.
 
@@ -75,6 +78,7 @@ class SelfBody:
         reading: Reading = "printed",
         max_lag: int = 90,
         motion: SelfMotionOptions | None = None,
+        joint_scale: Any = None,
         device: str = "auto",
         threads: int | None = None,
     ):
@@ -97,6 +101,9 @@ class SelfBody:
         self._motion_options = SelfMotionOptions() if motion is None else motion
         if not isinstance(self._motion_options, SelfMotionOptions):
             raise DenseVSError(f"motion is {motion!r}; expected SelfMotionOptions")
+        self._joint_scale = None if joint_scale is None else real_vector(joint_scale, "joint_scale", (-1,))
+        if self._joint_scale is not None and (self._joint_scale < 0).any():
+            raise DenseVSError(f"joint_scale is {joint_scale!r}; expected typical steps of at least 0")
         self._motion: SelfMotion | None = None
         self._worker: ClusterWorker | None = None
         self._shape: tuple[int, int, int] | None = None
@@ -265,7 +272,8 @@ class SelfBody:
         kernels = kmeans_kernels(joints)
         self._worker = ClusterWorker(shape, joints, self.clusters_wanted, device, **self._worker_options)
         if self.method == "motion":
-            self._motion = SelfMotion(shape, joints, device, self.threads, self._motion_options)
+            factors = None if self._joint_scale is None else np.array(step_factors(self._joint_scale, joints))
+            self._motion = SelfMotion(shape, joints, device, self.threads, self._motion_options, factors)
         self._centers = HostMirror((self._worlds, self.clusters_wanted), kernels.Jacobian, device)
         self._count = HostMirror((self._worlds,), wp.int32, device)
         self._own = HostMirror((self._worlds, self.clusters_wanted), wp.int8, device)

@@ -65,9 +65,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument(
         "--prediction",
-        default="model",
         metavar="FORM",
-        help="how J follows the moving image: model, DIJE (14), flow, DIJE (13), or none (default: model)",
+        help="how J follows the moving image: model, DIJE (14), flow, DIJE (13), nearest of the two, or none "
+        "(default: nearest; model unless the covariance is shared)",
     )
     parser.add_argument("--no-video", action="store_true", help="do not draw the visualization video")
     parser.add_argument(

@@ -42,7 +42,8 @@ class DenseJacobian:
             of the body, as the paper does. 2 unless given, for ``"shared"`` with up to 6 joints.
         covariance: ``"shared"``, one full N x N matrix for the image; ``"diagonal"``, a variance per pixel and joint,
             DIJE (9) to (11); ``"fixed"``, the constant weight of DIJE (12); ``"full"``, an N x N matrix per pixel.
-        prediction: what J is moved by: ``"model"``, J dq, DIJE (14); ``"flow"``, DIJE (13); ``"none"``.
+        prediction: what J is moved by: ``"model"``, J dq, DIJE (14); ``"flow"``, DIJE (13); ``"nearest"``, whichever of
+            the two fits the flow better (default of ``"shared"``; the others' is ``"model"``); ``"none"``.
         prediction_iterations: steps of y = x - J(y) dq in ``"model"``, 1 to 3; 1 is DIJE (14) as printed.
         process_noise: variance that J gains per squared joint step [px^2/rad^4]; 300 unless given, 1e4 in order 1.
         drift_noise: variance that J gains per update, q of DIJE (9) [px^2/rad^2].
@@ -51,6 +52,10 @@ class DenseJacobian:
         hessian_noise: variance that H gains per squared joint step [px^2/rad^6].
         initial_hessian_variance: variance of H at the start, and its bound [px^2/rad^4].
         max_variance: bound on a variance of J [px^2/rad^2]; ``initial_variance`` unless given.
+        joint_scale: typical step of each joint between two images in its own unit, N numbers; 0 for a joint that is
+            not learned. J then does not depend on the joints' units; steps in rad are expected without it.
+        rest: where neither the flow nor J dq reaches it, J fades to zero [px]; 0 learns from every flow.
+        max_innovation: bound on the length of u - J dq as a multiple of that of u plus 0.5 px; none unless given.
         move_variance: whether ``"diagonal"`` moves the variance with J.
         on_bad_flow: ``"error"`` refuses a flow with a value that is not finite; ``"skip"`` only predicts there.
         device: ``"auto"``, ``"cpu"`` or ``"cuda:N"``.
@@ -74,7 +79,7 @@ class DenseJacobian:
         worlds: int = 1,
         order: int | None = None,
         covariance: CovarianceForm = "shared",
-        prediction: Prediction = "model",
+        prediction: Prediction | None = None,
         prediction_iterations: int = 2,
         process_noise: float | None = None,
         drift_noise: float = 0.0,
@@ -83,6 +88,9 @@ class DenseJacobian:
         hessian_noise: float = 1000.0,
         initial_hessian_variance: float = 1e4,
         max_variance: float | None = None,
+        joint_scale: Any = None,
+        rest: float = 0.0,
+        max_innovation: float | None = None,
         move_variance: bool = False,
         on_bad_flow: OnBadFlow = "error",
         device: str = "auto",
@@ -104,6 +112,9 @@ class DenseJacobian:
             hessian_noise=hessian_noise,
             initial_hessian_variance=initial_hessian_variance,
             max_variance=max_variance,
+            joint_scale=joint_scale,
+            rest=rest,
+            max_innovation=max_innovation,
             move_variance=move_variance,
             on_bad_flow=on_bad_flow,
         )
@@ -136,7 +147,10 @@ class DenseJacobian:
 
     @property
     def variance(self) -> np.ndarray:
-        """Variance of J's columns, float32 ``(H, W, N)`` [px^2/rad^2], the same for the rows x and y, DIJE (6), (7)."""
+        """Variance of J's columns, float32 ``(H, W, N)`` [px^2/rad^2], the same for the rows x and y, DIJE (6), (7).
+
+        Infinite for a joint that is not learned.
+        """
         joints = self.options.joints
         stored = self.filter.covariance[self.filter.now].numpy()
         if self.options.covariance == "diagonal":
@@ -144,7 +158,8 @@ class DenseJacobian:
         elif self.options.covariance == "full":
             variance = np.diagonal(stored, axis1=-2, axis2=-1)
         else:
-            shared = np.diagonal(stored, axis1=1, axis2=2)[:, None, None, :joints].astype(np.float32)
+            own = np.diagonal(stored, axis1=1, axis2=2)[:, :joints] * np.square(self._factors)
+            shared = np.where(self._factors > 0, own, np.inf)[:, None, None].astype(np.float32)
             variance = np.broadcast_to(shared, (*self.filter.shape, joints))
         return self._unbatch(_read_only(variance))
 
@@ -157,7 +172,22 @@ class DenseJacobian:
         if self.options.covariance == "diagonal":
             stored = stored[..., None] * np.eye(self.options.joints, dtype=np.float32)
         joints = self.options.joints
-        return self._unbatch(stored[..., :joints, :joints].copy())
+        kept = stored[..., :joints, :joints]
+        if self.options.joint_scale is None:
+            return self._unbatch(kept.copy())
+        unlearned = np.diag(np.where(self._factors > 0, 0.0, np.inf))
+        both = np.outer(self._factors > 0, self._factors > 0)
+        scaled = np.where(both, kept * np.outer(self._factors, self._factors), 0.0)
+        return self._unbatch(np.where(np.isinf(unlearned), unlearned, scaled))
+
+    @property
+    def learned(self) -> np.ndarray:
+        """Which joints are learned, bool ``(N,)``; the columns of the others stay zero, see ``joint_scale``."""
+        return self._factors > 0
+
+    @property
+    def _factors(self) -> np.ndarray:
+        return np.array(self.options.step_factors)
 
     @property
     def skipped_pixels(self) -> int | np.ndarray:

@@ -43,6 +43,7 @@ class JacobianFilter:
         state: two images of (2, C) states, at the reference posture.
         covariance: two of (B, C, C) float64; (B, H, W) of (N) or (N, N) float32 where each pixel has its own.
         displacement: two of (B, N) float64, joint displacement from the reference posture [rad].
+        factor: (B, N) float64, what brings each joint's step to standard units, 0 where it is not to be learned.
         now: which of each two is the present one.
         flow: (B, H, W) of vec2, of the frame that :meth:`advance` takes [px].
         dq: (B, N) float32, its joint step [rad].
@@ -203,6 +204,8 @@ class JacobianFilter:
         if options.covariance == "fixed":
             self.covariance[1] = self.covariance[0]
         self.displacement = pair((worlds, joints), wp.float64)
+        factors = np.broadcast_to(np.array(options.step_factors, dtype=np.float64), (worlds, joints))
+        self.factor = wp.array(np.ascontiguousarray(factors), dtype=wp.float64, device=device)
         vec2: Any = wp.vec2
         self.flow: Any = wp.zeros(self.shape, dtype=vec2, device=device) if flow is None else flow
         self.model_flow: Any = None if self._once else wp.zeros(self.shape, dtype=vec2, device=device)
@@ -230,8 +233,11 @@ class JacobianFilter:
         options, kernels = self.options, self.kernels
         regressor, gain = (seen_as(array, kernels.StateRow, array.shape[:1]) for array in (self.regressor, self.gain))
         dq = seen_as(self.dq, kernels.JointVector, self.dq.shape[:1])
-        by_model = options.prediction == "model"
-        iterations = {"model": options.prediction_iterations, "flow": 1, "none": 0}[options.prediction]
+        assert options.prediction is not None  # the options have resolved it
+        by_model = options.prediction in ("model", "nearest")
+        or_flow = options.prediction == "nearest"
+        iterations = options.prediction_iterations if by_model else {"flow": 1, "none": 0}[options.prediction]
+        limits = [options.rest, options.max_innovation or 0.0]
         taps = RowTaps.empty(options.height, options.width, self.device)
         moved_by = [self.model_flow if by_model else self.flow, iterations, *taps.arrays]
         flows = [self.flow, self.model_flow]
@@ -247,17 +253,23 @@ class JacobianFilter:
             self.regress.append(self._worlds(regressors, [self.dq, displacement, self.regressor], kernels.columns))
             if self._once:
                 self.predict.append(_nothing)  # the correction computes J dq where it wants it
-                kernel = kernels.update_shared_once(by_model, iterations)
+                kernel = kernels.update_shared_once(by_model, iterations, or_flow)
                 self.correct.append(
-                    tile_launch(kernel, self.shape, [state, regressor, self.flow, gain, next_state], self.device)
+                    tile_launch(
+                        kernel, self.shape, [state, regressor, self.flow, *limits, gain, next_state], self.device
+                    )
                 )
             else:
                 self.predict.append(self._pixels(kernels.predicted_flow, [state, regressor, self.model_flow]))
             if not self._once and options.covariance in ("shared", "fixed"):
-                self.correct.append(self._pixels(kernels.update_shared, [state, *moved_by, *flows, gain, next_state]))
+                self.correct.append(
+                    self._pixels(
+                        kernels.update_shared, [state, *moved_by, int(or_flow), *limits, *flows, gain, next_state]
+                    )
+                )
             if options.covariance == "shared":
                 hessian = [options.hessian_noise, options.initial_hessian_variance]
-                inputs = [self.dq, covariance, displacement, *noises, *hessian]
+                inputs = [self.dq, covariance, displacement, self.factor, *noises, *hessian]
                 outputs = [self.projected, next_covariance, next_displacement, self.gain]
                 self.update_gain.append(self._worlds(update_shared_covariance, [*inputs, *outputs]))
             elif options.covariance == "fixed":

@@ -9,7 +9,8 @@ from dense_vs.checks import check_number
 from dense_vs.errors import DenseVSError
 from dense_vs.flow.estimator import FlowEstimator
 from dense_vs.jacobian.estimator import DenseJacobian
-from dense_vs.jacobian.options import EstimatorOptions
+from dense_vs.jacobian.excitation import Excitation, excitation
+from dense_vs.jacobian.options import MAX_JOINTS_DEFAULT_ORDER_2, STANDARD_STEP, EstimatorOptions, recorded_options
 from dense_vs.pipeline.explained_motion import ExplainedMotion
 from dense_vs.pipeline.frame_pipeline import Frame, FramePipeline, scaled_size
 from dense_vs.recording import ClockOffset, Episode, Recording
@@ -24,13 +25,16 @@ class RecordedEstimate:
         episode: images and joints on one clock.
         scale: factor on the image size.
         method: of :class:`FlowEstimator`.
-        device, threads, estimator_options: of :class:`DenseJacobian`, whose help has their units and defaults;
-            ``on_bad_flow`` is ``"skip"`` unless given.
+        device, threads, estimator_options: of :class:`DenseJacobian`, whose help has their units and defaults; those of
+            :func:`recorded_options` and ``joint_scale`` where they are not given. Joints that hardly move are left out;
+            the others' units do not matter from 7 joints on, and are rad (m) below unless ``joint_scale`` says
+            otherwise. ``on_bad_flow`` is ``"skip"`` unless given.
         start: an estimator to go on with, made here unless given.
 
     Attributes:
         estimator: the estimator.
         explained: how much of the motion it explains so far.
+        excitation: how well the log shows each joint.
         last_frame: the last one, None before the first.
 
     Raises:
@@ -54,8 +58,9 @@ class RecordedEstimate:
         height, width = scaled_size((images.height, images.width), scale)
         self.frame_count, self.fps = images.frame_count, images.fps
         joints = len(episode.log.names)
+        self.excitation = recorded_excitation(episode, self.fps)
         if start is None:
-            options: EstimatorOptions = {"on_bad_flow": "skip", **estimator_options}
+            options = _recorded_defaults(joints, self.excitation, estimator_options)
             start = DenseJacobian(height=height, width=width, joints=joints, device=device, threads=threads, **options)
         has = start.options
         if (has.height, has.width, has.joints, has.worlds) != (height, width, joints, 1):
@@ -121,3 +126,24 @@ class RecordedEstimate:
 def estimate_recording(recording: Episode | Recording, **options: Any) -> RecordedEstimate:
     """The estimator on an episode, or on the chosen one of a recording, see :class:`RecordedEstimate`."""
     return RecordedEstimate(recording.episode() if isinstance(recording, Recording) else recording, **options)
+
+
+def recorded_excitation(episode: Episode, fps: float) -> Excitation:
+    """How well an episode's log shows each joint, at the rate of its images."""
+    log = episode.log
+    count = max(3, int((log.times[-1] - log.times[0]) * fps) + 1)
+    return excitation(log.at(np.linspace(log.times[0], log.times[-1], count)), log.names)
+
+
+def _recorded_defaults(joints: int, seen: Excitation, given: EstimatorOptions) -> EstimatorOptions:
+    """Options of the estimator for a recording: those given, else what real recordings need."""
+    options: EstimatorOptions = {"on_bad_flow": "skip", **given}
+    if options.get("covariance", "shared") == "shared":
+        options = {**recorded_options(joints), **options}
+        if "joint_scale" not in options:
+            typical = seen.scale
+            if joints <= MAX_JOINTS_DEFAULT_ORDER_2:
+                # The Hessian's prior holds in rad: from a slow log's own steps it would be many times too wide.
+                typical = np.where(typical > 0, STANDARD_STEP, 0.0)
+            options["joint_scale"] = tuple(typical)
+    return options

@@ -40,7 +40,7 @@ def self_motion_kernels(joints: int) -> SimpleNamespace:
         JointVector=JointVector,
         predict_motion=_predict_motion(Jacobian, JointVector, joints),
         update_motion=_update_motion(Jacobian, JointVector, joints),
-        label_motion=_label_motion(Jacobian, joints),
+        label_motion=_label_motion(Jacobian, JointVector, joints),
     )
 
 
@@ -122,7 +122,7 @@ def _update_motion(Jacobian: Any, JointVector: Any, joints: int) -> wp.Kernel:
     return update_motion
 
 
-def _label_motion(Jacobian: Any, joints: int) -> wp.Kernel:
+def _label_motion(Jacobian: Any, JointVector: Any, joints: int) -> wp.Kernel:
     @wp.kernel(module=f"{__name__}_label_{joints}", enable_backward=False)
     def label_motion(
         row_begin: int,
@@ -130,6 +130,7 @@ def _label_motion(Jacobian: Any, joints: int) -> wp.Kernel:
         # In:
         jacobian_in: wp.array3d(dtype=Jacobian),
         energy_in: wp.array3d(dtype=wp.vec2),
+        unit_in: wp.array(dtype=JointVector),  # what brings each column of J to standard units
         unexplained: float,  # E_e / E_u of the body is below it
         least_energy: float,  # px^2: with less of either nothing is known
         least_squared: float,  # J not larger than this, squared, moves nothing
@@ -142,7 +143,10 @@ def _label_motion(Jacobian: Any, joints: int) -> wp.Kernel:
         for x in range(column, jacobian_in.shape[2], column_step):
             vector = jacobian_in[world, y, x]
             energy = energy_in[world, y, x]
-            squared = wp.ddot(vector, vector)
+            squared = float(0.0)
+            for i in range(wp.static(joints)):
+                answer = wp.vec2(vector[0, i], vector[1, i]) * unit_in[world][i]
+                squared += wp.dot(answer, answer)
             label = wp.int8(wp.static(UNKNOWN))
             # A sum of squares is finite if its terms are.
             if finite(wp.vec2(squared, squared)) and wp.max(energy[0], energy[1]) > least_energy:

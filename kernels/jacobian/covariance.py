@@ -15,6 +15,11 @@ and the filter stays linear, with one covariance for all pixels. The transition 
 too, and F(a) F(b) = F(a + b). So the image keeps J as it was at the reference posture, where the filter started;
 the displacement d since then is kept once, and enters the image's pass through the regressor and the gain only:
 J_i + sum_m H_im d_m is computed where J is read.
+
+Joints in units of their own. The covariance and its noises belong to joints whose typical steps are alike. A joint
+of another unit (counts, degrees, 0 to 1) enters with a factor a on its step: the covariance is that of J / a, the
+image's state stays in px per the joint's own unit, and the gain that goes out is K_i a_i for J, K_ij a_i a_j for H.
+With a = 0 a joint is left out: its columns stay as they are, and the others' are what they would be without it.
 """
 
 import warp as wp
@@ -55,10 +60,29 @@ def column_pair(column: int, joints: int) -> wp.vec2i:
 
 
 @wp.func
-def second_order_entry(dq: wp.array2d(dtype=wp.float32), world: int, column: int, joints: int) -> wp.float64:
-    """What multiplies H_ij in 1/2 sum_ij H_ij dq_i dq_j."""
+def standard_step(
+    dq: wp.array2d(dtype=wp.float32), factor: wp.array2d(dtype=wp.float64), world: int, joint: int
+) -> wp.float64:
+    """A joint's step in the units that the covariance is kept in."""
+    return wp.float64(dq[world, joint]) * factor[world, joint]
+
+
+@wp.func
+def column_factor(factor: wp.array2d(dtype=wp.float64), world: int, column: int, joints: int) -> wp.float64:
+    """What turns a column of the state from standard units to the joints' own."""
+    if column < joints:
+        return factor[world, column]
     pair = column_pair(column, joints)
-    product = wp.float64(dq[world, pair[0]]) * wp.float64(dq[world, pair[1]])
+    return factor[world, pair[0]] * factor[world, pair[1]]
+
+
+@wp.func
+def second_order_entry(
+    dq: wp.array2d(dtype=wp.float32), factor: wp.array2d(dtype=wp.float64), world: int, column: int, joints: int
+) -> wp.float64:
+    """What multiplies H_ij in 1/2 sum_ij H_ij dq_i dq_j, all in standard units."""
+    pair = column_pair(column, joints)
+    product = standard_step(dq, factor, world, pair[0]) * standard_step(dq, factor, world, pair[1])
     if pair[0] == pair[1]:
         product *= wp.float64(0.5)
     return product
@@ -96,6 +120,7 @@ def update_shared_covariance(
     dq_in: wp.array2d(dtype=wp.float32),
     covariance_in: wp.array3d(dtype=wp.float64),
     displacement_in: wp.array2d(dtype=wp.float64),
+    factor_in: wp.array2d(dtype=wp.float64),
     process_noise: wp.float64,
     drift_noise: wp.float64,
     measurement_noise: wp.float64,
@@ -112,7 +137,8 @@ def update_shared_covariance(
 
     A thread a world.
 
-    P is that of the present posture; the gain that goes out is F(-d) K, for the image's state.
+    P is that of the present posture, in standard units; the gain that goes out is F(-d) K in the joints' own, for
+    the image's state.
 
     Q is (q |dq|^2 + q0) I for J and q_H |dq|^2 I for H. Where a variance exceeds its bound P is scaled to
     S P S with a diagonal S, which keeps it positive definite as clipping the diagonal would not.
@@ -130,19 +156,19 @@ def update_shared_covariance(
                 change = wp.float64(0.0)
                 for m in range(joints):
                     row = hessian_column(i, m, joints)
-                    change += covariance_out[world, row, j] * wp.float64(dq_in[world, m])
+                    change += covariance_out[world, row, j] * standard_step(dq_in, factor_in, world, m)
                 covariance_out[world, i, j] += change
         for j in range(joints):
             for i in range(columns):
                 change = wp.float64(0.0)
                 for m in range(joints):
                     column = hessian_column(j, m, joints)
-                    change += covariance_out[world, i, column] * wp.float64(dq_in[world, m])
+                    change += covariance_out[world, i, column] * standard_step(dq_in, factor_in, world, m)
                 covariance_out[world, i, j] += change
 
     squared = wp.float64(0.0)
     for i in range(joints):
-        dq = wp.float64(dq_in[world, i])
+        dq = standard_step(dq_in, factor_in, world, i)
         squared += dq * dq
     for i in range(columns):
         growth = hessian_noise * squared
@@ -163,15 +189,15 @@ def update_shared_covariance(
         for j in range(columns):
             entry = wp.float64(0.0)
             if j < joints:
-                entry = wp.float64(dq_in[world, j])
+                entry = standard_step(dq_in, factor_in, world, j)
             else:
-                entry = -second_order_entry(dq_in, world, j, joints)
+                entry = -second_order_entry(dq_in, factor_in, world, j, joints)
             projected += covariance_out[world, i, j] * entry
         projected_out[world, i] = projected
         if i < joints:
-            innovation_variance += projected * wp.float64(dq_in[world, i])
+            innovation_variance += projected * standard_step(dq_in, factor_in, world, i)
         else:
-            innovation_variance -= projected * second_order_entry(dq_in, world, i, joints)
+            innovation_variance -= projected * second_order_entry(dq_in, factor_in, world, i, joints)
 
     for i in range(columns):
         gain = projected_out[world, i] / innovation_variance
@@ -183,8 +209,9 @@ def update_shared_covariance(
         gain = projected_out[world, i]
         if i < joints and columns > joints:
             for m in range(joints):
-                gain -= projected_out[world, hessian_column(i, m, joints)] * displacement_out[world, m]
-        gain_out[world, i] = wp.float32(gain / innovation_variance)
+                displacement = displacement_out[world, m] * factor_in[world, m]
+                gain -= projected_out[world, hessian_column(i, m, joints)] * displacement
+        gain_out[world, i] = wp.float32(gain * column_factor(factor_in, world, i, joints) / innovation_variance)
 
 
 @wp.kernel

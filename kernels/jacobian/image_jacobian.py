@@ -41,7 +41,7 @@ def forget_state(
 def jacobian_kernels(joints: int, order: int = 1, layout: Layout = "matrices") -> SimpleNamespace:
     """Kernels for ``joints`` joints and a state of ``order`` 1 or 2, with the types of :func:`state_types`.
 
-    ``update_shared_once(by_model, iterations)`` gives the kernel of a single pass. The kernels with a covariance
+    ``update_shared_once(by_model, iterations, or_flow)`` gives the kernel of one pass. The kernels with a covariance
     per pixel are for order 1. A kernel that is never launched is never compiled.
     """
     types = state_types(joints, order, layout)

@@ -9,8 +9,11 @@ from types import SimpleNamespace
 
 import warp as wp
 
+from dense_vs.kernels.image.bilinear import bilinear_taps
+from dense_vs.kernels.image.flow_field import finite
 from dense_vs.kernels.image.row_taps import find_row_taps
-from dense_vs.kernels.jacobian.moved_pixels import innovation, moved_taps
+from dense_vs.kernels.jacobian.innovation_bounds import FADE, NEAR, at_rest, bounded_innovation
+from dense_vs.kernels.jacobian.moved_pixels import innovation, moved_taps, sample_vec2
 
 wp.set_module_options({"enable_backward": False})
 
@@ -48,13 +51,20 @@ def shared_update_kernels(types: SimpleNamespace) -> SimpleNamespace:
         iterations: int,
         places: wp.array3d(dtype=wp.int32),
         fractions: wp.array3d(dtype=wp.float32),
+        or_flow: int,
+        rest: float,
+        bound: float,
         flow_in: wp.array3d(dtype=wp.vec2),
         model_flow_in: wp.array3d(dtype=wp.vec2),
         gain_in: wp.array(dtype=StateRow),
         # Out:
         state_out: StateImage,
     ):
-        """State <- moved state + (u - predicted u) K^T, DIJE (10) and (12) with one gain K for the image."""
+        """State <- moved state + (u - predicted u) K^T, DIJE (10) and (12) with one gain K for the image.
+
+        With ``or_flow`` a pixel's state comes from x - u(x), DIJE (13), where the flow predicted there fits u better
+        than at the place of DIJE (14). ``rest`` [px] and ``bound`` as in ``innovation_bounds.py``.
+        """
         world, row, column = wp.tid()
         y = row_begin + row
         width = state_in.shape[2]
@@ -63,8 +73,18 @@ def shared_update_kernels(types: SimpleNamespace) -> SimpleNamespace:
             find_row_taps(shift_in, world, y, iterations, row_begin, places, fractions)
         for x in range(column, width, column_step):
             taps = moved_taps(shift_in, world, x, y, iterations, row_begin, column_step, places, fractions)
+            flow = flow_in[world, y, x]
+            error = innovation(flow, model_flow_in, world, taps)
+            if or_flow != 0 and finite(flow) and wp.dot(error, error) > NEAR:
+                by_flow = bilinear_taps(x, y, flow, width, state_in.shape[1])
+                error_by_flow = flow - sample_vec2(model_flow_in, world, by_flow)
+                if wp.dot(error_by_flow, error_by_flow) < wp.dot(error, error):
+                    taps = by_flow
+                    error = error_by_flow
             prior = sample_state(state_in, world, taps)
-            error = innovation(flow_in[world, y, x], model_flow_in, world, taps)
-            write_state(state_out, world, y, x, prior + wp.outer(error, gain))
+            if finite(flow) and at_rest(flow, error, rest):
+                write_state(state_out, world, y, x, FADE * prior)
+            else:
+                write_state(state_out, world, y, x, prior + wp.outer(bounded_innovation(error, flow, bound), gain))
 
     return SimpleNamespace(predicted_flow=predicted_flow, update_shared=update_shared)

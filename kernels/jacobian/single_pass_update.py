@@ -11,6 +11,7 @@ import warp as wp
 from dense_vs.kernels.image.bilinear import bilinear_taps
 from dense_vs.kernels.image.flow_field import finite
 from dense_vs.kernels.image.tiles import tile_pixel
+from dense_vs.kernels.jacobian.innovation_bounds import FADE, NEAR, at_rest, bounded_innovation
 from dense_vs.kernels.jacobian.state_image import Layout
 from dense_vs.kernels.jacobian.state_types import state_types
 
@@ -18,16 +19,18 @@ wp.set_module_options({"enable_backward": False})
 
 
 @cache
-def single_pass_kernel(joints: int, order: int, layout: Layout, by_model: bool, iterations: int) -> wp.Kernel:
+def single_pass_kernel(
+    joints: int, order: int, layout: Layout, by_model: bool, iterations: int, or_flow: bool = False
+) -> wp.Kernel:
     """Tile kernel that does what ``predicted_flow`` and ``update_shared`` do.
 
-    Pixels are moved by v = J dq, iterated, with ``by_model``, else by the flow, or not at all with 0 iterations. The
-    choice is compiled in: a GPU is held up by the number of instructions here.
+    Pixels are moved by v = J dq, iterated, with ``by_model``, else by the flow, or not at all with 0 iterations; with
+    ``or_flow`` as in ``update_shared``. The choice is compiled in: a GPU is held up by the number of instructions here.
     """
     types = state_types(joints, order, layout)
     StateImage, StateRow = types.StateImage, types.StateRow
     read_state, write_state, sample_state = types.read_state, types.write_state, types.sample_state
-    module = f"{__name__}_{int(by_model)}{iterations}_{types.suffix}"
+    module = f"{__name__}_{int(by_model)}{iterations}{int(or_flow)}_{types.suffix}"
 
     @wp.kernel(module=module, enable_backward=False, grid_stride=False)
     def update_once(
@@ -35,6 +38,8 @@ def single_pass_kernel(joints: int, order: int, layout: Layout, by_model: bool, 
         state_in: StateImage,
         regressor_in: wp.array(dtype=StateRow),
         flow_in: wp.array3d(dtype=wp.vec2),
+        rest: float,
+        bound: float,
         gain_in: wp.array(dtype=StateRow),
         # Out:
         state_out: StateImage,
@@ -64,6 +69,16 @@ def single_pass_kernel(joints: int, order: int, layout: Layout, by_model: bool, 
         error = wp.vec2(0.0, 0.0)
         if finite(flow):
             error = flow - prior * regressor
+            if wp.static(or_flow) and wp.dot(error, error) > NEAR:
+                prior_by_flow = sample_state(state_in, world, bilinear_taps(x, y, flow, width, height))
+                error_by_flow = flow - prior_by_flow * regressor
+                if wp.dot(error_by_flow, error_by_flow) < wp.dot(error, error):
+                    prior = prior_by_flow
+                    error = error_by_flow
+            if at_rest(flow, error, rest):
+                write_state(state_out, world, y, x, FADE * prior)
+                return
+            error = bounded_innovation(error, flow, bound)
         write_state(state_out, world, y, x, prior + wp.outer(error, gain_in[world]))
 
     return update_once

@@ -19,6 +19,30 @@ def innovation(u, predicted):
     return np.where(good, np.where(good, u, 0) - predicted, 0)
 
 
+def nearer(by_model, by_flow, u, h):
+    """Of two a priori states the one whose predicted flow is nearer to u; by model within 0.1 px and without u."""
+    miss_by_model, miss_by_flow = (np.sum((u - model_flow(state, h)) ** 2, axis=2) for state in (by_model, by_flow))
+    with np.errstate(invalid="ignore"):
+        better = (miss_by_flow < miss_by_model) & (miss_by_model > 0.1**2)
+    return np.where(better[..., None, None], by_flow, by_model)
+
+
+def bounded(error, u, bound):
+    """The innovation, no longer than bound (|u| + 0.5 px)."""
+    if bound is None:
+        return error
+    length = np.linalg.norm(error, axis=2, keepdims=True)
+    most = bound * (np.linalg.norm(u, axis=2, keepdims=True) + 0.5)
+    with np.errstate(invalid="ignore"):
+        return np.where(length > most, error * most / np.maximum(length, 1e-300), error)
+
+
+def resting(u, predicted, rest):
+    """Where neither the flow nor what is predicted reaches ``rest``."""
+    with np.errstate(invalid="ignore"):
+        return np.maximum(np.sum(u**2, axis=2), np.sum(predicted**2, axis=2))[..., None] < rest**2
+
+
 def grown_diagonal(p, growth, p_max):
     """(9), bounded: p + q 1, at most p_max."""
     return np.minimum(p + growth, p_max)
@@ -117,25 +141,31 @@ class ReferenceJacobian:
 
     @property
     def jacobian(self):
-        return self.state[..., : self.o.joints]
+        return self.state[..., : self.o.joints] * self.o.step_factors
 
     @property
     def variance(self):
         if self.o.covariance == "diagonal":
             return self.p
         variance = np.diagonal(self.P, axis1=-2, axis2=-1)[..., : self.o.joints]
-        return np.broadcast_to(variance, (self.o.height, self.o.width, self.o.joints))
+        own = variance * np.square(self.o.step_factors)
+        return np.broadcast_to(own, (self.o.height, self.o.width, self.o.joints))
 
     def update(self, flow, dq):
         o, u, dq = self.o, np.asarray(flow, dtype=np.float64), np.asarray(dq, dtype=np.float64)
+        dq = dq * o.step_factors  # the state in standard units
         F = self.second.transition(dq) if self.second else np.eye(o.joints)
         h = self.second.observation(dq) if self.second else dq
+        by_model = model_flow(self.state, h @ F), o.prediction_iterations
         displacement, iterations = {
-            "model": (model_flow(self.state, h @ F), o.prediction_iterations),
+            "model": by_model,
+            "nearest": by_model,
             "flow": (u, 1),
             "none": (None, 0),
         }[o.prediction]
         prior = moved_image(self.state, displacement, iterations) @ F.T
+        if o.prediction == "nearest":
+            prior = nearer(prior, moved_image(self.state, u, 1) @ F.T, u, h)
         growth = o.process_noise * dq @ dq + o.drift_noise
         r = o.measurement_noise
         if o.covariance == "fixed":
@@ -151,4 +181,7 @@ class ReferenceJacobian:
             Q = np.diag([growth] * o.joints + [o.hessian_noise * dq @ dq] * curved)
             bound = np.array([o.max_variance] * o.joints + [o.initial_hessian_variance] * curved)
             K, self.P = kalman(bounded_covariance(F @ self.P @ F.T + Q, bound), h, r)
-            self.state = prior + innovation(u, model_flow(prior, h))[..., None] * K
+            error = bounded(innovation(u, model_flow(prior, h)), u, o.max_innovation)
+            self.state = np.where(
+                resting(u, model_flow(prior, h), o.rest)[..., None], 0.9 * prior, prior + error[..., None] * K
+            )

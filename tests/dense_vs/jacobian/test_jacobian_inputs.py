@@ -319,7 +319,7 @@ BAD_OPTIONS = [
     ({"worlds": -1}, "worlds is -1; expected"),
     ({"covariance": "Shared"}, "covariance is 'Shared'; expected one of shared, diagonal, fixed, full"),
     ({"covariance": ["full"]}, "covariance is .*expected one of"),
-    ({"prediction": None}, "prediction is None; expected one of model, flow, none"),
+    ({"prediction": "back"}, "prediction is 'back'; expected one of model, flow, nearest, none"),
     ({"on_bad_flow": "ignore"}, "on_bad_flow is 'ignore'; expected one of error, skip"),
     ({"prediction_iterations": 0}, "prediction_iterations is 0; expected"),
     ({"prediction_iterations": 11}, "prediction_iterations is 11; expected"),

@@ -16,6 +16,7 @@ TOLERANCE = 1e-4
 # Of the largest variance: a variance per pixel is float32, and what is left of it after an update a small difference.
 VARIANCE_TOLERANCE = 1e-6
 
+SHARED = [("shared", 4, 1), ("shared", 7, 1), ("shared", 4, 2)]
 FORMS = [
     *[("shared", joints, 1) for joints in (1, 4, 7, 32)],
     *[("shared", joints, 2) for joints in (1, 4)],
@@ -141,6 +142,56 @@ def test_follows_the_equations(form, joints, order, scenario):
         u = np.stack([flow(rng, height, width) for _ in range(worlds)]).astype(np.float32)
         frames.append((u, joint_steps(rng, joints, worlds)))
     assert_follows_reference(make(form, joints, order, height, width, worlds, **options), frames)
+
+
+@pytest.mark.parametrize(("form", "joints", "order"), SHARED)
+@pytest.mark.parametrize("worlds", [1, 2])
+def test_rest_and_bound_of_the_innovation(form, joints, order, worlds):
+    rng = np.random.default_rng([6, joints, order])
+    estimator = make(form, joints, order, 16, 19, worlds, rest=0.25, max_innovation=0.7)
+    frames = []
+    for k in range(5):
+        u = np.stack([patchy(rng, 16, 19) * (-1) ** k for _ in range(worlds)]).astype(np.float32)
+        frames.append((u, joint_steps(rng, joints, worlds)))
+    assert_follows_reference(estimator, frames)
+
+
+@pytest.mark.parametrize(("form", "joints", "order"), SHARED)
+def test_joints_in_units_of_their_own(form, joints, order):
+    """The same motion logged in other units: J's columns in their units, and nothing else changes."""
+    rng = np.random.default_rng([7, joints, order])
+    units = np.array([1e3, 1.0, 1e-3, 57.3, 1e-2, 8.0, 0.25])[:joints]
+    in_rad, in_units = (
+        make(form, joints, order, 14, 17, joint_scale=scale) for scale in (np.full(joints, 0.012), 0.012 * units)
+    )
+    frames = [(white(0.3)(rng, 14, 17)[None].astype(np.float32), joint_steps(rng, joints, 1)) for _ in range(5)]
+    assert_follows_reference(in_units, [(u, (dq * units).astype(np.float32)) for u, dq in frames])
+    for u, dq in frames:
+        in_rad.update(u[0], dq[0])
+    J = np.array(in_rad.jacobian)
+    np.testing.assert_allclose(in_units.jacobian * units, J, rtol=0, atol=TOLERANCE * np.abs(J).max())
+    np.testing.assert_allclose(in_units.variance * units**2, in_rad.variance, rtol=TOLERANCE)
+    np.testing.assert_allclose(in_units.covariance * np.outer(units, units), in_rad.covariance, rtol=TOLERANCE, atol=1)
+
+
+@pytest.mark.parametrize(("form", "joints", "order"), SHARED)
+def test_a_joint_left_out_changes_nothing_for_the_others(form, joints, order):
+    rng = np.random.default_rng([8, joints, order])
+    kept = np.array([k for k in range(joints) if k != 2])
+    scale = np.full(joints, 0.012)
+    scale[2] = 0
+    whole = make(form, joints, order, 14, 17, joint_scale=scale)
+    without = make(form, joints - 1, order, 14, 17, joint_scale=scale[kept])
+    for _ in range(5):
+        u, dq = white(0.3)(rng, 14, 17).astype(np.float32), joint_steps(rng, joints, 1)[0]
+        whole.update(u, dq)
+        without.update(u, dq[kept])
+    J = np.array(without.jacobian)
+    np.testing.assert_allclose(whole.jacobian[..., kept], J, rtol=0, atol=TOLERANCE * np.abs(J).max())
+    assert not whole.jacobian[..., 2].any()
+    assert np.isposinf(whole.variance[..., 2]).all()
+    assert np.isfinite(whole.variance[..., kept]).all()
+    np.testing.assert_array_equal(whole.learned, scale > 0)
 
 
 def test_variance_that_moves_with_the_image():
