@@ -27,6 +27,7 @@ from dense_vs.sims.engine.surface_points import SurfacePoint
 from dense_vs.sims.engine.truth import GroundTruth
 
 BYTES_PER_PIXEL = 24  # about: colour, packed and not, depth, and ids with and without their types
+BYTES_PER_SAMPLE = 30  # about: packed colour, and the direction and origin of its ray
 BYTES_OF_PHYSICS = 50_000  # of a world, about
 
 
@@ -55,6 +56,8 @@ class SimWorld:
         distractor: ``"none"``, ``"behind"`` (a moving plate between arm and wall) or ``"front"`` (before
             the arm, covering parts of it); ``"walker-behind"``, ``"walker-next"``, ``"walker-across"`` and the same
             with ``chair`` for the upper body, see :mod:`.distractor`; our robots only.
+        samples: rays for a pixel's colour along either side of it, see :mod:`dense_vs.sims.engine.renderer`; unless given
+            2 where the model has meshes, whose detail aliases with one, else 1.
         compliance: True, or a :class:`.compliance.Compliance`, for joints that are soft, late and read
             with noise, as a tendon-driven robot's; our robots only. The truth stays exact.
 
@@ -78,7 +81,9 @@ class SimWorld:
         compliance: bool | Compliance = False,
         randomization: DomainRandomization | None = None,
         physics_on_device: bool = False,
+        samples: int | None = None,
     ):
+        self._samples = None if samples is None else _whole("samples", samples, 1)
         self._shape = (_whole("worlds", worlds, 1), _whole("height", height, 8), _whole("width", width, 8))
         self._device = resolve_device(device)
         self._threads = resolve_threads(threads)
@@ -303,10 +308,19 @@ class SimWorld:
         scene = load_scene(**self._choice, seed=seed)
         rngs = [_world_rng(seed, world, 2) for world in range(worlds)]
         models = WorldModels(scene.model, scene.camera, rngs, self._randomization)
-        with room_for("a simulation", worlds, BYTES_PER_PIXEL * height * width + BYTES_OF_PHYSICS, self._device):
+        samples = self._samples or (2 if scene.model.nmesh else 1)
+        pixel_bytes = BYTES_PER_PIXEL + (BYTES_PER_SAMPLE * samples**2 if samples > 1 else 0)
+        with room_for("a simulation", worlds, pixel_bytes * height * width + BYTES_OF_PHYSICS, self._device):
             physics = make_physics(scene, worlds, self._device, models, self._physics_on_device)
             renderer = Renderer(
-                scene.model, physics.model, physics.data, scene.camera, self._shape, self._device, self._threads
+                scene.model,
+                physics.model,
+                physics.data,
+                scene.camera,
+                self._shape,
+                self._device,
+                self._threads,
+                samples=samples,
             )
         self._intrinsics = camera_intrinsics(scene.model, scene.camera, height, width)
         self._truth = GroundTruth(scene, physics.data, renderer, self._intrinsics, self._device, self._threads)
