@@ -3,11 +3,14 @@ PYTHON ?= python3
 VENV ?= .venv
 RUN := $(VENV)/bin
 
-.PHONY: demo test check bench clean
+.PHONY: demo arms test check bench clean
 .DELETE_ON_ERROR:
 
 demo: $(VENV)/.sims
 	$(RUN)/dense-vs reach --robot arm --targets 5 --seed 0 --out out/demo
+
+arms: $(VENV)/.sims
+	$(RUN)/dense-vs arms panda ur5e baxter fetch
 
 test: $(VENV)/.dev
 	$(RUN)/python -m pytest

@@ -13,6 +13,7 @@ from dense_vs.errors import DenseVSError
 
 # Commands that need a simulator stand with it; all are named here and imported when the command line is read.
 COMMANDS = {
+    "arms": "dense_vs.sims.cli.arms",
     "depth-eval": "dense_vs.cli.depth_eval",
     "depth-train": "dense_vs.sims.cli.depth_train",
     "estimate": "dense_vs.cli.estimate",

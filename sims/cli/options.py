@@ -16,7 +16,8 @@ def add_world_arguments(parser: argparse.ArgumentParser) -> None:
         "--robot",
         default="arm",
         help="arm (4 joints in 3D), planar (3 joints), upper-body (two arms of 7 joints), upper-body-rake, "
-        "upper-body-vacuum (with a tool), or the path of an MJCF file (default: arm)",
+        "upper-body-vacuum (with a tool), panda, ur5e, baxter, fetch (built by dense-vs arms), or the path of an MJCF "
+        "file (default: arm)",
     )
     parser.add_argument("--joints", metavar="A,B,C", help="joints to use (default: all with a position actuator)")
     parser.add_argument("--camera", help="camera of the model (default: its first)")
