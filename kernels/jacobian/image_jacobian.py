@@ -7,7 +7,7 @@ a pixel's matrix stays in registers; :func:`jacobian_kernels` builds them once f
 Prediction moves the state image along a displacement image v: y = x - v(x), repeated as y = x - v(y).
 Bilinear sampling and the product with dq commute, so on a CPU, where arithmetic is what costs, the two numbers
 of v = J dq are computed once for the image and sampled in place of the columns of the state wherever only the product
-is needed: in the iteration and in the innovation. On a GPU, where moving the state costs more than sampling
+is needed: in the iteration, and in the innovation where the flow always spans one frame. On a GPU, where moving the state costs more than sampling
 it twice, :func:`update_shared_once` does the same without the image of v.
 """
 
@@ -162,22 +162,29 @@ def jacobian_kernels(joints: int, order: int = 1, layout: Layout = "matrices") -
         places: wp.array3d(dtype=wp.int32),
         fractions: wp.array3d(dtype=wp.float32),
         flow_in: wp.array3d(dtype=wp.vec2),
-        model_flow_in: wp.array3d(dtype=wp.vec2),
+        measured_in: wp.array(dtype=StateRow),
         gain_in: wp.array(dtype=StateRow),
         # Out:
         state_out: StateImage,
     ):
-        """State <- moved state + (u - predicted u) K^T, (10) and (12) with one gain K for the image."""
+        """State <- moved state + (u - predicted u) K^T, (10) and (12) with one gain K for the image.
+
+        ``measured_in`` is the row that predicts the flow, which may span more than the frame that the state moves by.
+        """
         world, row, column = wp.tid()
         y = row_begin + row
         width = state_in.shape[2]
         gain = gain_in[world]
+        measured = measured_in[world]
         if column_step == 1:
             find_row_taps(displacement_in, world, y, iterations, row_begin, places, fractions)
         for x in range(column, width, column_step):
             taps = moved_taps(displacement_in, world, x, y, iterations, row_begin, column_step, places, fractions)
             prior = sample_state(state_in, world, taps)
-            error = innovation(flow_in[world, y, x], model_flow_in, world, taps)
+            flow = flow_in[world, y, x]
+            error = wp.vec2(0.0, 0.0)
+            if finite(flow):
+                error = flow - prior * measured
             write_state(state_out, world, y, x, prior + wp.outer(error, gain))
 
     @cache
@@ -195,6 +202,7 @@ def jacobian_kernels(joints: int, order: int = 1, layout: Layout = "matrices") -
             state_in: StateImage,
             regressor_in: wp.array(dtype=StateRow),
             flow_in: wp.array3d(dtype=wp.vec2),
+            measured_in: wp.array(dtype=StateRow),
             gain_in: wp.array(dtype=StateRow),
             # Out:
             state_out: StateImage,
@@ -223,7 +231,7 @@ def jacobian_kernels(joints: int, order: int = 1, layout: Layout = "matrices") -
             prior = sample_state(state_in, world, bilinear_taps(x, y, moved, width, height))
             error = wp.vec2(0.0, 0.0)
             if finite(flow):
-                error = flow - prior * regressor
+                error = flow - prior * measured_in[world]
             write_state(state_out, world, y, x, prior + wp.outer(error, gain_in[world]))
 
         return update_once

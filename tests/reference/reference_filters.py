@@ -126,12 +126,15 @@ class ReferenceJacobian:
         variance = np.diagonal(self.P, axis1=-2, axis2=-1)[..., : self.o.joints]
         return np.broadcast_to(variance, (self.o.height, self.o.width, self.o.joints))
 
-    def update(self, flow, dq):
+    def update(self, flow, dq, span=None):
+        """``span`` is the joint displacement that the flow spans; zeros for a frame that is predicted only."""
         o, u, dq = self.o, np.asarray(flow, dtype=np.float64), np.asarray(dq, dtype=np.float64)
+        span = dq if span is None else np.asarray(span, dtype=np.float64)
         F = self.second.transition(dq) if self.second else np.eye(o.joints)
-        h = self.second.observation(dq) if self.second else dq
+        h = self.second.observation(span) if self.second else span
+        step = self.second.observation(dq) if self.second else dq
         displacement, iterations = {
-            "model": (model_flow(self.state, h @ F), o.prediction_iterations),
+            "model": (model_flow(self.state, step @ F), o.prediction_iterations),
             "flow": (u, 1),
             "none": (None, 0),
         }[o.prediction]
