@@ -34,7 +34,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--every", type=int, default=150, metavar="FRAMES", help="save J every so many frames (default: 150)"
     )
-    parser.add_argument("--flow", default="dis", metavar="METHOD", help="optical flow method (default: dis)")
+    parser.add_argument(
+        "--flow", default="lucas-kanade", metavar="METHOD", help="optical flow method (default: lucas-kanade)"
+    )
     parser.add_argument(
         "--covariance", default="shared", help="shared, diagonal (the paper's), fixed or full (default: shared)"
     )

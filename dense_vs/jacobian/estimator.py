@@ -151,7 +151,8 @@ class DenseJacobian:
             DenseVSError: as for :meth:`update`.
         """
         joint_step = self._joint_step(dq)
-        self.filter.advance(joint_step, self._span(np.zeros_like(joint_step.reshape(np.shape(dq)))))
+        self.filter.advance(joint_step, self._span(np.zeros(np.shape(dq))))
+        self.updates += 1
 
     def predicted_flow(self, dq: Any) -> np.ndarray:
         """The flow J dq that a joint step would cause, float32 ``(H, W, 2)`` [px].

@@ -14,7 +14,7 @@ def estimate_recording(
     recording: Recording,
     *,
     scale: float = 1.0,
-    method: str = "dis",
+    method: str = "lucas-kanade",
     device: str = "auto",
     threads: int | None = None,
     **options: Any,

@@ -19,6 +19,7 @@ from dense_vs.robot.babbling import Babbling
 from dense_vs.robot.protocols import Camera, Robot
 
 LEAST_BODY = 0.01  # share of the image that makes the robot's own pixels count as known
+LEARNT_UPDATES = 30  # after which the babbling's pace comes from J dq
 SAME_SURFACE = 0.5  # relative difference in J below which two pixels count as one surface
 
 
@@ -189,8 +190,15 @@ class ServoLoop:
         return Reach(goal, frames, distance, settled >= settle_frames and not self._lost, self._lost)
 
     def _pacing_flow(self) -> np.ndarray | None:
-        """The last flow, without what is known not to be the robot once the robot itself is known."""
-        flow, body = self.frame.flow, self.pipeline.body
+        """The last frame's image motion: J dq once J is learnt, which neither noise nor others' motion slows down.
+
+        Without what is known not to be the robot, once the robot itself is known.
+        """
+        frame, body = self.frame, self.pipeline.body
+        if frame.dq is None:
+            return None
+        learnt = self.estimator.updates > LEARNT_UPDATES
+        flow = self.estimator.predicted_flow(frame.dq) if learnt else frame.flow
         if flow is None or body is None:
             return flow
         found = body.recognition(self.estimator.jacobian)

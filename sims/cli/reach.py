@@ -36,7 +36,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--max-frames", type=int, default=150, help="frames after which a reach is given up (default: 150)"
     )
     parser.add_argument("--gain", type=float, default=0.2, help="gain k_p of (17) (default: 0.2)")
-    parser.add_argument("--flow", default="dis", metavar="METHOD", help="optical flow method (default: dis)")
+    parser.add_argument(
+        "--flow", default="lucas-kanade", metavar="METHOD", help="optical flow method (default: lucas-kanade)"
+    )
     parser.add_argument("--tracker", default="aligned", help="aligned, fixed_point or paper (15) (default: aligned)")
     parser.add_argument("--no-video", action="store_true", help="do not draw the video")
     add_world_arguments(parser)
