@@ -32,6 +32,9 @@ def add_world_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--compliance", action="store_true", help="joints that are soft, late and read with noise; our robots only"
     )
+    parser.add_argument(
+        "--realism", action="store_true", help="images with noise, flicker and compression, joint readings a frame late"
+    )
     parser.add_argument("--seed", type=int, default=0, help="of textures, posture, motion and targets (default: 0)")
     add_device_arguments(parser)
 
@@ -59,4 +62,5 @@ def make_world(arguments: argparse.Namespace) -> "SimWorld":
         threads=arguments.threads,
         distractor=arguments.distractor,
         compliance=arguments.compliance,
+        realism=arguments.realism,
     )

@@ -21,6 +21,7 @@ from dense_vs.sims.engine.distractor import Distractor, DistractorPath
 from dense_vs.sims.engine.frames import DeviceFrame, Frame
 from dense_vs.sims.engine.physics import Physics, WarpPhysics, history_times, make_physics
 from dense_vs.sims.engine.randomization import DomainRandomization, WorldModels
+from dense_vs.sims.engine.realism import Realism, resolve_realism
 from dense_vs.sims.engine.renderer import Renderer, camera_intrinsics
 from dense_vs.sims.engine.scene import FRAME_SECONDS, Scene, load_scene
 from dense_vs.sims.engine.surface_points import SurfacePoint
@@ -59,6 +60,8 @@ class SimWorld:
             with ``chair`` for the upper body, see :mod:`.distractor`; our robots only.
         samples: rays for a pixel's colour along either side of it, see :mod:`dense_vs.sims.engine.renderer`; unless given
             2 where the model has meshes, whose detail aliases with one, else 1.
+        realism: True, or a :class:`dense_vs.sims.engine.realism.Realism`, for images with noise, flicker and compression
+            and joint readings that are late; images on the device stay clean, and so does the truth.
         compliance: True, or a :class:`.compliance.Compliance`, for joints that are soft, late and read
             with noise, as a tendon-driven robot's; our robots only. The truth stays exact.
 
@@ -83,7 +86,9 @@ class SimWorld:
         randomization: DomainRandomization | None = None,
         physics_on_device: bool = False,
         samples: int | None = None,
+        realism: bool | Realism = False,
     ):
+        self._realism = resolve_realism(realism)
         self._samples = None if samples is None else _whole("samples", samples, 1)
         self._shape = (_whole("worlds", worlds, 1), _whole("height", height, 8), _whole("width", width, 8))
         self._device = resolve_device(device)
@@ -114,6 +119,7 @@ class SimWorld:
         """
         step = self._joint_step(delta)
         self._truth.remember_poses()
+        self._remember_readings()
         self._physics.advance(step)
         self._frame += 1
         self._settle()
@@ -144,8 +150,12 @@ class SimWorld:
     def frame(self) -> Frame:
         """The present image, rendered when first asked for."""
         seen = self.frame_device()
+        rgb = seen.rgb.numpy().copy()
+        if self._realism is not None:
+            for world, image in enumerate(rgb):
+                rgb[world] = self._realism.image(image, _world_rng(self._seed, world, 4, self._frame))
         return Frame(
-            self._out(seen.rgb.numpy().copy()),
+            self._out(rgb),
             self._out(seen.depth.numpy().copy()),
             self._out(seen.ids.numpy().copy()),
             self.time,
@@ -160,12 +170,12 @@ class SimWorld:
 
     def joints(self) -> tuple[np.ndarray, float]:
         """Positions (N,) of the chosen joints [rad], as they are read, and their time [s]."""
-        return self._out(self._read(self._physics.joint_positions()[:, None])[:, -1]), self.time
+        return self._out(self._read(self._late(self._physics.joint_positions()[:, None]))[:, -1]), self.time
 
     def joint_history(self) -> tuple[np.ndarray, np.ndarray]:
         """Times (S,) and positions (S, N) after each physics step of the last frame; S = 1 before the first."""
         history = self._physics.joint_history()
-        return history_times(self._frame, history.shape[1]), self._out(self._read(history))
+        return history_times(self._frame, history.shape[1]), self._out(self._read(self._late(history)))
 
     def true_jacobian(self) -> np.ndarray:
         """Image Jacobian (H, W, 2, N) of the surface point at every pixel [px/rad].
@@ -342,6 +352,7 @@ class SimWorld:
             row[columns] += scene.posture_range * offset
             row[:] = scene.chain.closed(self._physics.models.host(world), row)[0]
         self._physics.reset(qpos)
+        self._readings: list[np.ndarray] = []  # of the frames that joint readings are late by, the oldest first
         self._frame = 0
         self._settle()
         self._truth.remember_poses()
@@ -354,8 +365,26 @@ class SimWorld:
         self._physics.update_poses()
         self._rendered = False
 
+    def _remember_readings(self) -> None:
+        """Keep the joint history of the frame that ends, for readings that come late."""
+        late = 0 if self._realism is None else self._realism.late_frames
+        if late:
+            self._readings = [*self._readings, self._physics.joint_history()][-late:]
+
+    def _late(self, positions: np.ndarray) -> np.ndarray:
+        """Positions (B, S, N) of the present frame, or of that many frames ago; the first ones until there are so many."""
+        if not self._readings:
+            return positions
+        earlier = self._readings[0]
+        count = positions.shape[1]
+        if earlier.shape[1] < count:  # before the first step there is but one
+            return np.repeat(earlier[:, -1:], count, axis=1)
+        return earlier[:, -count:]
+
     def _read(self, positions: np.ndarray) -> np.ndarray:
         """Positions (B, S, N) with the noise of their readings, the same whenever a frame's are asked for."""
+        if self._realism is not None:
+            positions = self._realism.readings(positions)
         if self._compliance is None or not self._compliance.reading_noise:
             return positions.copy()
         worlds, count, joints = positions.shape
