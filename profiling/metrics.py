@@ -3,6 +3,7 @@
 import argparse
 import json
 import platform
+import subprocess
 import sys
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
@@ -112,6 +113,8 @@ def _header() -> dict[str, Any]:
             continue
     return {
         "date": datetime.now(UTC).isoformat(timespec="seconds"),
+        "commit": _commit(),
+        "arguments": sys.argv[1:],
         "machine": {
             "cpu": _cpu_name(),
             "cores": available_cores(),
@@ -120,6 +123,17 @@ def _header() -> dict[str, Any]:
         },
         "versions": versions,
     }
+
+
+def _commit() -> str:
+    """Commit of the code that ran, with a plus where files differ from it; empty outside of a repository."""
+    git = ["git", "-C", str(Path(__file__).parent)]
+    try:
+        commit = subprocess.run([*git, "rev-parse", "HEAD"], capture_output=True, text=True, check=True).stdout.strip()
+        changed = subprocess.run([*git, "status", "--porcelain", "-uno"], capture_output=True, text=True, check=True)
+    except (OSError, subprocess.CalledProcessError):
+        return ""
+    return commit + ("+" if changed.stdout.strip() else "")
 
 
 def _cpu_name() -> str:

@@ -83,7 +83,7 @@ class FlowEstimator:
     """Dense flow by one of OpenCV's methods, or by Warp kernels on all cores or a GPU.
 
     Args:
-        method: ``"lucas-kanade"``, least squares in windows that narrow, the best on plain surfaces (default);
+        method: ``"lucas-kanade"``, least squares in windows that narrow, the best for arms with plain links (default);
             ``"dis"``, dense inverse search down to the full resolution with one step of refinement;
             ``"dis-fast"``, without the refinement; ``"farneback"``, polynomial expansion with a small window;
             ``"farneback-paper"``, window 15, 3 levels, 3 iterations; ``"dis-medium"`` and ``"dis-ultrafast"``,

@@ -19,10 +19,10 @@ from dense_vs.errors import DenseVSError
 from dense_vs.flow.estimator import FlowEstimator, to_gray
 from dense_vs.jacobian.estimator import DenseJacobian
 
-
 BASELINE = 3.0  # px, image motion by J dq at which J is corrected
 MAX_SPAN = 8  # frames after which it is corrected in any case
 FIRST_FRAMES = 10  # each corrects J, which says little yet
+BODY_FLOW = "dis"
 _GRID_STEP = 8  # px, between the points that image motion is looked at
 _MOVING = 0.1  # of the largest motion: points that move less do not count
 
@@ -62,7 +62,8 @@ class FramePipeline:
         estimator: for one world; its size is the size of the images once scaled.
         flow: of the same size; the default method unless given.
         scale: factor on the image size, 0.5 in the paper.
-        body: is fed with every measured motion and J, where one is given; see :meth:`labels`.
+        body: is fed with every measured motion and J, where one is given; see :meth:`labels`. Its flow is that of
+            :data:`BODY_FLOW`, which is sharper at outlines than J's needs to be.
         baseline: image motion at which J is corrected [px]; with 0 it is in every frame, and always where the
             estimator takes no flow that spans several.
 
@@ -99,6 +100,7 @@ class FramePipeline:
             body.fix_size(*size, estimator.options.joints)
         self.scale = scale
         self.body = body
+        self._body_flow = self.flow if body is None else FlowEstimator(BODY_FLOW, *size)
         self.frame: Frame | None = None
 
     def process(self, image: Any, time: float, positions: Any) -> Frame:
@@ -132,6 +134,12 @@ class FramePipeline:
             self.frame = self._follow(last, time, scaled, gray, q)
         return self.frame
 
+    def restart(self) -> None:
+        """Forget J and the last frame; the next one is the first again. What the body was labelled by fades by itself."""
+        self.estimator.reset()
+        self.frame = self._corrected = None
+        self._span_frames = 0
+
     def motion(self, joint_step: np.ndarray) -> float:
         """How fast a joint step ``(N,)`` moves the robot in the image: 95 % of what moves by J dq is slower [px]."""
         moved = np.abs(self.estimator.at(self._grid) @ joint_step).max(axis=1)
@@ -151,7 +159,7 @@ class FramePipeline:
         one_frame = self._span_frames == 1
         self.estimator.update(flow, dq, None if one_frame else span)
         if self.body is not None:
-            self.body.observe(flow, span)
+            self.body.observe(self._body_flow(first.gray, gray), span)
             self.body.submit(self.estimator.jacobian)
         # The images alone are kept, not the frame before, which keeps its own.
         calculate = (lambda: flow) if one_frame else partial(self.flow, last.gray, gray)

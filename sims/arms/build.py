@@ -12,7 +12,6 @@ from collections.abc import Iterable
 from pathlib import Path
 
 import mujoco
-import numpy as np
 
 from dense_vs.errors import DenseVSError
 from dense_vs.files import output_folder

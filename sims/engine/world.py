@@ -58,10 +58,10 @@ class SimWorld:
         distractor: ``"none"``, ``"behind"`` (a moving plate between arm and wall) or ``"front"`` (before
             the arm, covering parts of it); ``"walker-behind"``, ``"walker-next"``, ``"walker-across"`` and the same
             with ``chair`` for the upper body, see :mod:`.distractor`; our robots only.
-        samples: rays for a pixel's colour along either side of it, see :mod:`dense_vs.sims.engine.renderer`; unless given
-            2 where the model has meshes, whose detail aliases with one, else 1.
-        realism: True, or a :class:`dense_vs.sims.engine.realism.Realism`, for images with noise, flicker and compression
-            and joint readings that are late; images on the device stay clean, and so does the truth.
+        samples: rays for a pixel's color along either side of it, see :mod:`.renderer`; unless given 2 where the model
+            has meshes, whose detail aliases with one, else 1.
+        realism: True, or a :class:`.realism.Realism`, for images with noise, flicker and compression and joint readings
+            that are late; images on the device stay clean, and so does the truth.
         compliance: True, or a :class:`.compliance.Compliance`, for joints that are soft, late and read
             with noise, as a tendon-driven robot's; our robots only. The truth stays exact.
 
@@ -372,7 +372,7 @@ class SimWorld:
             self._readings = [*self._readings, self._physics.joint_history()][-late:]
 
     def _late(self, positions: np.ndarray) -> np.ndarray:
-        """Positions (B, S, N) of the present frame, or of that many frames ago; the first ones until there are so many."""
+        """Positions (B, S, N) of the present frame, or of as many frames ago as readings are late; at first, of fewer."""
         if not self._readings:
             return positions
         earlier = self._readings[0]

@@ -28,12 +28,21 @@ def median_error(flow):
     return np.median(np.linalg.norm(flow - MOVED, axis=2)[INNER])
 
 
-def test_a_plain_surface_moves_as_what_little_is_seen_on_it():
-    image = picture(np.random.default_rng(0), 2.0)
+def test_faint_texture_is_enough():
+    """A standard deviation of 3 of 255 gray levels, which rounding to whole levels spoils a little."""
+    image = picture(np.random.default_rng(0), 3.0)
+    assert median_error(LucasKanade()(as_image(image), as_image(moved(image)))) < 0.08
+
+
+def test_a_plain_stripe_between_textured_ones_moves_with_them():
+    image = picture(np.random.default_rng(3), 20.0)
+    image[:, 56:72] = 128.0  # 16 px without any texture: nothing there to search for
     before, now = as_image(image), as_image(moved(image))
-    assert median_error(LucasKanade()(before, now)) < 0.08
-    # What it is the default for: the other default settings miss most of such a motion.
-    assert median_error(FlowEstimator("dis", 96, 128)(before, now)) > 2 * median_error(LucasKanade()(before, now))
+    plain = (slice(20, -20), slice(60, 68))
+    error = np.linalg.norm(LucasKanade()(before, now) - MOVED, axis=2)[plain]
+    searched = np.linalg.norm(FlowEstimator("dis", 96, 128)(before, now) - MOVED, axis=2)[plain]
+    assert np.median(error) < 0.2
+    assert np.median(error) < np.median(searched)
 
 
 def test_flicker_is_no_motion():

@@ -6,6 +6,7 @@ import pytest
 from dense_vs.errors import DenseVSError
 from dense_vs.sims import SimWorld
 from dense_vs.sims.engine.realism import Realism
+from dense_vs.sims.papers.dije.reaching import ReachingExperiment
 
 SIZE = {"device": "cpu", "height": 48, "width": 64}
 NOTHING = {"noise": 0.0, "flicker": 0.0, "jpeg_quality": None, "late_frames": 0}
@@ -102,3 +103,21 @@ def test_refuses_options_out_of_range(options, message):
 def test_refuses_what_is_no_realism():
     with pytest.raises(DenseVSError, match="realism"):
         SimWorld("planar", realism="much", **SIZE)
+
+
+def learnt(late, **options):
+    """Loop and median error of J after 8 s of babbling with readings that many frames late."""
+    realism = Realism(**{**NOTHING, "late_frames": late})
+    world = SimWorld("planar", seed=5, device="cpu", height=120, width=160, realism=realism)
+    experiment = ReachingExperiment(world, seed=5, babble_seconds=8.0, **options)
+    return experiment.loop, experiment.learn().median
+
+
+def test_the_loop_finds_how_late_readings_are_and_learns_as_well():
+    on_time, least = learnt(0)
+    assert on_time.joint_delay == 0.0
+    _, unaware = learnt(1, joint_delay=0.0)
+    for late in (1, 2):
+        loop, error = learnt(late)
+        assert loop.joint_delay * 30 == pytest.approx(late, abs=0.3)
+        assert error < min(1.3 * least, 0.8 * unaware)
