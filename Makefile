@@ -2,8 +2,10 @@
 PYTHON ?= python3
 VENV ?= .venv
 RUN := $(VENV)/bin
+# A module's tests stay together, as its fixtures are costly; 'make test TESTS=tests/kernels' runs some of them.
+TESTS ?= -n 2 --dist loadscope
 
-.PHONY: demo arms test check bench clean
+.PHONY: demo arms test check docs bench clean
 .DELETE_ON_ERROR:
 
 demo: $(VENV)/.sims
@@ -13,19 +15,23 @@ arms: $(VENV)/.sims
 	$(RUN)/dense-vs arms panda ur5e baxter fetch
 
 test: $(VENV)/.dev
-	$(RUN)/python -m pytest
+	$(RUN)/python -m pytest $(TESTS)
 
 check: $(VENV)/.dev
 	$(RUN)/ruff check .
 	$(RUN)/ruff format --check .
 	$(RUN)/pyright --pythonpath $(RUN)/python
 
+docs: $(VENV)/.docs
+	$(RUN)/python -m sphinx -W --keep-going -q -b html docs docs/_build/html
+	@echo "open docs/_build/html/index.html"
+
 bench: $(VENV)/.bench
 	$(RUN)/python profiling/peers.py
 	$(RUN)/python profiling/frame_budget.py
 
 clean:
-	rm -rf $(VENV) build dist out *.egg-info
+	rm -rf $(VENV) build dist out docs/_build *.egg-info
 
 $(VENV)/bin/python:
 	@sh tools/make_venv.sh $(PYTHON) $(VENV)
@@ -40,6 +46,11 @@ $(VENV)/.dev: pyproject.toml constraints.txt | $(VENV)/bin/python
 	@echo "installing everything that tests need (first run only, about two minutes)"
 	$(RUN)/python -m pip install --quiet -c constraints.txt -e ".[sims,viz,vos,dev]"
 	@touch $@ $(VENV)/.sims
+
+$(VENV)/.docs: $(VENV)/.dev
+	@echo "installing what the documentation is built with"
+	$(RUN)/python -m pip install --quiet -c constraints.txt -e ".[docs]"
+	@touch $@
 
 $(VENV)/.bench: $(VENV)/.dev
 	@echo "installing what profiling/ compares with (PyTorch among it)"

@@ -13,7 +13,7 @@ Flow = Callable[[np.ndarray, np.ndarray], np.ndarray]
 
 
 def candidates(scan: bool) -> dict[str, Flow]:
-    """Flow functions of (present, previous) grey images by name: the library's methods, and the scan's."""
+    """Flow functions of (present, previous) gray images by name: the library's methods, and the scan's."""
     found = {name: make() for name, make in METHODS.items()}
     if scan:
         found |= dict(_dis_scan())
@@ -43,14 +43,14 @@ def dis(
     return lambda present, previous: method.calc(present, previous, None)  # an array would be the flow to begin with
 
 
-def farneback(window: int, levels: int, iterations: int, neighbourhood: int = 5) -> Flow:
+def farneback(window: int, levels: int, iterations: int, neighborhood: int = 5) -> Flow:
     """Polynomial expansion."""
-    sigma = 1.1 if neighbourhood == 5 else 1.5
+    sigma = 1.1 if neighborhood == 5 else 1.5
 
     def calculate(present: np.ndarray, previous: np.ndarray) -> np.ndarray:
         flow = np.empty((*present.shape, 2), dtype=np.float32)
         return cv2.calcOpticalFlowFarneback(
-            present, previous, flow, 0.5, levels, window, iterations, neighbourhood, sigma, 0
+            present, previous, flow, 0.5, levels, window, iterations, neighborhood, sigma, 0
         )
 
     return calculate
@@ -79,4 +79,4 @@ def _dis_scan() -> Iterator[tuple[str, Flow]]:
 def _farneback_scan() -> Iterator[tuple[str, Flow]]:
     for window, levels, iterations in ((7, 2, 1), (9, 2, 1), (9, 2, 2), (11, 2, 2), (11, 3, 1), (13, 2, 1)):
         yield f"farneback {window} {levels} {iterations}", farneback(window, levels, iterations)
-    yield "farneback 11 2 1, neighbourhood 7", farneback(11, 2, 1, 7)
+    yield "farneback 11 2 1, neighborhood 7", farneback(11, 2, 1, 7)

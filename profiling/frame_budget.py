@@ -22,7 +22,7 @@ from dense_vs.device import resolve_device
 from dense_vs.flow.estimator import METHODS
 from dense_vs.view.tables import table
 
-STAGES = ("grey", "flow", "joint step", "update", "at and tracking", "servo")
+STAGES = ("gray", "flow", "joint step", "update", "at and tracking", "servo")
 PARTS = {"update": ("gain", "predicted flow", "correction")}
 LEARNING = 20  # frames before the point is defined, as J has to be something
 WARMUP = 3
@@ -87,7 +87,7 @@ def stage_times(
     loop.define_point(tip)
     clock = StageClock(lambda: wp.synchronize_device(device))
     with clock.installed():
-        clock.wrap(dense_vs.pipeline.frame_pipeline, "to_gray", "grey")
+        clock.wrap(dense_vs.pipeline.frame_pipeline, "to_gray", "gray")
         clock.wrap(loop.pipeline, "flow", "flow")
         clock.wrap(loop.robot, "joints", "joint step")
         clock.wrap(loop._buffer, "add", "joint step")

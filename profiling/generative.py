@@ -4,7 +4,7 @@
 
 T = 50 samples of a 6-joint arm, 2 cameras, 12 features, as in the paper's Table 3; each round has an arm of its own.
 Learning is timed in seconds of the one core (CPU time), which other work on the machine hardly changes. PyTorch gets
-the published 200 iterations a stage in both readings, as quasi-Newton steps and as calls of its optimiser's ``step``;
+the published 200 iterations a stage in both readings, as quasi-Newton steps and as calls of its optimizer's ``step``;
 after the former it goes on until it is as good as ours or its time is up.
 """
 
@@ -55,7 +55,7 @@ def _ratio(peers: list, name: str, ours: list[float]) -> float:
 def main() -> None:
     """Measure and report."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--rounds", type=int, default=3, help="arms learnt by both (default: 3)")
+    parser.add_argument("--rounds", type=int, default=3, help="arms learned by both (default: 3)")
     parser.add_argument("--patience", type=float, default=20.0, help="CPU seconds of PyTorch an arm (default: 20)")
     add_report_arguments(parser)
     arguments = parser.parse_args()

@@ -2,33 +2,15 @@
 
 import argparse
 import json
-import platform
-import subprocess
 import sys
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
-from datetime import UTC, datetime
-from importlib import metadata
 from pathlib import Path
 from typing import Any, Literal
 
-import warp as wp
-
-from dense_vs.files import atomic_write
-from dense_vs.kernels.launch import available_cores
+from dense_vs.files import write_json
+from dense_vs.view.provenance import provenance
 from dense_vs.view.tables import table
-
-PACKAGES = (
-    "dense-vs",
-    "mujoco",
-    "mujoco-warp",
-    "numpy",
-    "opencv-python-headless",
-    "scipy",
-    "taichi",
-    "warp-lang",
-)
-
 
 RATIO_UNITS = ("x", "1")
 
@@ -64,7 +46,7 @@ def add_report_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def report(metrics: Sequence[Metric], arguments: argparse.Namespace) -> int:
-    """Print the metrics, write them where ``--json`` says with machine, versions and date, hold them to ``--gate``.
+    """Print the metrics, write them where ``--json`` says with what they were made by and on, hold them to ``--gate``.
 
     Returns:
         the exit code: 1 where the gate is not passed.
@@ -72,10 +54,8 @@ def report(metrics: Sequence[Metric], arguments: argparse.Namespace) -> int:
     rows = [[m.name, f"{m.value:.4g}", m.unit, m.better] for m in metrics]
     print("\n" + table(("metric", "value", "unit", "better"), rows))
     if arguments.json is not None:
-        content = {**_header(), "metrics": [asdict(metric) for metric in metrics]}
-        with atomic_write(arguments.json, "w") as stream:
-            json.dump(content, stream, indent=2)
-            stream.write("\n")
+        origin = provenance(arguments, leave_out=("json", "gate"))
+        write_json(arguments.json, {**origin, "metrics": [asdict(metric) for metric in metrics]})
     if arguments.gate is None:
         return 0
     baseline = {metric["name"]: metric for metric in json.loads(arguments.gate.read_text())["metrics"]}
@@ -102,44 +82,3 @@ def regressions(metrics: Sequence[Metric], baseline: dict[str, dict[str, Any]]) 
         if not good:
             lines.append(f"{metric.name}: {metric.value:.4g}, was {before:.4g}, tolerance {metric.tolerance:.0%}")
     return lines
-
-
-def _header() -> dict[str, Any]:
-    versions = {"python": platform.python_version()}
-    for package in PACKAGES:
-        try:
-            versions[package] = metadata.version(package)
-        except metadata.PackageNotFoundError:
-            continue
-    return {
-        "date": datetime.now(UTC).isoformat(timespec="seconds"),
-        "commit": _commit(),
-        "arguments": sys.argv[1:],
-        "machine": {
-            "cpu": _cpu_name(),
-            "cores": available_cores(),
-            "gpus": [device.name for device in wp.get_cuda_devices()],
-            "system": platform.platform(),
-        },
-        "versions": versions,
-    }
-
-
-def _commit() -> str:
-    """Commit of the code that ran, with a plus where files differ from it; empty outside of a repository."""
-    git = ["git", "-C", str(Path(__file__).parent)]
-    try:
-        commit = subprocess.run([*git, "rev-parse", "HEAD"], capture_output=True, text=True, check=True).stdout.strip()
-        changed = subprocess.run([*git, "status", "--porcelain", "-uno"], capture_output=True, text=True, check=True)
-    except (OSError, subprocess.CalledProcessError):
-        return ""
-    return commit + ("+" if changed.stdout.strip() else "")
-
-
-def _cpu_name() -> str:
-    """The processor's model where Linux tells it."""
-    try:
-        lines = Path("/proc/cpuinfo").read_text().splitlines()
-    except OSError:
-        return platform.processor() or platform.machine()
-    return next((line.split(":", 1)[1].strip() for line in lines if line.startswith("model name")), platform.machine())

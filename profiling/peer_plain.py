@@ -1,7 +1,7 @@
 """The dense Kalman filter as DIJE's equations read, in NumPy: J is (H, W, 2, N), joints innermost.
 
 This is what one writes from the paper, with the ``interpn`` that it names, or with fancy indexing in its place. The
-plane-wise versions beside it (``peer_scipy.py``, ``peer_numpy.py``) are what NumPy is fastest with.
+plane-wise versions beside it (``peer_scipy.py``, ``peer_numpy.py``) are faster.
 """
 
 from abc import ABC, abstractmethod

@@ -1,12 +1,13 @@
 """The generative model's three stages in plain PyTorch: autograd and torch.optim.LBFGS, as the paper says it was done.
 
-Losses (2), (4) and (6), DH parameters with a base and no tool transform, poses of the samples free in the first stage,
-minibatches before the whole data in the second and third, all as published. Vectorised over samples, cameras and
-features, float64, strong Wolfe line search. The start is the same triangulated reconstruction that ours begins with.
+Losses Gothoskar (2), Gothoskar (4) and Gothoskar (6), DH parameters with a base and no tool transform, poses of the
+samples free in the first stage, minibatches before the whole data in the second and third, all as published. Vectorized
+over samples, cameras and features, float64, strong Wolfe line search. The start is the same triangulated reconstruction
+that ours begins with.
 
-The paper gives each stage 200 iterations. Whoever counts quasi-Newton steps reads that as :data:`STEPS`, whoever counts
-calls of ``optimizer.step``, which in PyTorch are up to 20 of them, as :data:`CALLS`; both stop early at PyTorch's
-default tolerances.
+The paper gives each stage 200 iterations. Counted as quasi-Newton steps that is :data:`STEPS`; counted as calls of
+``optimizer.step``, each up to 20 such steps in PyTorch, it is :data:`CALLS`. Both stop early at PyTorch's default
+tolerances.
 """
 
 import time
@@ -92,7 +93,7 @@ def project(
     return points[..., :2] / points[..., 2:] * intrinsics[:, None, :2] + intrinsics[:, None, 2:]
 
 
-def minimise(
+def minimize(
     parameters: list[torch.Tensor],
     loss_of: Callable[[torch.Tensor], torch.Tensor],
     samples: int,
@@ -104,7 +105,7 @@ def minimise(
         parameter.requires_grad_(True)
 
     def run(batch: torch.Tensor, steps: int) -> None:
-        optimiser = torch.optim.LBFGS(
+        optimizer = torch.optim.LBFGS(
             parameters,
             max_iter=steps,
             max_eval=int(budget.evaluations * steps),
@@ -113,12 +114,12 @@ def minimise(
         )
 
         def closure() -> torch.Tensor:
-            optimiser.zero_grad()
+            optimizer.zero_grad()
             loss = loss_of(batch)
             loss.backward()
             return loss
 
-        optimiser.step(closure)
+        optimizer.step(closure)
 
     last = budget.last
     if generator is None:
@@ -188,7 +189,7 @@ def fit(
 
     samples = len(joints)
     shared = [features, turns, shifts, inner]
-    minimise([pose_turn, pose_shift, *shared], lambda b: pixel_loss(poses_of(b), b), samples, budget)
+    minimize([pose_turn, pose_shift, *shared], lambda b: pixel_loss(poses_of(b), b), samples, budget)
     with torch.no_grad():
         targets = poses_of(torch.arange(samples))
     base_turn = tensor(rng.normal(size=3))
@@ -204,12 +205,12 @@ def fit(
         difference = chain(base_turn, base_shift, table, angles[batch]) - targets[batch]
         return (difference.square().sum((1, 2)) + 1e-18).sqrt().sum()
 
-    minimise(kinematics, pose_loss, samples, budget, generator)
+    minimize(kinematics, pose_loss, samples, budget, generator)
 
     def end_to_end(batch: torch.Tensor) -> torch.Tensor:
         return pixel_loss(chain(base_turn, base_shift, table, angles[batch]), batch)
 
-    minimise([*kinematics, *shared], end_to_end, samples, budget, generator)
+    minimize([*kinematics, *shared], end_to_end, samples, budget, generator)
 
     def mean_error() -> float:
         with torch.no_grad():
@@ -220,6 +221,6 @@ def fit(
     seconds, error = time.process_time() - started, mean_error()
     spent, reached = seconds, error
     while reached > goal_px and spent < patience_s:
-        minimise([*kinematics, *shared], end_to_end, samples, STEPS)
+        minimize([*kinematics, *shared], end_to_end, samples, STEPS)
         spent, reached = time.process_time() - started, mean_error()
     return TorchFit(seconds, error, spent, reached <= goal_px)

@@ -1,16 +1,17 @@
-"""Write the README's table of measured figures from the committed results, so that none is typed by hand.
+"""Write the tables of measured figures from the committed results, so that none is typed by hand.
 
     python profiling/readme_table.py [--check]
 
-``--check`` changes nothing and exits 1 where the README differs from the results.
+The README holds a few of them between its markers, ``docs/performance.md`` all. ``--check`` changes nothing and exits
+1 where one of the two differs from the results.
 """
 
 import argparse
-import json
 import sys
 from pathlib import Path
 
-from readme_experiments import experiment_lines, summary_lines
+from readme_experiments import experiment_lines, few_experiment_lines, summary_lines
+from results_file import Result
 
 ROOT = Path(__file__).parent.parent
 BEGIN, END = "<!-- measured: begin -->", "<!-- measured: end -->"
@@ -22,134 +23,168 @@ ACCURACY = (
 )
 MODES = {
     "default": "default",
-    "default, order 1": "without the image Hessian",
+    "default, order 1": "without the image Hessian (order 1)",
     "diagonal (9)-(11), model (14)": "paper: (9)-(11), (14)",
     "Hosoda (12), model (14)": "Hosoda: (12), (14)",
 }
-SPEED = (
-    ("predict_update_vs_scipy", "the paper's equations with SciPy's `interpn`", 1),
-    ("predict_update_vs_scipy_planes", "plane-wise NumPy, its fastest form, with `interpn`", 1),
-    ("predict_update_vs_numpy", "the equations in NumPy", 1),
-    ("predict_update_vs_opencv", "OpenCV's `remap` and plane-wise NumPy", 1),
-    ("predict_update_vs_taichi", "Taichi", 1),
-    ("predict_update_vs_torch", "PyTorch", 1),
-)
+PEERS = {
+    "predict_update_vs_scipy": "the paper's equations with SciPy's `interpn`",
+    "predict_update_vs_numpy": "the equations in NumPy, joints innermost",
+    "predict_update_vs_scipy_planes": "planes in NumPy, prediction by SciPy's `interpn`",
+    "predict_update_vs_numpy_planes": "planes in NumPy alone",
+    "predict_update_vs_opencv": "planes in NumPy, prediction by OpenCV's `remap`",
+    "predict_update_vs_taichi": "Taichi",
+    "predict_update_vs_torch": "PyTorch",
+}
+FRAME_PEERS = {
+    "frame_vs_paper_without_labels": "the paper's whole frame (Farneback, `interpn`), labels on neither side",
+    "frame_vs_paper_with_labels": "the same with labels on both sides",
+}
 FRAME = (
-    ("predict_update_default_ms", "predict and update in the default mode [ms]", 2),
-    ("frame_fps_320x240", "whole frame (flow, update, tracking, servo) at 320x240 [fps]", 0),
-    ("frame_fps_640x480", "whole frame at 640x480 [fps]", 0),
+    ("peers", "predict_update_default_ms", "predict and update in the default mode (order 2) [ms]", 2),
+    ("frame_budget", "frame_fps_320x240", "whole frame (flow, update, tracking, servo) at 320x240 [fps]", 0),
+    ("frame_budget", "frame_fps_640x480", "whole frame at 640x480 [fps]", 0),
 )
 
+LOOP, ONE, ROOFLINE = "closed_loop_h200", "closed_loop_h200_one", "roofline_h200"
+WORLDS = "1024 worlds, cuda:0"
 BATCH = (
-    ("closed_loop_h200", "closed loop, 1024 worlds, cuda:0", "whole loop, 1024 robots [frames/s]", "{:,.0f}"),
-    ("closed_loop_h200", "render, 1024 worlds, cuda:0", "of that per frame of all: rendering [ms]", "{:.1f}"),
-    ("closed_loop_h200", "flow, 1024 worlds, cuda:0", "optical flow [ms]", "{:.1f}"),
-    ("closed_loop_h200", "update, 1024 worlds, cuda:0", "predict and update [ms]", "{:.1f}"),
-    ("closed_loop_h200", "physics, 1024 worlds, cuda:0", "physics [ms]", "{:.1f}"),
-    ("closed_loop_h200", "device memory, 1024 worlds, cuda:0", "memory [GiB]", "{:.1f}"),
+    (LOOP, f"closed loop, {WORLDS}", "whole loop with order 1, 1024 robots [frames/s]", "{:,.0f}"),
+    (LOOP, "J error after babbling, median, cuda:0", "its J error after babbling, median of 4 robots", "{:.2f}"),
+    (LOOP, f"render, {WORLDS}", "of a frame of all robots: rendering [ms]", "{:.1f}"),
+    (LOOP, f"flow, {WORLDS}", "optical flow [ms]", "{:.1f}"),
+    (LOOP, f"update, {WORLDS}", "predict and update, order 1 [ms]", "{:.1f}"),
+    (LOOP, f"physics, {WORLDS}", "physics [ms]", "{:.1f}"),
+    (LOOP, f"device memory, {WORLDS}", "memory [GiB]", "{:.1f}"),
     (
-        "closed_loop_h200",
-        "share of reaches within 3 px, 1024 worlds, cuda:0",
+        LOOP,
+        f"share of reaches within 3 px, {WORLDS}",
         "reaches that end within 3 px of a random target by the simulator's truth",
         "{:.1%}",
     ),
+    (ONE, "image to command, 1 worlds, cuda:0", "one robot, order 1: from image to command [ms]", "{:.2f}"),
     (
-        "closed_loop_h200_one",
-        "image to command, 1 worlds, cuda:0",
-        "one robot: from image to command [ms]",
-        "{:.2f}",
-    ),
-    (
-        "roofline_h200",
+        ROOFLINE,
         "share_of_copy_rate, shared, order 1, 512 worlds, cuda:0",
-        "predict and update, 512 worlds: share of the copy rate",
+        "predict and update with order 1, 512 worlds: share of the copy rate",
         "{:.2f}",
     ),
-    ("roofline_h200", "share_of_copy_rate, shared, order 2, 512 worlds, cuda:0", "the same with order 2", "{:.2f}"),
+    (ROOFLINE, "share_of_copy_rate, shared, order 2, 512 worlds, cuda:0", "the same with order 2", "{:.2f}"),
 )
 
 
-def load(name: str) -> tuple[dict, dict[str, float]]:
-    """Header and values by name of a result file."""
-    content = json.loads((ROOT / "profiling" / "results" / f"{name}.json").read_text(encoding="utf-8"))
-    return content, {metric["name"]: metric["value"] for metric in content["metrics"]}
-
-
-def measured() -> str:
-    """The section's text."""
-    header, accuracy = load("accuracy")
-    lines = [
-        f"Accuracy after 10 s of babbling at 30 fps, 320x240, 2 robots x 5 seeds, mean (worst) of the medians of "
-        f"||J - J*|| / ||J*|| (`profiling/accuracy.py`, {header['date'][:10]}):",
-        "",
-        "| | " + " | ".join(MODES.values()) + " |",
-        "|---|" + "---|" * len(MODES),
-    ]
-    for pattern, text in ACCURACY:
-        cells = []
-        for mode in MODES:
-            name = pattern.format(mode=mode)
-            cells.append(f"{accuracy[name + ': mean']:.3f} ({accuracy[name + ': worst']:.3f})")
-        lines.append(f"| {text} | " + " | ".join(cells) + " |")
-    reaches = round(accuracy["reaches"])
-    close = round(accuracy["reaches"] * accuracy["reaches below 2 px"])
+def everything() -> str:
+    """All figures, for the page on performance."""
+    lines = [*_accuracy(), "", *_speed(), "", *_batch(), ""]
     lines += [
-        "",
-        f"Reaches after that: {close} of {reaches} end within 2 px by the simulator's truth, "
-        f"median {accuracy['reach error, median']:.2f} px, worst {accuracy['reach error, worst']:.2f} px, "
-        f"in {accuracy['reach frames, median']:.0f} frames (median).",
-        "",
-    ]
-    header, speed = load("frame_budget")
-    speed |= load("peers")[1]
-    machine, warp = header["machine"], header["versions"]["warp-lang"]
-    lines += [
-        f"Speed on {machine['cores']} cores of an {machine['cpu']}, 4 joints, interleaved in one run, medians "
-        f"(`profiling/peers.py`, `profiling/frame_budget.py`, {header['date'][:10]}, Warp {warp}):",
-        "",
-        "| predict and update, diagonal form: times as fast as | steady loop | caches emptied before each call |",
-        "|---|---|---|",
-    ]
-    cold = load("peers_cold")[1]
-    lines += [f"| {text} | {speed[name]:.{digits}f} | {cold[name]:.{digits}f} |" for name, text, digits in SPEED]
-    lines += ["", "| | |", "|---|---|"]
-    lines += [f"| {text} | {speed[name]:.{digits}f} |" for name, text, digits in FRAME]
-    header = load("closed_loop_h200")[0]
-    lines += [
-        "",
-        f"Many robots on one {header['machine']['gpus'][0]}, 320x240, 4 joints, links, textures, lights and cameras "
-        f"all different (`profiling/closed_loop.py`, `profiling/roofline.py`, {header['date'][:10]}):",
-        "",
-        "| | |",
-        "|---|---|",
-    ]
-    lines += [f"| {text} | {form.format(load(file)[1][name])} |" for file, name, text, form in BATCH]
-    lines += [
-        "",
         "Arms and objects, on seeds that nothing was tuned on; one figure a seed or that of all (`dense-vs reproduce "
         "... --json`, gathered by `profiling/experiments.py`):",
         "",
         *experiment_lines(),
         "",
-        *summary_lines(*(load(name)[1] for name in ("segmentation", "reducers", "generative"))),
+        *summary_lines(*(Result(name) for name in ("segmentation", "reducers", "generative"))),
     ]
     return "\n".join(lines)
 
 
+def few() -> str:
+    """The figures that a newcomer asks for first."""
+    accuracy, budget, peers, loop = (Result(name) for name in ("accuracy", "frame_budget", "peers", LOOP))
+    strongest = min((peers[name], text) for name, text in PEERS.items() if name in peers.values)
+    lines = [
+        "| | |",
+        "|---|---|",
+        "| J error after 10 s of babbling, mean of 10 simulated robots (the paper's filter) | "
+        f"{accuracy['J error, default, estimated flow, median: mean']:.3f} "
+        f"({accuracy['J error, diagonal (9)-(11), model (14), estimated flow, median: mean']:.3f}) |",
+        f"| reaches within 2 px by the simulator's truth | {_reaches(accuracy)} |",
+        f"| whole frame at 320x240 on {budget.content['machine']['cores']} CPU cores [fps] | "
+        f"{budget['frame_fps_320x240']:.0f} |",
+        "| predict and update, times as fast as the paper's equations with SciPy | "
+        f"{peers['predict_update_vs_scipy']:.1f} |",
+        f"| times as fast as the strongest of {sum(name in peers.values for name in PEERS)} peers ({strongest[1]}) | "
+        f"{strongest[0]:.1f} |",
+        f"| 1024 robots on one {loop.content['machine']['gpus'][0]}, order 1 (J error "
+        f"{loop['J error after babbling, median, cuda:0']:.2f}) [frames/s] | {loop[f'closed loop, {WORLDS}']:,.0f} |",
+        *few_experiment_lines(),
+    ]
+    return "\n".join([*lines, "", "[All figures, and what they were measured on](docs/performance.md)."])
+
+
+def _reaches(accuracy: Result) -> str:
+    total = round(accuracy["reaches"])
+    return f"{round(total * accuracy['reaches below 2 px'])} of {total}"
+
+
+def _accuracy() -> list[str]:
+    accuracy = Result("accuracy")
+    lines = [
+        "Accuracy after 10 s of babbling at 30 fps, 320x240, 2 robots x 5 seeds, mean (worst) of the medians of "
+        f"||J - J*|| / ||J*|| (`profiling/accuracy.py`; {accuracy.origin()}):",
+        "",
+        "| | " + " | ".join(MODES.values()) + " |",
+        "|---|" + "---|" * len(MODES),
+    ]
+    for pattern, text in ACCURACY:
+        names = [pattern.format(mode=mode) for mode in MODES]
+        cells = [f"{accuracy[name + ': mean']:.3f} ({accuracy[name + ': worst']:.3f})" for name in names]
+        lines.append(f"| {text} | " + " | ".join(cells) + " |")
+    return [
+        *lines,
+        "",
+        f"Reaches after that: {_reaches(accuracy)} end within 2 px by the simulator's truth, "
+        f"median {accuracy['reach error, median']:.2f} px, worst {accuracy['reach error, worst']:.2f} px, "
+        f"in {accuracy['reach frames, median']:.0f} frames (median).",
+    ]
+
+
+def _speed() -> list[str]:
+    peers, cold = Result("peers"), Result("peers_cold")
+    lines = [
+        "Speed with 4 joints at 320x240, all implementations in turn in one run, medians (`profiling/peers.py`; "
+        f"{peers.origin()}). Predict and update is the paper's diagonal form on every side:",
+        "",
+        "| predict and update: times as fast as | steady loop | caches emptied before each call |",
+        "|---|---|---|",
+    ]
+    for name, text in PEERS.items():
+        if name in peers.values:
+            lines.append(f"| {text} | {peers[name]:.1f} | {cold[name]:.1f} |")
+    lines += ["", "| whole frame: times as fast as | |", "|---|---|"]
+    lines += [f"| {text} | {peers[name]:.1f} |" for name, text in FRAME_PEERS.items() if name in peers.values]
+    lines += ["", f"`profiling/frame_budget.py`; {Result('frame_budget').origin()}:", "", "| | |", "|---|---|"]
+    return lines + [f"| {text} | {Result(file)[name]:.{digits}f} |" for file, name, text, digits in FRAME]
+
+
+def _batch() -> list[str]:
+    return [
+        "Many robots on one GPU, 320x240, 4 joints, links, textures, lights and cameras all different "
+        f"(`profiling/closed_loop.py`, `profiling/roofline.py`; {Result(LOOP).origin()}). Order 1 is the filter "
+        "without the image Hessian, which is faster and less accurate than the default:",
+        "",
+        "| | |",
+        "|---|---|",
+        *(f"| {text} | {form.format(Result(file)[name])} |" for file, name, text, form in BATCH),
+    ]
+
+
 def main() -> int:
     """Run the command."""
-    parser = argparse.ArgumentParser(description="Write the README's measured figures from profiling/results.")
-    parser.add_argument("--check", action="store_true", help="change nothing; exit 1 where the README differs")
+    parser = argparse.ArgumentParser(description="Write the tables of measured figures from profiling/results.")
+    parser.add_argument("--check", action="store_true", help="change nothing; exit 1 where a table differs")
     arguments = parser.parse_args()
-    path = ROOT / "README.md"
-    text = path.read_text(encoding="utf-8")
-    before, rest = text.split(BEGIN)
-    _, after = rest.split(END)
-    wanted = f"{before}{BEGIN}\n{measured()}\n{END}{after}"
-    if arguments.check:
-        return int(wanted != text)
-    path.write_text(wanted, encoding="utf-8")
-    return 0
+    stale = 0
+    for path, figures in ((ROOT / "README.md", few()), (ROOT / "docs" / "performance.md", everything())):
+        text = path.read_text(encoding="utf-8")
+        before, rest = text.split(BEGIN)
+        _, after = rest.split(END)
+        wanted = f"{before}{BEGIN}\n{figures}\n{END}{after}"
+        if wanted == text:
+            continue
+        stale = 1
+        if not arguments.check:
+            path.write_text(wanted, encoding="utf-8")
+    return stale if arguments.check else 0
 
 
 if __name__ == "__main__":

@@ -2,7 +2,7 @@
 
     python profiling/reducers.py --json profiling/results/reducers.json
 
-NumPy computes the same from the coordinates of the set pixels, its fastest form; for the labelled image region by
+NumPy computes the same from the coordinates of the set pixels, its fastest form; for the labeled image region by
 region with ``bincount``; for overlaps by whole-array logic. OpenCV has moments and box of a mask as two calls.
 """
 
@@ -14,8 +14,9 @@ from interleaved import interleaved, median_ratio
 from metrics import Metric, add_report_arguments, report
 
 from dense_vs.device import resolve_threads
+from dense_vs.kernels.masks.label_reducer import LabelReducer
 from dense_vs.kernels.masks.mask_overlap import OverlapReducer
-from dense_vs.kernels.masks.reducers import LabelReducer, MaskReducer
+from dense_vs.kernels.masks.mask_reducer import MaskReducer
 
 HEIGHT, WIDTH = 480, 640
 CANDIDATES = 36
@@ -71,7 +72,7 @@ def main() -> int:
 
 
 def masks() -> dict[str, np.ndarray]:
-    """Masks by name: a centred object, the same with specks of clutter, and every other pixel at random."""
+    """Masks by name: a centered object, the same with specks of clutter, and every other pixel at random."""
     rng = np.random.default_rng(0)
     disc = np.zeros((HEIGHT, WIDTH), dtype=np.uint8)
     cv2.ellipse(disc, (310, 250), (150, 90), 20, 0, 360, 1, -1)
@@ -86,12 +87,12 @@ def masks() -> dict[str, np.ndarray]:
 def numpy_moments(mask: np.ndarray) -> tuple:
     """Area, centroid, box, second moments and border contact."""
     y, x = np.nonzero(mask)
-    centre_x, centre_y = x.mean(), y.mean()
+    center_x, center_y = x.mean(), y.mean()
     box = x.min(), y.min(), x.max(), y.max()
-    dx, dy = x - centre_x, y - centre_y
+    dx, dy = x - center_x, y - center_y
     moments = (dx * dx).mean(), (dy * dy).mean(), (dx * dy).mean()
     border = box[0] == 0, box[2] == WIDTH - 1, box[1] == 0, box[3] == HEIGHT - 1
-    return len(x), centre_x, centre_y, box, moments, border
+    return len(x), center_x, center_y, box, moments, border
 
 
 def numpy_labels(labels: np.ndarray, count: int, y: np.ndarray, x: np.ndarray) -> tuple:

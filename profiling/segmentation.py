@@ -1,9 +1,9 @@
-"""How well the few-shot segmenter finds an object in images that it has not learnt from, and how long it takes.
+"""How well the few-shot segmenter finds an object in images that it has not learned from, and how long it takes.
 
     python profiling/segmentation.py --json profiling/results/segmentation.json
 
-Real images are those that VOS-VS annotated by hand, ten of each object: learnt from every second one and asked about
-the others, then the other way round. Simulated ones are the objects of the mobile manipulator: learnt from ten
+Real images are those that VOS-VS annotated by hand, ten of each object: learned from every second one and asked about
+the others, then the other way round. Simulated ones are the objects of the mobile manipulator: learned from ten
 annotated images, asked about ten of other poses, distances and supports. The figure is intersection over union.
 """
 
@@ -36,13 +36,13 @@ class Measured:
     def ask(
         self,
         name: str,
-        learnt: tuple[Sequence[np.ndarray], Sequence[np.ndarray]],
+        learned: tuple[Sequence[np.ndarray], Sequence[np.ndarray]],
         asked: tuple[Sequence[np.ndarray], Sequence[np.ndarray]],
         seed: int,
     ) -> None:
         """Learn from images and masks, then segment others."""
         begun = time.perf_counter()
-        segmenter = FewShotSegmenter(seed=seed).fit(*learnt)
+        segmenter = FewShotSegmenter(seed=seed).fit(*learned)
         self.fit_seconds.append(time.perf_counter() - begun)
         for image, mask in zip(*asked, strict=True):
             segmenter.reset()
@@ -109,10 +109,10 @@ def simulated(names: Sequence[str], seeds: Sequence[int], threads: int | None) -
         for seed in seeds:
             world = MobileWorld(names, seed=seed, threads=threads)
             for name in names:
-                learnt, asked = (
+                learned, asked = (
                     annotate(world, name, np.random.default_rng([seed, part, known.index(name)])) for part in (80, 81)
                 )
-                measured.ask(name, (learnt.images, learnt.masks), (asked.images, asked.masks), seed)
+                measured.ask(name, (learned.images, learned.masks), (asked.images, asked.masks), seed)
                 bar.update()
     return measured.metrics("simulated")
 

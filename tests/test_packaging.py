@@ -80,8 +80,8 @@ def imported_by(statement, folder):
         ("import dense_vs", {"warp", "cv2", "mujoco", "mujoco_warp", "av", "numpy"}),
         ("import dense_vs; dir(dense_vs)", {"warp", "cv2", "mujoco", "numpy"}),
         ("from dense_vs import DenseJacobian, FlowEstimator, JointLog", {"mujoco", "mujoco_warp", "av", "matplotlib"}),
-        ("import dense_vs.cli", {"mujoco", "mujoco_warp", "warp", "cv2"}),
-        ("from dense_vs.cli.main import build_parser; build_parser()", {"mujoco", "mujoco_warp", "matplotlib"}),
+        ("import dense_vs.cli", {"mujoco", "mujoco_warp", "warp", "cv2", "numpy"}),
+        ("import dense_vs.sims.cli.reach, dense_vs.sims.cli.record", {"mujoco", "mujoco_warp", "matplotlib", "av"}),
     ],
 )
 def test_heavy_imports_stand_where_they_are_used(statement, left_out, tmp_path):

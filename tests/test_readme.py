@@ -1,35 +1,20 @@
-"""The README's program does what it says."""
+"""The README's program is an example, and its links lead somewhere."""
 
 import re
-import subprocess
-import sys
 from pathlib import Path
-
-import numpy as np
-import pytest
 
 README = Path(__file__).parent.parent / "README.md"
 
 
-@pytest.fixture(scope="module")
-def first_program():
-    program = re.findall(r"```python\n(.*?)```", README.read_text(encoding="utf-8"), flags=re.DOTALL)[0]
-    names = {}
-    exec(compile(program, "README.md", "exec"), names)
-    return names
+def test_its_program_is_the_example():
+    """The example itself runs in ``test_examples.py``."""
+    program = re.findall(r"```python\n(.*?)```", README.read_text(encoding="utf-8"), flags=re.DOTALL)
+    example = (README.parent / "examples" / "02_reach_a_point.py").read_text(encoding="utf-8")
+    assert program == [example]
 
 
-def test_the_tip_reaches_the_target(first_program):
-    # Dither and 100 frames of motion: within the 2 px that a reach counts by.
-    assert np.hypot(*(first_program["world"].project("tip") - first_program["target"])) < 2.0
-
-
-def test_it_fits_20_lines():
-    program = re.findall(r"```python\n(.*?)```", README.read_text(encoding="utf-8"), flags=re.DOTALL)[0]
-    lines = [line for line in program.splitlines() if line.strip() and not line.startswith(("import", "from"))]
-    assert len(lines) <= 20
-
-
-def test_figures_are_those_of_the_results():
-    script = README.parent / "profiling" / "readme_table.py"
-    assert subprocess.run([sys.executable, str(script), "--check"], check=False).returncode == 0
+def test_pages_it_leads_to_are_there():
+    links = re.findall(r"\]\(([^):#]+)\)", README.read_text(encoding="utf-8"))
+    assert links
+    for link in links:
+        assert (README.parent / link).exists(), link

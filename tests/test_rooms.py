@@ -117,3 +117,87 @@ def test_the_order_of_rooms_has_no_cycle():
         for room, below in table.items():
             assert below <= done, f"{room} stands before what it imports"
             done.add(room)
+
+
+# Inside the generative model, from the ground up; a part imports itself and those above it in this list.
+GENERATIVE_PARTS = [
+    "report",
+    "observations",
+    "rotations",
+    "parameters",
+    "prediction",
+    "least_squares",
+    "reconstruction",
+    "kinematics",
+    "inference",
+    "learning",
+    "model_file",
+    "model",
+]
+
+
+def test_the_parts_of_the_generative_model_import_downward_only():
+    home, wrong = "dense_vs.generative", []
+    for module, file in FILES:
+        part = module.removeprefix(f"{home}.").split(".")[0]
+        if not module.startswith(f"{home}."):
+            continue
+        below = GENERATIVE_PARTS[: GENERATIVE_PARTS.index(part) + 1]
+        for name in imports(file):
+            if name.startswith(f"{home}.") and name.split(".")[2] not in below:
+                wrong.append(f"{module} imports {name}")
+            if name == home:
+                wrong.append(f"{module} imports the face of its own room")
+    assert not wrong
+
+
+LINES_OF_A_FILE, LINES_OF_A_FUNCTION, LINES_OF_A_KERNEL = 400, 80, 120
+# What is still longer than that; nothing may be added.
+TOO_LONG = {
+    "kernels/body/kmeans.py": {"kmeans_kernels"},
+    "kernels/flow/displacement_solution.py": {"solution_kernels"},
+    "kernels/jacobian/image_jacobian.py": {"jacobian_kernels"},
+    "kernels/tracking/patch_alignment.py": {"align_patches_kernel"},
+}
+
+
+def has_kernels(function) -> bool:
+    """Whether it is a Warp kernel or function, or a factory of some."""
+    decorators = (ast.unparse(one) for node in ast.walk(function) for one in getattr(node, "decorator_list", ()))
+    return any(name.startswith(("wp.kernel", "wp.func", "kernel")) for name in decorators)
+
+
+def too_long(file: Path) -> set[str]:
+    """Names of functions that are too long, and "" where the file is."""
+    text = file.read_text(encoding="utf-8")
+    found = {""} if len(text.splitlines()) > LINES_OF_A_FILE else set()
+    for node in ast.walk(ast.parse(text)):
+        if isinstance(node, ast.FunctionDef):
+            most = LINES_OF_A_KERNEL if has_kernels(node) else LINES_OF_A_FUNCTION
+            if node.end_lineno - node.lineno + 1 > most:
+                found.add(node.name)
+    return found
+
+
+@pytest.mark.parametrize("folder", ["dense_vs", "kernels", "sims", "profiling", "tests", "tools", "examples"])
+def test_files_and_functions_fit_a_screen_or_some(folder):
+    files = {file.relative_to(ROOT).as_posix(): file for file in sorted((ROOT / folder).rglob("*.py"))}
+    found = {name: long for name, file in files.items() if (long := too_long(file))}
+    assert not {name: new for name, long in found.items() if (new := long - TOO_LONG.get(name, set()))}
+
+
+def test_every_package_says_its_duty():
+    for module, file in modules():
+        if file.name == "__init__.py":
+            said = ast.get_docstring(ast.parse(file.read_text(encoding="utf-8"))) or ""
+            assert len(said.split()) >= 5, f"{module} does not say what it is for"
+
+
+def test_no_room_names_the_simulator():
+    """Not even in a string: the core finds what is above it by entry points."""
+    for module, file in modules():
+        if module.startswith("dense_vs.sims"):
+            continue
+        for node in ast.walk(ast.parse(file.read_text(encoding="utf-8"))):
+            if isinstance(node, ast.Constant) and isinstance(node.value, str):
+                assert not node.value.startswith("dense_vs.sims"), f"{module}, line {node.lineno}"

@@ -6,11 +6,13 @@ from importlib import import_module, metadata
 import numpy as np
 
 import dense_vs
+from dense_vs.cli.commands import all_commands
 
 folder = pathlib.Path(dense_vs.__file__).parent
 assert "site-packages" in folder.parts, f"{folder} is not an installed wheel"
 for name in ("kernels/launch.py", "sims/models/arm.xml", "sims/models/planar.xml", "sims/cli/reach.py", "py.typed"):
     assert (folder / name).is_file(), f"{name} is missing from the wheel"
+assert {"estimate", "reproduce"} <= set(all_commands())
 for name in ("dense_vs.cli.main", "dense_vs.kernels.jacobian.image_jacobian", "dense_vs.recording.video_recording"):
     import_module(name)
 

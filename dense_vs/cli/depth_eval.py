@@ -7,13 +7,16 @@ absolute relative error of the distance at the nearest view [%].
 import argparse
 from pathlib import Path
 
+import numpy as np
+
+from dense_vs.depth.mask_fit import METHODS
+from dense_vs.depth.odms import SETS, read_sequences, score_sequence, set_paths
 from dense_vs.errors import DenseVSError
-from dense_vs.files import write_json
+from dense_vs.files import output_folder, write_json
 from dense_vs.view.progress import progress
 from dense_vs.view.provenance import versions
 from dense_vs.view.tables import table
 
-HELP = "score depth from masks on the ODMS sets"
 # Test errors that the benchmark's page lists; its test sets hold other sequences than the validation sets.
 PUBLISHED = {
     "VOS-DE": (32.6, 36.0, 7.9, 33.6),
@@ -26,19 +29,18 @@ PUBLISHED = {
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the command's arguments."""
     parser.add_argument("folder", type=Path, metavar="DIR", help="folder of the sets' .npz files")
-    parser.add_argument("--methods", default="vos-de,robust,learned", metavar="A,B", help="(default: %(default)s)")
+    parser.add_argument(
+        "--methods",
+        default="vos-de,robust,learned",
+        metavar="A,B",
+        help="ways to the depth: vos-de, robust, learned (default: all)",
+    )
     parser.add_argument("--sets", metavar="A,B", help="robot, driving, normal, perturb (default: all that are there)")
     parser.add_argument("--json", type=Path, metavar="FILE", help="write the scores and every example here")
 
 
 def run(arguments: argparse.Namespace) -> None:
     """Run the command."""
-    import numpy as np
-
-    from dense_vs.depth.mask_fit import METHODS
-    from dense_vs.depth.odms import SETS, read_sequences, score_sequence, set_paths
-    from dense_vs.files import output_folder
-
     methods = _names(arguments.methods, METHODS, "method")
     sets = SETS if arguments.sets is None else _names(arguments.sets, SETS, "set")
     if arguments.json is not None:

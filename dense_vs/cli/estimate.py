@@ -1,25 +1,32 @@
-"""``dense-vs estimate``: the dense image Jacobian of a recorded robot, from a video and a joint log."""
+"""``dense-vs estimate``: estimate the dense image Jacobian of a recorded robot from its video and joint log.
+
+Writes the Jacobian J [px/rad] every so many frames and at the end, a video of flow and J, and a summary.
+"""
 
 import argparse
 import time
+from contextlib import nullcontext
 from pathlib import Path
 
+from dense_vs.cli.options import add_device_arguments
 from dense_vs.errors import DenseVSError
-from dense_vs.files import write_json
+from dense_vs.files import output_folder, write_json
+from dense_vs.jacobian.error import jacobian_error
+from dense_vs.pipeline.recorded import estimate_recording
+from dense_vs.recording.truth_file import TruthFile
+from dense_vs.recording.video import VideoWriter
+from dense_vs.recording.video_recording import Recording
+from dense_vs.view.panels import JacobianView, as_rgb, label, tile
 from dense_vs.view.progress import progress
 from dense_vs.view.provenance import versions
 from dense_vs.view.tables import table
 
-HELP = "estimate the dense image Jacobian from a video and a joint log"
-
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the command's arguments."""
-    from dense_vs.cli.options import add_device_arguments
-
     parser.add_argument("video", type=Path, help="video file, any that OpenCV reads")
     parser.add_argument("joints", type=Path, help="CSV file: time [s] first, then one named joint [rad] a column")
-    parser.add_argument("--out", type=Path, required=True, help="folder for the results")
+    parser.add_argument("--out", type=Path, required=True, metavar="DIR", help="folder for the results")
     parser.add_argument("--joints", dest="joint_names", metavar="A,B,C", help="joints of the log to use (default: all)")
     parser.add_argument(
         "--time-offset",
@@ -29,37 +36,41 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="seconds to add to the log's times to bring them onto the video's clock (default: 0)",
     )
     parser.add_argument(
-        "--scale", type=float, default=1.0, help="factor on the image size, 0.5 in the paper (default: 1)"
+        "--scale", type=float, default=1.0, metavar="X", help="factor on the image size; DIJE halves it (default: 1)"
     )
     parser.add_argument(
         "--every", type=int, default=150, metavar="FRAMES", help="save J every so many frames (default: 150)"
     )
     parser.add_argument(
-        "--flow", default="lucas-kanade", metavar="METHOD", help="optical flow method (default: lucas-kanade)"
+        "--flow",
+        default="lucas-kanade",
+        metavar="METHOD",
+        help="optical flow method; an unknown one lists them all (default: lucas-kanade)",
     )
     parser.add_argument(
-        "--covariance", default="shared", help="shared, diagonal (the paper's), fixed or full (default: shared)"
+        "--covariance",
+        default="shared",
+        metavar="FORM",
+        help="of the filter: shared, diagonal as in DIJE, fixed or full (default: shared)",
     )
-    parser.add_argument("--prediction", default="model", help="model (14), flow (13) or none (default: model)")
-    parser.add_argument("--no-video", action="store_true", help="do not draw the visualisation video")
     parser.add_argument(
-        "--truth", type=Path, metavar="NPZ", help="true Jacobians that 'dense-vs record' wrote; prints the error"
+        "--prediction",
+        default="model",
+        metavar="FORM",
+        help="how J follows the moving image: model, DIJE (14), flow, DIJE (13), or none (default: model)",
+    )
+    parser.add_argument("--no-video", action="store_true", help="do not draw the visualization video")
+    parser.add_argument(
+        "--truth",
+        type=Path,
+        metavar="NPZ",
+        help="true Jacobians that 'dense-vs record' wrote; then the error of J is printed",
     )
     add_device_arguments(parser)
 
 
 def run(arguments: argparse.Namespace) -> None:
     """Run the command."""
-    from contextlib import nullcontext
-
-    from dense_vs.files import output_folder
-    from dense_vs.jacobian.error import jacobian_error
-    from dense_vs.pipeline.recorded import estimate_recording
-    from dense_vs.recording.truth_file import TruthFile
-    from dense_vs.recording.video import VideoWriter
-    from dense_vs.recording.video_recording import Recording
-    from dense_vs.view.panels import JacobianView, as_rgb, label, tile
-
     if arguments.every < 1:
         raise DenseVSError(f"--every is {arguments.every}; expected a whole number of at least 1")
     names = arguments.joint_names.split(",") if arguments.joint_names else None

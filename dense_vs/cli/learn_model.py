@@ -1,4 +1,4 @@
-"""``dense-vs learn-model``: kinematics, structure and cameras of a recorded arm, from feature pixels.
+"""``dense-vs learn-model``: learn kinematics, marker positions and cameras of a recorded arm from pixels of markers.
 
 The recording is an .npz file with these arrays, for T postures, n joints, c cameras and m features:
 
@@ -9,23 +9,21 @@ joints (T, n) [rad], read exactly or with noise, or actions (T - 1, n) [rad], th
 with a Cartesian controller poses (T, 4, 4) or actions (T - 1, 4, 4);
 
 where known, intrinsics (c, 4): fx, fy, cx, cy [px], roughly right; intrinsics_sigma (2,): standard deviations of the
-focal lengths, as a share, and of the centres [px]; and feature_link (m,): the joint, counted from 1, behind which each
-feature stands.
+focal lengths, as a share, and of the principal points [px]; and feature_link (m,): the joint, counted from 1, behind
+which each feature stands.
 """
 
 import argparse
 from pathlib import Path
-from typing import TYPE_CHECKING
+
+import numpy as np
 
 from dense_vs.errors import DenseVSError
-from dense_vs.files import write_json
+from dense_vs.files import read_arrays, write_json
+from dense_vs.generative import GenerativeModel, Observations
 from dense_vs.view.provenance import versions
 from dense_vs.view.tables import table
 
-if TYPE_CHECKING:
-    from dense_vs.generative import Observations
-
-HELP = "learn an arm's generative model from feature pixels"
 ARRAYS = ("pixels", "image_sizes", "joints", "actions", "poses", "intrinsics", "intrinsics_sigma", "feature_link")
 
 
@@ -34,17 +32,39 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("recording", type=Path, help=".npz file with the arrays above")
     parser.add_argument("--out", type=Path, required=True, metavar="NPZ", help="file for the model")
     parser.add_argument("--json", type=Path, metavar="FILE", help="write the report here")
-    parser.add_argument("--state", default="observed", help="observed, noisy or actions (default: observed)")
-    parser.add_argument("--controller", default="joint", help="joint or cartesian (default: joint)")
     parser.add_argument(
-        "--kinematics", default="poe", help="poe, lines in the home pose, or dh, Denavit-Hartenberg (default: poe)"
+        "--state",
+        default="observed",
+        metavar="KIND",
+        help="what is known of the joints: observed, noisy (readings), actions (commands alone) (default: observed)",
     )
     parser.add_argument(
-        "--method", default="lm", help="lm, or paper for L-BFGS in three stages as published, with dh (default: lm)"
+        "--controller", default="joint", metavar="KIND", help="what it commands: joint or cartesian (default: joint)"
     )
-    parser.add_argument("--noise", default="constant", help="of actions: constant or proportional (default: constant)")
     parser.add_argument(
-        "--distortion", type=int, default=0, metavar="K", help="radial coefficients to learn, 0 to 2 (default: 0)"
+        "--kinematics",
+        default="poe",
+        metavar="FORM",
+        help="poe, product of exponentials, or dh, Denavit-Hartenberg (default: poe)",
+    )
+    parser.add_argument(
+        "--method",
+        default="lm",
+        metavar="NAME",
+        help="lm, Levenberg-Marquardt, or paper, L-BFGS in three stages as published, with dh (default: lm)",
+    )
+    parser.add_argument(
+        "--noise",
+        default="constant",
+        metavar="KIND",
+        help="of actions: constant or proportional to them (default: constant)",
+    )
+    parser.add_argument(
+        "--distortion",
+        type=int,
+        default=0,
+        metavar="K",
+        help="radial distortion coefficients to learn, 0 to 2 (default: 0)",
     )
     parser.add_argument(
         "--holdout",
@@ -53,15 +73,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="N",
         help="keep the last N postures from learning and print the error on them; needs --state observed (default: 0)",
     )
-    parser.add_argument("--seed", type=int, default=0, metavar="N", help="of the starts (default: 0)")
+    parser.add_argument("--seed", type=int, default=0, metavar="N", help="of the random starts (default: 0)")
 
 
 def run(arguments: argparse.Namespace) -> None:
     """Run the command."""
-    import numpy as np
-
-    from dense_vs.generative import GenerativeModel
-
     obs = read_recording(arguments.recording)
     kept = len(obs) - arguments.holdout
     if arguments.holdout < 0 or kept < 2:
@@ -115,15 +131,12 @@ def run(arguments: argparse.Namespace) -> None:
     print(f"model in {arguments.out}")
 
 
-def read_recording(path: Path) -> "Observations":
+def read_recording(path: Path) -> Observations:
     """Observations from an .npz file as the command takes it.
 
     Raises:
         DenseVSError: not such a file, or arrays missing, unknown or unfit.
     """
-    from dense_vs.files import read_arrays
-    from dense_vs.generative import Observations
-
     content = read_arrays(path, "a recording of features")
     unknown = sorted(set(content) - set(ARRAYS))
     missing = [name for name in ("pixels", "image_sizes") if name not in content]

@@ -1,69 +1,99 @@
-"""Finds the subcommand, runs it, and turns errors that a user can mend into one line and exit code 2."""
+"""Finds the command, runs it, and turns errors that a user can mend into one line and exit code 2."""
 
-import argparse
+import errno
 import os
 import sys
 import tempfile
 from collections.abc import Sequence
+from contextlib import suppress
 from importlib import import_module
 from pathlib import Path
+from typing import Any
 
-from dense_vs.cli.help_text import ParagraphHelp, description
+from dense_vs.cli.commands import all_commands
+from dense_vs.cli.parsing import LazyParser, from_module
 from dense_vs.errors import DenseVSError
 
-# Commands that need a simulator stand with it; all are named here and imported when the command line is read.
-COMMANDS = {
-    "arms": "dense_vs.sims.cli.arms",
-    "depth-eval": "dense_vs.cli.depth_eval",
-    "depth-train": "dense_vs.sims.cli.depth_train",
-    "estimate": "dense_vs.cli.estimate",
-    "learn-model": "dense_vs.cli.learn_model",
-    "reach": "dense_vs.sims.cli.reach",
-    "record": "dense_vs.sims.cli.record",
-    "reproduce": "dense_vs.sims.cli.reproduce",
-    "segment": "dense_vs.cli.segment",
-    "segment-train": "dense_vs.cli.segment_train",
-}
 EXTRAS = {"mujoco": "sims", "mujoco_warp": "sims", "av": "viz", "matplotlib": "viz", "sklearn": "vos"}
+USER_ERROR, INTERRUPTED, READER_GONE = 2, 130, 141  # the last two as a shell reports SIGINT and SIGPIPE
 
 
-def build_parser() -> argparse.ArgumentParser:
-    """The parser of all commands."""
-    parser = argparse.ArgumentParser(
+def build_parser() -> LazyParser:
+    """The parser of all commands; a command's own arguments are declared when it is chosen."""
+    parser = LazyParser(
         prog="dense-vs",
         description="Dense visual servoing without calibration: learn how every pixel answers to every joint.",
+        epilog="'dense-vs COMMAND --help' describes a command.",
     )
     commands = parser.add_subparsers(dest="command", required=True, metavar="COMMAND")
-    for name, home in COMMANDS.items():
-        module = import_module(home)
-        command = commands.add_parser(
-            name, help=module.HELP, description=description(module), formatter_class=ParagraphHelp
-        )
-        module.add_arguments(command)
-        command.set_defaults(run=module.run)
+    for name, command in all_commands().items():
+        one = commands.add_parser(name, help=command.help, fill=from_module(command.home))
+        one.set_defaults(home=command.home)
     return parser
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run ``dense-vs`` with ``arguments`` (the process's own unless given); the exit code."""
-    parsed = build_parser().parse_args(arguments)
-    _quiet_warp()
-    _note_first_run()
+    _open_missing_streams()
     try:
-        parsed.run(parsed)
+        try:
+            return _run(arguments)
+        finally:
+            sys.stdout.flush()  # a full disk or a reader that left is answered below, not by the interpreter's exit
     except DenseVSError as error:
-        print(f"dense-vs: {' '.join(str(error).split())}", file=sys.stderr)
-        return 2
+        _say(" ".join(str(error).split()))
     except ImportError as error:
         if error.name not in EXTRAS:
             raise
-        needed = f"{parsed.command} needs {error.name}, which is not installed"
-        print(f"dense-vs: {needed}; pip install 'dense-vs[{EXTRAS[error.name]}]'", file=sys.stderr)
-        return 2
+        _say(f"this needs {error.name}, which is not installed; pip install 'dense-vs[{EXTRAS[error.name]}]'")
     except KeyboardInterrupt:
-        print("dense-vs: interrupted", file=sys.stderr)
-        return 130
+        _say("interrupted")
+        return INTERRUPTED
+    except BrokenPipeError:
+        _discard(sys.stdout)
+        return READER_GONE
+    except OSError as error:
+        if error.errno not in (errno.ENOSPC, errno.EIO, errno.EBADF):
+            raise
+        _discard(sys.stdout)
+        _say(f"cannot write the output: {error.strerror}")
+    return USER_ERROR
+
+
+def _run(arguments: Sequence[str] | None) -> int:
+    parsed = build_parser().parse_args(arguments)
+    _quiet_warp()
+    _note_first_run()
+    import_module(parsed.home).run(parsed)
     return 0
+
+
+def _say(line: str) -> None:
+    """One line on standard error, which may be gone as well."""
+    with suppress(OSError):
+        print(f"dense-vs: {line}", file=sys.stderr, flush=True)
+
+
+def _open_missing_streams() -> None:
+    """Open the null device where standard input, output or error is closed.
+
+    Else the first file that the command opens would get its number and receive what is meant for it.
+    """
+    for number, name, mode in ((0, "stdin", "r"), (1, "stdout", "w"), (2, "stderr", "w")):
+        if getattr(sys, name) is None:
+            opened = os.open(os.devnull, os.O_RDWR)
+            if opened != number:
+                os.dup2(opened, number)
+                os.close(opened)
+            setattr(sys, name, os.fdopen(number, mode, encoding="utf-8", closefd=False))
+
+
+def _discard(stream: Any) -> None:
+    """Send what a stream still holds to the null device, for the interpreter writes it when it ends."""
+    with suppress(OSError, ValueError):
+        null = os.open(os.devnull, os.O_WRONLY)
+        os.dup2(null, stream.fileno())
+        os.close(null)
 
 
 def _quiet_warp() -> None:
@@ -90,7 +120,6 @@ def _note_first_run() -> None:
     """Say so where no kernel has been compiled yet, as the first progress then waits for the compiler."""
     import warp as wp
 
-    wp.init()
     folder = Path(str(wp.config.kernel_cache_dir))
     if not folder.is_dir() or not any(folder.iterdir()):
         print("first run: compiling kernels, which takes up to half a minute", flush=True)

@@ -1,19 +1,26 @@
-"""``dense-vs segment``: find an object in images or a video with what ``segment-train`` learnt or a neural network."""
+"""``dense-vs segment``: find an object in images or a video, as ``dense-vs segment-train`` learned it or by a network.
+
+Writes a mask and a picture for each image, and what each mask is good for.
+"""
 
 import argparse
 from collections.abc import Iterator
+from contextlib import nullcontext
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from dense_vs.errors import DenseVSError
-from dense_vs.files import write_json
+from dense_vs.files import output_folder, write_json
+from dense_vs.recording.video import VideoReader, VideoWriter
+from dense_vs.segmentation import FewShotSegmenter, OnnxSegmenter, assess_mask, read_mask, write_mask
+from dense_vs.segmentation.annotated_folder import IMAGE_SUFFIXES, image_files, read_image, write_image
+from dense_vs.view.mask_picture import draw_mask
 from dense_vs.view.progress import progress
 from dense_vs.view.provenance import versions
 from dense_vs.view.tables import table
 
-HELP = "find an object in images or a video"
 SHOWN_ROWS = 20
 
 
@@ -29,22 +36,39 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument("--out", type=Path, required=True, metavar="DIR", help="folder for masks and pictures")
     onnx = parser.add_argument_group("for .onnx networks")
-    onnx.add_argument("--layout", default="nchw", help="nchw or nhwc (default: nchw)")
-    onnx.add_argument("--size", type=int, nargs=2, metavar=("H", "W"), help="size the network sees (default: its own)")
-    onnx.add_argument("--mean", type=float, nargs=3, default=(0.0, 0.0, 0.0), metavar="M", help="subtracted after /255")
-    onnx.add_argument("--std", type=float, nargs=3, default=(1.0, 1.0, 1.0), metavar="S", help="divided by after that")
-    onnx.add_argument("--activation", default="logit", help="what it answers (default: logit)")
-    onnx.add_argument("--mask-input", metavar="NAME", help="input that takes the last mask")
-    onnx.add_argument("--first-mask", type=Path, metavar="PNG", help="mask of the frame before the first")
+    onnx.add_argument(
+        "--layout", default="nchw", metavar="ORDER", help="order of its input: nchw or nhwc (default: nchw)"
+    )
+    onnx.add_argument(
+        "--size",
+        type=int,
+        nargs=2,
+        metavar=("H", "W"),
+        help="size that images are scaled to (default: the network's own)",
+    )
+    onnx.add_argument(
+        "--mean",
+        type=float,
+        nargs=3,
+        default=(0.0, 0.0, 0.0),
+        metavar="M",
+        help="subtracted from RGB in 0 to 1 (default: 0)",
+    )
+    onnx.add_argument(
+        "--std", type=float, nargs=3, default=(1.0, 1.0, 1.0), metavar="S", help="what that is divided by (default: 1)"
+    )
+    onnx.add_argument(
+        "--activation",
+        default="logit",
+        metavar="KIND",
+        help="what it returns: logit, probability, class_logits, class_probabilities, labels (default: logit)",
+    )
+    onnx.add_argument("--mask-input", metavar="NAME", help="input that takes the mask of the frame before")
+    onnx.add_argument("--first-mask", type=Path, metavar="PNG", help="what that input takes at the first frame")
 
 
 def run(arguments: argparse.Namespace) -> None:
     """Run the command."""
-    from dense_vs.files import output_folder
-    from dense_vs.segmentation import assess_mask, write_mask
-    from dense_vs.segmentation.annotated_folder import write_image
-    from dense_vs.view.mask_picture import draw_mask
-
     segmenter = _segmenter(arguments)
     frames, count, fps = _frames(arguments.input)
     out = output_folder(arguments.out)
@@ -83,8 +107,6 @@ def run(arguments: argparse.Namespace) -> None:
 
 
 def _segmenter(arguments: argparse.Namespace) -> Any:
-    from dense_vs.segmentation import FewShotSegmenter, OnnxSegmenter, read_mask
-
     if arguments.model.suffix.lower() != ".onnx":
         return FewShotSegmenter.load(arguments.model)
     size = tuple(arguments.size) if arguments.size else None
@@ -104,9 +126,6 @@ def _segmenter(arguments: argparse.Namespace) -> Any:
 
 def _frames(source: Path) -> tuple[Iterator[tuple[str, np.ndarray]], int, float | None]:
     """Named images, how many (0 if unknown), and the frame rate of a video."""
-    from dense_vs.recording.video import VideoReader
-    from dense_vs.segmentation.annotated_folder import IMAGE_SUFFIXES, image_files, read_image
-
     if source.is_dir():
         files = image_files(source)
         return ((path.stem, read_image(path)) for path in files), len(files), None
@@ -119,8 +138,4 @@ def _frames(source: Path) -> tuple[Iterator[tuple[str, np.ndarray]], int, float 
 
 
 def _video(out: Path, fps: float | None) -> Any:
-    from contextlib import nullcontext
-
-    from dense_vs.recording.video import VideoWriter
-
     return nullcontext() if fps is None else VideoWriter(out / "segmented.mp4", fps)

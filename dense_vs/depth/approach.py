@@ -1,22 +1,24 @@
-"""Active depth estimation: a camera approaches a centred object along its optical axis and estimates its depth on the
+"""Active depth estimation: a camera approaches a centered object along its optical axis and estimates its depth on the
 way, VOS-VS section 5.
 
-After every step the views so far give an estimate by (20), which says how far the camera may go on; at the end all
-masks give the answer. Beyond the paper: it stops where the object begins to leave the image, as areas of a part are
+After every step the views so far give an estimate by VOS-VS (20), which says how far the camera may go on; at the end
+all masks give the answer. Beyond the paper: it stops where the object begins to leave the image, as areas of a part are
 not the object's, and every end has a name.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from enum import Enum
-from typing import Any
 
 import numpy as np
 
-from dense_vs.depth import DepthUnobservableError, depth_from_areas, depth_from_masks
+from dense_vs.checks import check_number, check_whole
+from dense_vs.depth import METHODS, DepthUnobservableError, depth_from_areas, depth_from_masks
 from dense_vs.depth.mask_fit import Method
 from dense_vs.errors import DenseVSError
 from dense_vs.robot.protocols import Camera, Robot
 from dense_vs.segmentation import MaskQuality, MaskVerdict, Segmenter, assess_mask
+from dense_vs.segmentation.segmenter import forget_images
 
 DOUBT = 1.5  # the distance may be so many times what it should be before an approach ends
 
@@ -64,7 +66,7 @@ class DepthApproach:
     Args:
         camera, robot, segmenter: as for :class:`dense_vs.MaskServo`.
         joint: the one that carries the camera along its axis; its position grows away from the object.
-        method: of the answer, ``"vos-de"`` (20) or another of :func:`dense_vs.depth.depth_from_masks`.
+        method: of the answer, ``"vos-de"``, VOS-VS (20), or another of :func:`dense_vs.depth.depth_from_masks`.
         near: distance at which to stop [m].
         steps: smallest and largest step [m].
         views: most views.
@@ -87,28 +89,32 @@ class DepthApproach:
         steps: tuple[float, float] = (0.01, 0.05),
         views: int = 40,
         hidden: np.ndarray | None = None,
-        on_view: Any = None,
+        on_view: Callable[[int, np.ndarray, np.ndarray], None] | None = None,
     ):
         names = list(robot.joint_names)
         if joint not in names:
             raise DenseVSError(f"joint is {joint!r}; expected one of {', '.join(names)}")
-        if not 0 < near < np.inf or not 0 < steps[0] <= steps[1] or views < 2:
-            raise DenseVSError(f"near is {near}, steps {steps}, views {views}; expected above 0, in order, at least 2")
+        if method not in METHODS:
+            raise DenseVSError(f"method is {method!r}; expected one of {', '.join(METHODS)}")
+        least = check_number("the smallest of steps", steps[0], above=0.0)
+        most = check_number("the largest of steps", steps[1], least=least)
         self.camera, self.robot, self.segmenter = camera, robot, segmenter
         self.column = names.index(joint)
         self.method: Method = method
-        self.near, self.steps, self.views, self.on_view = near, steps, views, on_view
-        self.hidden = hidden
+        self.near = check_number("near", near, above=0.0)
+        self.steps = least, most
+        self.views = check_whole("views", views, least=2)
+        self.hidden, self.on_view = hidden, on_view
 
     def run(self) -> Approach:
-        """Approach from the present place, the object centred in the image."""
+        """Approach from the present place, the object centered in the image."""
         masks: list[np.ndarray] = []
         qualities: list[MaskQuality] = []
         positions: list[float] = []
         end = ApproachEnd.EXHAUSTED
         while len(masks) < self.views:
             image, _ = self.camera.read()
-            getattr(self.segmenter, "reset", lambda: None)()  # views are far apart
+            forget_images(self.segmenter)  # views are far apart
             masks.append(self.segmenter.segment(image))
             qualities.append(assess_mask(masks[-1], hidden=self.hidden))
             positions.append(float(np.asarray(self.robot.joints()[0])[self.column]))
@@ -150,7 +156,7 @@ class DepthApproach:
         return float(np.clip(left / 4.0, least, most))
 
     def _advance(self, step: float) -> bool:
-        """Step towards the object; False where the joint does not follow, at its limit or against something."""
+        """Step toward the object; False where the joint does not follow, at its limit or against something."""
         before = np.asarray(self.robot.joints()[0], dtype=np.float64)[self.column]
         limits = getattr(self.robot, "joint_limits", None)
         if limits is not None:
@@ -187,7 +193,7 @@ class DepthApproach:
                 z_object, std = camera_z[nearest] - fit.distance, fit.distance * fit.log_std
         except DepthUnobservableError as error:
             return Approach(end, None, None, np.inf, camera_z, areas, whole, nearest, str(error))
-        distance = float(camera_z[nearest] - z_object)
+        distance = float(camera_z[nearest] - z_object)  # VOS-VS (17)
         return Approach(end, float(z_object), distance, float(std), camera_z, areas, whole, nearest)
 
 

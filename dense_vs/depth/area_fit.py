@@ -1,6 +1,6 @@
-"""VOS-DE: an object's depth from its mask areas at known camera positions, by least squares, VOS-VS (20).
+"""VOS-DE, VOS-VS (20): an object's depth from its mask areas at known camera positions, by least squares.
 
-Over the views, sqrt(s_A) times the distance z_camera - z_object is constant (18), so
+Over the views, sqrt(s_A) times the distance z_camera - z_object is constant, VOS-VS (18), so
 
     [sqrt(s_A,i)  1] [z_object, c_object]^T = z_camera,i sqrt(s_A,i)
 
@@ -26,7 +26,7 @@ class DepthEstimate:
 
     Attributes:
         z_object: of the object [m], in the coordinate of ``camera_z``.
-        c_object: (16) [m px], distance times square root of the area.
+        c_object: VOS-VS (16) [m px], distance times square root of the area.
         distance: from the nearest used view to the object [m].
         distance_std: standard error of the distance [m] by the fit's residuals; infinite for two views, whose fit
             leaves none.
@@ -43,14 +43,14 @@ class DepthEstimate:
 
 
 def depth_from_areas(areas: Any, camera_z: Any, *, keep_empty: bool = False) -> DepthEstimate:
-    """The least-squares solution of (20).
+    """The least-squares solution of VOS-VS (20).
 
     Args:
-        areas: ``(m,)`` [px], mask area s_A (3) at each view.
+        areas: ``(m,)`` [px], mask area s_A, VOS-VS (3), at each view.
         camera_z: ``(m,)`` [m], the camera's position along its optical axis, which points against z as in the paper:
             the distance is z_camera - z_object.
-        keep_empty: whether a view without a mask (area 0), which knows nothing of the depth, stays a row of (20), as
-            in the published scores; it pulls c_object towards 0.
+        keep_empty: whether a view without a mask (area 0), which knows nothing of the depth, stays a row of VOS-VS
+            (20), as in the published scores; it pulls c_object toward 0.
 
     Raises:
         DepthUnobservableError: fewer than two views with a mask, a camera that does not move, sizes that do not change.
@@ -67,9 +67,9 @@ def depth_from_areas(areas: Any, camera_z: Any, *, keep_empty: bool = False) -> 
             f"the mask area is {areas[used][0]:g} px in all {len(size)} views while the camera moves "
             f"{np.ptp(camera_z[used]):g} m; expected it to change, else the object is infinitely far"
         )
-    A = np.stack([size, np.ones_like(size)], axis=1)
+    A = np.stack([size, np.ones_like(size)], axis=1)  # a row is VOS-VS (19)
     b = camera_z[used] * size
-    solution = np.linalg.lstsq(A, b, rcond=None)[0]
+    solution = np.linalg.lstsq(A, b, rcond=None)[0]  # VOS-VS (20)
     z_object, c_object = float(solution[0]), float(solution[1])
     residuals = np.full(len(areas), np.nan)
     residuals[used] = A @ solution - b

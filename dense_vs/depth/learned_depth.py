@@ -1,25 +1,22 @@
 """A small network that corrects the robust distance, beyond VOS-VS.
 
 It sees what the scale posterior says under several assumptions (outline grown or not, solid or flat, one length
-alone), how large, where and of what form the object is, and how the views lie, and tells by which factor the robust
-distance is off. It was trained only on simulated masks (``dense_vs.sims.depth_training``, ``dense-vs depth-train``);
-the weights are shipped. Inference is a few matrix products.
+alone), how large, where and of what form the object is, and how the views lie, and predicts by which factor the robust
+distance is off. It was trained on simulated masks only (``dense-vs depth-train``), and its weights are shipped.
+Inference is a few matrix products.
 """
 
 import os
 from functools import cache
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 
+from dense_vs.depth.evidence import Evidence, MaskDepth
 from dense_vs.depth.region_shape import DIRECTIONS
 from dense_vs.depth.scale_posterior import DistancePosterior, ScaleModel, lengths
 from dense_vs.errors import DenseVSError
 from dense_vs.files import atomic_write, read_arrays
-
-if TYPE_CHECKING:
-    from dense_vs.depth.mask_fit import Evidence, MaskDepth
 
 FORMAT = "dense-vs learned depth 1"
 WEIGHTS = Path(__file__).with_name("learned_depth.npz")
@@ -56,7 +53,7 @@ class LearnedDepth:
     ):
         self.mean, self.deviation, self.members, self.factor = mean, deviation, members, factor
 
-    def __call__(self, evidence: "Evidence") -> "MaskDepth":
+    def __call__(self, evidence: Evidence) -> MaskDepth:
         """The distance, its interval moved by the same factor as the distance."""
         features, posterior = depth_features(evidence)
         correction = float(np.exp(self.log_correction(features[None])[0])) * self.factor
@@ -118,7 +115,7 @@ class LearnedDepth:
         return LearnedDepth.load(WEIGHTS)
 
 
-def depth_features(evidence: "Evidence") -> tuple[np.ndarray, DistancePosterior]:
+def depth_features(evidence: Evidence) -> tuple[np.ndarray, DistancePosterior]:
     """``(f,)`` what the network sees, and the robust posterior."""
     height, width = evidence.image_size
     travel = float(np.ptp(evidence.camera_back))
@@ -127,10 +124,10 @@ def depth_features(evidence: "Evidence") -> tuple[np.ndarray, DistancePosterior]
     base = np.log(robust.least_relative_error())
     near, far = evidence.shapes[0], evidence.shapes[-1]
     sizes = lengths(near)
-    centre = 0.5 * np.array([width - 1, height - 1])
+    center = 0.5 * np.array([width - 1, height - 1])
     scale = np.exp(base) / (np.exp(base) + evidence.camera_back)
     misfit = np.array([lengths(shape) for shape in evidence.shapes]) / scale[:, None] / sizes - 1.0
-    drift = np.array([shape.centroid for shape in evidence.shapes]) - centre
+    drift = np.array([shape.centroid for shape in evidence.shapes]) - center
     drift = drift / scale[:, None] - drift[0]
     known = [np.log(posterior.quantile(share)) - base for posterior in posteriors for share in _shares]
     spread = [np.log(np.sqrt(np.mean(misfit[:, k] ** 2)) + 1e-3) for k in (0, _quarter, _area)]
@@ -145,7 +142,7 @@ def depth_features(evidence: "Evidence") -> tuple[np.ndarray, DistancePosterior]
         near.outline**2 / near.area,
         np.log(near.widths[0] / near.widths[_quarter]),
         near.area / (near.widths[0] * near.widths[_quarter]),
-        *np.abs(near.centroid - centre) / width,
+        *np.abs(near.centroid - center) / width,
         len(evidence.shapes),
         1.0 - len(found) / total,
         sum(region.touches_border for region in found) / total,

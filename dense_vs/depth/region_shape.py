@@ -1,6 +1,6 @@
 """What a region of a mask looks like to a depth estimate: lengths that scale with the inverse of the distance.
 
-Of every connected region: area and centroid (3)-(5) of VOS-VS, second moments, its support function, the farthest
+Of every connected region: area and centroid, VOS-VS (3) to (5), second moments, its support function, the farthest
 that it reaches in each of 16 directions, whose opposite pairs are its widths (the bounding box is four of them), the
 length of its outline, and whether it touches the image border.
 """
@@ -13,12 +13,14 @@ import cv2
 import numpy as np
 
 from dense_vs.errors import DenseVSError
+from dense_vs.kernels.masks.region_sums import RegionSums
+from dense_vs.segmentation.mask_features import connected_regions
 
 DIRECTIONS = 16
 MAX_REGIONS = 24  # of a view, the largest
 _angles = np.arange(DIRECTIONS) * (2 * np.pi / DIRECTIONS)
 _unit = np.stack([np.cos(_angles), np.sin(_angles)])  # (2, D)
-# A pixel is a square about its centre: it reaches this much farther than its centre.
+# A pixel is a square about its center: it reaches this much farther than its center.
 _half_pixel = 0.5 * np.abs(_unit).sum(axis=0)
 WIDTH_AXES = _unit[:, : DIRECTIONS // 2]
 
@@ -63,7 +65,7 @@ def mask_regions(masks: Any) -> list[list[RegionShape]]:
 
 
 def checked_masks(masks: Any) -> np.ndarray:
-    """Masks as uint8 ``(m, H, W)`` of 0 and 1."""
+    """Masks as bool ``(m, H, W)``."""
     array = np.asarray(masks)
     if array.ndim != 3 or array.dtype.kind not in "buif" or 0 in array.shape[1:]:
         raise DenseVSError(
@@ -71,7 +73,7 @@ def checked_masks(masks: Any) -> np.ndarray:
         )
     if array.dtype.kind == "f" and not np.isfinite(array).all():
         raise DenseVSError("masks hold values that are not finite; expected 0 and 1")
-    return (array != 0).astype(np.uint8)
+    return array != 0
 
 
 def joined(regions: Sequence[RegionShape]) -> RegionShape:
@@ -95,25 +97,23 @@ def joined(regions: Sequence[RegionShape]) -> RegionShape:
 
 
 def _regions(mask: np.ndarray) -> list[RegionShape]:
-    count, labels, boxes, centroids = cv2.connectedComponentsWithStats(mask, connectivity=8)
-    order = 1 + np.argsort(-boxes[1:, cv2.CC_STAT_AREA], kind="stable")[:MAX_REGIONS]
-    return [_region(labels, int(k), boxes[k], centroids[k]) for k in order] if count > 1 else []
+    labels, found = connected_regions(mask)
+    order = np.argsort(-found.area, kind="stable")[:MAX_REGIONS]
+    return [_region(labels, int(k) + 1, found[k]) for k in order]
 
 
-def _region(labels: np.ndarray, label: int, box: np.ndarray, centroid: np.ndarray) -> RegionShape:
-    x, y, width, height, area = (int(n) for n in box)
-    inside = (labels[y : y + height, x : x + width] == label).astype(np.uint8)
-    m = cv2.moments(inside, binaryImage=True)
-    # The 1/12 is a pixel's own second moment: it is a square, not a point.
-    xx, yy, xy = m["mu20"] / area + 1 / 12, m["mu02"] / area + 1 / 12, m["mu11"] / area
+def _region(labels: np.ndarray, label: int, found: RegionSums) -> RegionShape:
+    x, y, width, height = found.box.tolist()
+    inside = (labels[y : y + height, x : x + width] == label).view(np.uint8)
     outlines, _ = cv2.findContours(inside, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE, offset=(x, y))
     points = np.concatenate([outline[:, 0] for outline in outlines]).astype(np.float64)
-    full_height, full_width = labels.shape
+    xx, yy, xy = found.moments.tolist()
     return RegionShape(
-        float(area),
-        np.array(centroid, dtype=np.float64),
-        np.array([[xx, xy], [xy, yy]]),
+        float(found.area),
+        found.centroid,
+        # The 1/12 is a pixel's own second moment: it is a square, not a point.
+        np.array([[xx + 1 / 12, xy], [xy, yy + 1 / 12]]),
         (points @ _unit).max(axis=0) + _half_pixel,
         float(len(points)),
-        x == 0 or y == 0 or x + width == full_width or y + height == full_height,
+        bool(found.border),
     )

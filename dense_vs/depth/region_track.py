@@ -2,9 +2,9 @@
 
 In clutter the largest region is often another one, and another one in the next view. A standing object seen by a
 camera that approaches along its optical axis can only be where perspective puts it: at distance z, a view taken b
-behind the nearest one shows it smaller by s = z / (z + b) and nearer to the image centre by as much. Every large
+behind the nearest one shows it smaller by s = z / (z + b) and nearer to the image center by as much. Every large
 region of the nearest views is followed so for a range of distances; kept is what is found again best, is large, and
-stands near the image centre, where visual servoing has brought the object.
+stands near the image center, where visual servoing has brought the object.
 """
 
 from collections.abc import Sequence
@@ -24,11 +24,11 @@ class TrackOptions:
 
     Attributes:
         log_size: spread of the logarithm of the size.
-        position: spread of the centre, as a share of the region's size.
-        axis: spread of the image point that the camera moves towards, as a share of the image width: the optical
+        position: spread of the center, as a share of the region's size.
+        axis: spread of the image point that the camera moves toward, as a share of the image width: the optical
             axis is not calibrated.
         missing: the cost, in squared spreads, from which a view counts as not showing the region.
-        centre: spread of the object's distance from the image centre, as a share of the image width.
+        center: spread of the object's distance from the image center, as a share of the image width.
         size_weight: reward for a region's log size.
         seeds, seed_views: regions tried of each of so many nearest views.
         seed_share: least area of a seed, as a share of the largest region of its view.
@@ -38,7 +38,7 @@ class TrackOptions:
     position: float = 0.25
     axis: float = 0.04
     missing: float = 9.0
-    centre: float = 0.2
+    center: float = 0.2
     size_weight: float = 2.0
     seeds: int = 6
     seed_views: int = 3
@@ -66,7 +66,7 @@ def follow_region(
     if travel <= 0.0:
         return [regions[0] if regions else None for regions in views]
     tables = [_Table(regions) for regions in views]
-    centre = 0.5 * np.array([image_size[1] - 1, image_size[0] - 1])
+    center = 0.5 * np.array([image_size[1] - 1, image_size[0] - 1])
     best: tuple[float, int, RegionShape, float, np.ndarray] | None = None
     for start in seen[: options.seed_views]:
         for region in views[start][: options.seeds]:
@@ -75,12 +75,12 @@ def follow_region(
             z = _distances * travel
             scale = (z + camera_back[start])[:, None] / (z[:, None] + camera_back)
             costs = [
-                table.costs(region, scale[:, view], centre, image_size[1], options) for view, table in enumerate(tables)
+                table.costs(region, scale[:, view], center, image_size[1], options) for view, table in enumerate(tables)
             ]
             found = np.stack([cost.min(axis=1, initial=options.missing) for cost in costs], axis=1)
             k = int(found.sum(axis=1).argmin())
             size = 0.5 * np.log(region.area) + np.log(scale[k, seen[0]])
-            off = np.linalg.norm(region.centroid - centre) / (options.centre * image_size[1])
+            off = np.linalg.norm(region.centroid - center) / (options.center * image_size[1])
             score = -0.5 * found[k].sum() + options.size_weight * size - 0.5 * off**2
             if best is None or score > best[0]:
                 chosen = np.array([c[k].argmin() if c.shape[1] and c[k].min() < options.missing else -1 for c in costs])
@@ -88,7 +88,7 @@ def follow_region(
     assert best is not None  # a view that shows something has a seed
     _, start, region, z, chosen = best
     scale = (z + camera_back[start]) / (z + camera_back)
-    return [_with_fragments(views[view], int(chosen[view]), region, scale[view], centre) for view in range(len(views))]
+    return [_with_fragments(views[view], int(chosen[view]), region, scale[view], center) for view in range(len(views))]
 
 
 class _Table:
@@ -100,11 +100,11 @@ class _Table:
         self.border = np.array([region.touches_border for region in regions], dtype=bool)
 
     def costs(
-        self, seed: RegionShape, scale: np.ndarray, centre: np.ndarray, width: int, options: TrackOptions
+        self, seed: RegionShape, scale: np.ndarray, center: np.ndarray, width: int, options: TrackOptions
     ) -> np.ndarray:
         """``(distances, regions)``, squared spreads between each region and where the seed should be."""
         size = np.sqrt(seed.area) * scale
-        place = centre + scale[:, None] * (seed.centroid - centre)
+        place = center + scale[:, None] * (seed.centroid - center)
         off_size = (self.log_size - np.log(size)[:, None]) / (options.log_size + 1.0 / size[:, None])
         spread = options.position * size + options.axis * width * np.abs(1.0 - scale) + 1.0
         off_place = np.linalg.norm(self.centroid - place[:, None], axis=2) / spread[:, None]
@@ -113,7 +113,7 @@ class _Table:
 
 
 def _with_fragments(
-    regions: Sequence[RegionShape], chosen: int, seed: RegionShape, scale: float, centre: np.ndarray
+    regions: Sequence[RegionShape], chosen: int, seed: RegionShape, scale: float, center: np.ndarray
 ) -> RegionShape | None:
     """The chosen region together with those that lie within the seed's outline at this scale."""
     if chosen < 0:

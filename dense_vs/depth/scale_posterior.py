@@ -1,6 +1,6 @@
 """How probable each distance is, given how an object's lengths in the image change as the camera approaches.
 
-Perspective (14) of VOS-VS scales every length of view i, taken b_i behind the nearest one, by s_i = z / (z + b_i).
+Perspective, VOS-VS (14), scales every length of view i, taken b_i behind the nearest one, by s_i = z / (z + b_i).
 VOS-DE uses one length, the square root of the area; here they are thirteen: widths along eight axes, the square root
 of the area, and the standard deviation along four axes. With Y (m, d) the lengths and a (d,) those at the nearest view,
 
@@ -60,7 +60,7 @@ class DistancePosterior:
     Attributes:
         distance: ``(g,)`` [m], equally spaced in the logarithm.
         probability: ``(g,)``, sums to 1.
-        view_weight: ``(m,)``, 1 for a view that agrees with the others, towards 0 for an outlier.
+        view_weight: ``(m,)``, 1 for a view that agrees with the others, toward 0 for an outlier.
     """
 
     distance: np.ndarray

@@ -1,23 +1,23 @@
 """The generative model: from joints to the pixels of features, and back."""
 
-import json
 import os
-from dataclasses import fields
 from typing import Any
 
 import numpy as np
 
+from dense_vs.checks import check_choice, check_number, check_whole
 from dense_vs.errors import DenseVSError
-from dense_vs.files import atomic_write, read_arrays
-from dense_vs.generative.inference.joint_inference import JointInference, predict, project_points
+from dense_vs.generative.inference.joint_inference import JointInference
 from dense_vs.generative.inference.pose_inference import PoseInference
 from dense_vs.generative.kinematics.denavit_hartenberg import DenavitHartenberg, from_lines
 from dense_vs.generative.learning.cartesian import fit_cartesian
 from dense_vs.generative.learning.fitting import FitOptions, fit_joint_model
 from dense_vs.generative.learning.online import OnlineLearner
 from dense_vs.generative.learning.relearning import relearn
-from dense_vs.generative.least_squares.parameters import ModelParameters, finite_rows, link_poses
+from dense_vs.generative.model_file import ModelContent, read_model, write_model
 from dense_vs.generative.observations import Observations
+from dense_vs.generative.parameters import ModelParameters, finite_rows
+from dense_vs.generative.prediction import link_poses, predict, project_points
 from dense_vs.generative.report import FitReport
 
 KINEMATICS = ("poe", "dh")
@@ -28,19 +28,17 @@ NOISES = ("constant", "proportional")
 EXACT_STEP = 1e-3  # rad by which a controller is trusted where its noise was not estimated
 STILL = 0.02  # rad that a joint which did not move while learning may be away from there
 
-FORMAT = "dense-vs generative model"
-FORMAT_VERSION = 1
-
 
 class GenerativeModel:
-    """Kinematics, structure and cameras of an arm, learnt together from feature pixels; made by :meth:`fit`.
+    """Kinematics, structure and cameras of an arm, learned together from feature pixels; made by :meth:`fit`.
 
     Attributes:
-        parameters: what it predicts with.
-        report: how it was learnt.
+        parameters: its kinematics, features and cameras.
+        report: how it was learned, and how well it explains the pixels.
         controller: ``"joint"`` or ``"cartesian"``.
         kinematics: ``"poe"`` or ``"dh"``.
-        postures: ``(T, n)`` joints [rad] of the samples as the model sees them; with a Cartesian controller none.
+        postures: ``(T, n)`` joints [rad] of the samples, corrected for noise where it was learned; empty with a
+            Cartesian controller.
         poses: ``(T, 4, 4)`` of the hand in the samples, with a Cartesian controller.
         image_sizes: ``(h, w)`` of each camera [px].
     """
@@ -86,10 +84,11 @@ class GenerativeModel:
             obs: what was seen, and what is known of the arm's state.
             kinematics: ``"poe"``, lines in the home pose, or ``"dh"``, the paper's parameters with a free tool
                 transform, which converge slowly where axes are parallel.
-            state: ``"observed"``: joints (or poses) are exact, eqs. (2) to (7); ``"noisy"``: they are not, (8) to
-                (11); ``"actions"``: only the actions are known, (12) to (15).
-            controller: what joints, poses and actions belong to.
-            seed: of the starts of the kinematic stage.
+            state: ``"observed"``: joints (or poses) are exact, Gothoskar (2) to (7); ``"noisy"``: they are not,
+                Gothoskar (8) to (11); ``"actions"``: only the actions are known, Gothoskar (12) to (15).
+            controller: ``"joint"``: states are joints and actions joint steps; ``"cartesian"``: states are poses of the
+                hand and actions rigid motions.
+            seed: seeds the random starts of the kinematic stage.
             method: ``"lm"``, beyond the paper, or ``"paper"``: L-BFGS in the three stages as published, which needs
                 ``kinematics="dh"`` and a joint controller.
             pixel_sigma: noise of a pixel coordinate [px]; estimated unless given.
@@ -102,16 +101,13 @@ class GenerativeModel:
             DenseVSError: an unknown option, or observations that cannot determine a model. What they leave open
                 without making the rest wrong is in ``report.unobservable``.
         """
-        for value, name, valid in (
-            (kinematics, "kinematics", KINEMATICS),
-            (state, "state", STATES),
-            (controller, "controller", CONTROLLERS),
-            (method, "method", METHODS),
-            (noise, "noise", NOISES),
-            (distortion, "distortion", (0, 1, 2)),
-        ):
-            if value not in valid:
-                raise DenseVSError(f"{name} is {value!r}; expected one of {', '.join(map(repr, valid))}")
+        check_choice("kinematics", kinematics, KINEMATICS)
+        check_choice("state", state, STATES)
+        check_choice("controller", controller, CONTROLLERS)
+        check_choice("method", method, METHODS)
+        check_choice("noise", noise, NOISES)
+        distortion = check_whole("distortion", distortion, least=0, most=2)
+        seed = check_whole("seed", seed, least=0)
         _check_sigma(pixel_sigma, "pixel_sigma", 1)
         _check_sigma(state_sigma, "state_sigma", 2 if controller == "cartesian" else 1)
         sizes = list(obs.image_sizes)
@@ -147,7 +143,7 @@ class GenerativeModel:
             return project_points(self.parameters, world)
         angles = _array(joints, "joints", (self.parameters.joint_count,))
         for joint in self.report.still_joints:
-            away = np.abs(angles[:, joint - 1] - self.parameters.centre[joint - 1]).max(initial=0.0)
+            away = np.abs(angles[:, joint - 1] - self.parameters.home[joint - 1]).max(initial=0.0)
             if away > STILL:
                 raise DenseVSError(
                     f"joint {joint} is {away:.3g} rad from where it stood in all observations; its axis is unknown, so "
@@ -237,22 +233,22 @@ class GenerativeModel:
         return self.infer_joints(target_pixels, near=current) - current
 
     def relearn(self, obs: Observations, what: str, seed: int = 0) -> FitReport:
-        """Learn one part anew from joints and pixels and keep the others; the report of it.
+        """Relearn one part from joints and pixels and keep the others; returns the report.
 
         Args:
             obs: a few samples; two are often enough for a camera or the structure.
             what: ``"camera:I"``, one past the last for a new camera; ``"structure"``, or ``"structure:K,L"`` for some
                 features, new ones among them; ``"base"``; ``"kinematics"``.
-            seed: of the starts of the kinematic stage.
+            seed: seeds the random starts of the kinematic stage.
 
         Raises:
-            DenseVSError: no such part, or observations that cannot tell it; the model stays as it was.
+            DenseVSError: no such part, or observations that do not determine it; the model stays as it was.
         """
         self._need_joints()
         parameters, report = relearn(self.parameters, obs, what, self.report.pixel_sigma or 0.5, self.postures, seed)
         if what == "kinematics":
             self.postures, self.report.still_joints = obs.joints, []
-            self._dh = from_lines(parameters.axes, parameters.points, parameters.centre) if self._dh else None
+            self._dh = from_lines(parameters.axes, parameters.points, parameters.home) if self._dh else None
         self.image_sizes = list(obs.image_sizes) if len(obs.image_sizes) >= len(self.image_sizes) else self.image_sizes
         self.parameters, self._inference, self._pose_inference = parameters, None, None
         return report
@@ -267,7 +263,7 @@ class GenerativeModel:
         """The chain as a DH table; lengths in the model's unit."""
         self._need_joints()
         p = self.parameters
-        return self._dh or from_lines(p.axes, p.points, p.centre)
+        return self._dh or from_lines(p.axes, p.points, p.home)
 
     def save(self, path: str | os.PathLike[str]) -> None:
         """Write the model to an ``.npz`` file, whole or not at all.
@@ -275,19 +271,19 @@ class GenerativeModel:
         Raises:
             DenseVSError: the file cannot be written.
         """
-        content: dict[str, Any] = {
-            f"parameters_{f.name}": getattr(self.parameters, f.name) for f in fields(ModelParameters)
-        }
-        content |= {"format": FORMAT, "format_version": FORMAT_VERSION, "postures": self.postures}
-        content |= {"controller": self.controller, "kinematics": self.kinematics}
-        content |= {"image_sizes": np.array(self.image_sizes, dtype=np.int64).reshape(-1, 2)}
-        content["report"] = json.dumps(self.report.as_dict())
-        if self.poses is not None:
-            content["poses"] = self.poses
-        if self._dh is not None:
-            content |= {"dh_base": self._dh.base, "dh_table": self._dh.table}
-        with atomic_write(path) as stream:
-            np.savez(stream, **content)
+        write_model(
+            path,
+            ModelContent(
+                self.parameters,
+                self.postures,
+                self.report,
+                self.controller,
+                self.kinematics,
+                self.poses,
+                self.image_sizes,
+                self._dh,
+            ),
+        )
 
     @classmethod
     def load(cls, path: str | os.PathLike[str]) -> "GenerativeModel":
@@ -296,32 +292,16 @@ class GenerativeModel:
         Raises:
             DenseVSError: not such a file, another version of it, or damaged.
         """
-        content = read_arrays(path, "a saved generative model")
-        if str(content.get("format")) != FORMAT:
-            raise DenseVSError(
-                f"{path} is not a saved generative model; expected a file that GenerativeModel.save wrote"
-            )
-        if str(content.get("format_version")) != str(FORMAT_VERSION):
-            raise DenseVSError(f"{path} has format version {content.get('format_version')}; expected {FORMAT_VERSION}")
-        try:
-            parameters = ModelParameters(**{f.name: content[f"parameters_{f.name}"] for f in fields(ModelParameters)})
-            report = FitReport.from_dict(json.loads(str(content["report"])))
-            sizes = [(int(h), int(w)) for h, w in content["image_sizes"]]
-            controller, kinematics = str(content["controller"]), str(content["kinematics"])
-            postures, poses = content["postures"], content.get("poses")
-            dh = DenavitHartenberg(content["dh_base"], content["dh_table"]) if "dh_base" in content else None
-        except (KeyError, ValueError, TypeError) as error:
-            raise DenseVSError(f"{path} is damaged: {error}") from error
-        _check_parameters(parameters, postures, str(path))
+        content = read_model(path)
         return cls(
-            parameters,
-            postures,
-            report,
-            controller=controller,
-            kinematics=kinematics,
-            poses=poses,
-            image_sizes=sizes,
-            dh=dh,
+            content.parameters,
+            content.postures,
+            content.report,
+            controller=content.controller,
+            kinematics=content.kinematics,
+            poses=content.poses,
+            image_sizes=content.image_sizes,
+            dh=content.dh,
         )
 
     def _known_poses(self) -> tuple[np.ndarray, np.ndarray]:
@@ -365,30 +345,17 @@ def _array(value: Any, name: str, each: tuple[int, ...]) -> np.ndarray:
 
 
 def _check_sigma(value: Any, name: str, count: int) -> None:
+    """None, a number above 0, or ``count`` of them."""
     if value is None:
         return
-    array = np.asarray(value, dtype=object).ravel()
-    if len(array) != count or not all(isinstance(v, int | float) and 0 < v < float("inf") for v in array):
-        raise DenseVSError(f"{name} is {value!r}; expected {count} positive number{'s' if count > 1 else ''} or None")
-
-
-def _check_parameters(p: ModelParameters, postures: np.ndarray, path: str) -> None:
-    joints, features, cameras = len(p.axes), len(p.features), len(p.intrinsics)
-    shapes = {
-        "axes": (joints, 3),
-        "points": (joints, 3),
-        "centre": (joints,),
-        "features": (features, 3),
-        "links": (features,),
-        "camera_rotation": (cameras, 3, 3),
-        "camera_translation": (cameras, 3),
-        "intrinsics": (cameras, 6),
-        "base_rotation": (3, 3),
-        "base_translation": (3,),
-    }
-    for name, shape in shapes.items():
-        array = getattr(p, name)
-        if array.shape != shape or (name != "features" and not np.isfinite(array).all()):
-            raise DenseVSError(f"{path} is damaged: {name} has shape {array.shape}; expected finite {shape}")
-    if postures.ndim != 2 or postures.shape[1] != joints:
-        raise DenseVSError(f"{path} is damaged: postures have shape {postures.shape}; expected (T, {joints})")
+    if count == 1:
+        check_number(name, value, above=0.0)
+        return
+    try:
+        numbers = list(value)
+    except TypeError:
+        numbers = []
+    if len(numbers) != count:
+        raise DenseVSError(f"{name} is {value!r}; expected {count} numbers above 0, or None")
+    for place, number in enumerate(numbers):
+        check_number(f"{name}[{place}]", number, above=0.0)

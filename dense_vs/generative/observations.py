@@ -25,7 +25,7 @@ class Observations:
             nothing is known: focal lengths are then searched for.
         intrinsics_sigma: how far those guesses may be off, standard deviations of the focal lengths, as a share, and of
             the principal points [px]; None where that is not known, and they are then trusted to 10 % and 3 % of the
-            image's width. With few samples it matters: pixels alone hardly tell the principal point.
+            image's width. It matters with few samples, whose pixels hardly determine the principal point.
         feature_link: ``(m,)`` the joint, counted from 1, behind which each feature stands; 0 for one that stands still;
             None where all stand on the last link, the hand.
 

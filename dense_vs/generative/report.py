@@ -38,7 +38,7 @@ class Outlier:
 
 @dataclass
 class FitReport:
-    """How the model was learnt.
+    """How the model was learned.
 
     Attributes:
         stages: in order.
@@ -53,8 +53,8 @@ class FitReport:
         unused_samples: samples that no stage could use.
         joint_sigma: estimated noise of joints or of joint actions [rad], where the state is not exact.
         pixel_sigma: estimated noise of a pixel coordinate [px].
-        expected_error_px: mean error to be expected on other postures, spread like those learnt from, without the noise
-            of measuring there; None where it was not computed (actions, Cartesian controllers, method "paper").
+        expected_error_px: mean error to be expected on other postures, spread like those learned from, without the
+            noise of measuring there; None where it was not computed (actions, Cartesian controllers, method "paper").
         pose_sigma: estimated noise of rotation [rad] and translation [m], with a Cartesian controller.
     """
 

@@ -1,4 +1,8 @@
-"""Grasping from masks, VOS-Grasp: where to stop (21), how to turn the wrist (22), whether it came along (23)."""
+"""Grasping from masks, VOS-Grasp: where to stop, VOS-VS (21), how to turn the wrist,
+VOS-VS (22), and whether the object came along, VOS-VS (23).
+
+May import: the ground, :mod:`dense_vs.robot`, :mod:`dense_vs.segmentation` and :mod:`dense_vs.mask_servo`.
+"""
 
 from dense_vs.grasp.camera_height import grasp_camera_position
 from dense_vs.grasp.grasp_check import GraspCheck, GraspOutcome, check_grasp

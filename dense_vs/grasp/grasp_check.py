@@ -9,9 +9,7 @@ a chain of which a part hangs down. Without them a missing area is an answer of 
 from dataclasses import dataclass
 from enum import Enum
 
-import numpy as np
-
-from dense_vs.errors import DenseVSError
+from dense_vs.checks import check_number
 
 _BEHIND_MARGIN = 1.2  # of masks that err
 
@@ -23,12 +21,12 @@ class GraspOutcome(Enum):
     MISSED = "missed"  # seen, but left behind
     LOST = "lost"  # not seen any more: neither in the gripper nor below it
     UNKNOWN = "unknown"  # the object was not seen well enough before lifting to compare
-    JAMMED = "jammed"  # the gripper did not close or open; reported by the robot, never by (23)
+    JAMMED = "jammed"  # the gripper did not close or open; reported by the robot, never by areas
 
 
 @dataclass(frozen=True)
 class GraspCheck:
-    """Outcome of (23) and the share s_A,raised / s_A,grasp behind it (nan when unknown)."""
+    """Outcome of VOS-VS (23) and the share s_A,raised / s_A,grasp behind it (nan when unknown)."""
 
     outcome: GraspOutcome
     share: float
@@ -49,13 +47,14 @@ def check_grasp(
     min_area: float = 16,
     closed: float = 0.0015,
 ) -> GraspCheck:
-    """Compare the object's area before and after lifting, (23).
+    """Compare the object's area before and after lifting, VOS-VS (23).
 
     Args:
         area_grasp: s_A [px] at the grasp, fingers closed.
         area_raised: s_A [px] after lifting.
         opening: between the fingers after lifting [m]; None where they do not tell.
-        behind: s_A,raised / s_A,grasp of an object that was left behind, by perspective (14); 1 where it is not known.
+        behind: s_A,raised / s_A,grasp of an object that was left behind, by perspective, VOS-VS (15); 1 where it
+            is not known.
         share: what must be left for a held object, above 0 and below 1.
         min_area: a smaller area [px] counts as not seen.
         closed: at most so far open [m], fingers hold nothing.
@@ -64,12 +63,10 @@ def check_grasp(
         DenseVSError: negative or non-finite areas, an opening that is not a number, or a share out of range.
     """
     for name, value in (("area_grasp", area_grasp), ("area_raised", area_raised), ("min_area", min_area)):
-        if not isinstance(value, (int, float, np.number)) or not 0 <= value < np.inf:
-            raise DenseVSError(f"{name} is {value!r}; expected an area of at least 0 px")
-    if not 0 < share < 1:
-        raise DenseVSError(f"share is {share!r}; expected a number between 0 and 1")
-    if opening is not None and not np.isfinite(opening):
-        raise DenseVSError(f"opening is {opening!r}; expected a length [m] or None")
+        check_number(name, value, least=0.0)
+    check_number("share", share, above=0.0, below=1.0)
+    if opening is not None:
+        check_number("opening", opening)
     least = max(min_area, 1)
     left = float(area_raised) / float(area_grasp) if area_grasp >= least else float("nan")
     if opening is not None:
@@ -82,4 +79,4 @@ def check_grasp(
         return GraspCheck(GraspOutcome.UNKNOWN if opening is None else GraspOutcome.MISSED, left)
     if area_raised < least:
         return GraspCheck(GraspOutcome.LOST, left)
-    return GraspCheck(GraspOutcome.HELD if left > share else GraspOutcome.MISSED, left)
+    return GraspCheck(GraspOutcome.HELD if left > share else GraspOutcome.MISSED, left)  # VOS-VS (23)

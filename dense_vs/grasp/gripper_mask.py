@@ -12,6 +12,7 @@ import cv2
 import numpy as np
 
 from dense_vs.arrays import real_vector
+from dense_vs.checks import check_number
 from dense_vs.errors import DenseVSError
 
 _NEAREST = 0.005  # m before the camera; nothing nearer is drawn
@@ -41,9 +42,7 @@ class GripperModel:
 
     def __post_init__(self):
         for name in ("opening", "width", "thickness", "length"):
-            value = getattr(self, name)
-            if isinstance(value, bool) or not isinstance(value, (int, float, np.number)) or not 0 < value < np.inf:
-                raise DenseVSError(f"{name} is {value!r}; expected a length above 0 [m]")
+            check_number(name, getattr(self, name), above=0.0)
         pose = real_vector(np.asarray(self.T_camera_hand, dtype=np.float64), "T_camera_hand", (4, 4))
         rotation = pose[:3, :3]
         if not np.allclose(rotation @ rotation.T, np.eye(3), atol=1e-4) or np.linalg.det(rotation) < 0:
@@ -55,7 +54,7 @@ class GripperModel:
 
         Args:
             angles: changes of the wrist angle (A,) [rad], positive from hand x to hand y.
-            intrinsics: (3, 3) camera matrix [px], pixel centres at whole numbers.
+            intrinsics: (3, 3) camera matrix [px], pixel centers at whole numbers.
             shape: (H, W) of the image.
 
         Raises:

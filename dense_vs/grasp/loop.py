@@ -1,16 +1,17 @@
 """Pick up an object whose depth is known: VOS-Grasp, VOS-VS section 6, as a loop that ends in a named state.
 
-From above the object: centre it under the gripper by servoing, turn the wrist by (22), go down to (21), close, lift,
-and compare areas (23); open and try again as the regrasp policy says. Beyond the paper: the way down is guarded, it
-ends where the lift no longer follows, and the fingers bite below the top surface where there is room.
+From above the object: center it under the gripper by servoing, turn the wrist by VOS-VS (22), go down to VOS-VS (21),
+close, lift, and compare areas by VOS-VS (23); open and try again as the regrasp policy says. Beyond the paper: the way
+down ends where the lift no longer follows, and the fingers close below the top surface where there is room.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from typing import Any, Protocol
 
 import numpy as np
 
+from dense_vs.checks import check_number
 from dense_vs.errors import DenseVSError
 from dense_vs.grasp import (
     GraspAction,
@@ -26,6 +27,7 @@ from dense_vs.grasp import (
 from dense_vs.mask_servo.loop import MaskServo, ServoEnd
 from dense_vs.robot.protocols import Camera, Robot
 from dense_vs.segmentation import Segmenter, assess_mask
+from dense_vs.segmentation.segmenter import forget_images
 
 
 class GripperState(Protocol):
@@ -59,12 +61,12 @@ class HandGeometry:
     """What is known of the hand: no calibration of joints against the image, but the gripper in its own camera.
 
     Attributes:
-        z_gripper: from the camera to the centre of the closed fingertips along the optical axis, (21) [m].
+        z_gripper: from the camera to the center of the closed fingertips along the optical axis, VOS-VS (21) [m].
         target: s* of an object at that depth under the gripper [px].
         centre: the optical axis in the image [px].
-        intrinsics: (3, 3) camera matrix for rendering the gripper of (22).
+        intrinsics: (3, 3) camera matrix for rendering the gripper of VOS-VS (22).
         model: its shape.
-        bite: how far below (21) the fingers go where there is room [m].
+        bite: how far below VOS-VS (21) the fingers go where there is room [m].
     """
 
     z_gripper: float
@@ -76,13 +78,14 @@ class HandGeometry:
 
     def target_at(self, distance: float) -> np.ndarray:
         """s* of an object under the gripper that is farther away than the fingertips [px]."""
-        centre = np.array(self.centre)
-        return centre + (np.array(self.target) - centre) * self.z_gripper / distance
+        center = np.array(self.centre)
+        return center + (np.array(self.target) - center) * self.z_gripper / distance
 
 
 @dataclass(frozen=True)
 class GraspAttempt:
-    """One attempt: the wrist's turn and verdict, whether the way down met something, and what (23) said."""
+    """One attempt: the wrist's turn and verdict, whether the way down met something, and what VOS-VS (23)
+    said."""
 
     servo: ServoEnd
     wrist: WristVerdict
@@ -109,14 +112,14 @@ class GraspLoop:
         gripper: opens and closes.
         hand: its geometry.
         lift, wrist: joints that carry the hand up and turn it.
-        base: joints that centre, with ``pinv`` ``(n, 2)``: H_base grasp.
+        base: joints that center, with ``pinv`` ``(n, 2)``: H_base grasp.
         policy: what follows a miss.
-        raise_by: way up before (23) [m].
+        raise_by: way up before VOS-VS (23) [m].
         contact_lag: the lift stays behind its command by more than this when something is below [m].
         on_attempt: called after the check of every attempt, before what follows it.
 
     Raises:
-        DenseVSError: a joint that the robot does not have.
+        DenseVSError: a joint that the robot does not have, or an option out of range.
     """
 
     def __init__(
@@ -129,7 +132,7 @@ class GraspLoop:
         *,
         lift: str,
         wrist: str,
-        base: tuple[str, str],
+        base: Sequence[str],
         pinv: Any,
         policy: RegraspPolicy | None = None,
         raise_by: float = 0.15,
@@ -144,10 +147,12 @@ class GraspLoop:
         self._lift, self._wrist = names.index(lift), names.index(wrist)
         self._base, self._pinv = base, np.asarray(pinv, dtype=np.float64)
         self.policy = policy if policy is not None else RegraspPolicy()
-        self._raise_by, self._lag, self._on_attempt = raise_by, contact_lag, on_attempt
+        self._raise_by = check_number("raise_by", raise_by, above=0.0)
+        self._lag = check_number("contact_lag", contact_lag, above=0.0)
+        self._on_attempt = on_attempt
 
     def run(self, z_object: float) -> GraspRun:
-        """Grasp the object at ``z_object`` [m] on the lift's axis for the camera, its centre near the image's.
+        """Grasp the object at ``z_object`` [m] on the lift's axis for the camera, its center near the image's.
 
         The robot is above the object, its wrist where the camera servoes by ``pinv``.
         """
@@ -189,14 +194,14 @@ class GraspLoop:
             max_step=0.06,
             tolerance=6.0,
         )
-        getattr(self.segmenter, "reset", lambda: None)()
+        forget_images(self.segmenter)
         end = servo.run(15)
         nothing = GraspCheck(GraspOutcome.LOST, float("nan"))
         if end.mask is None or end.end is ServoEnd.LOST:
             return GraspAttempt(end.end, WristVerdict.EMPTY, 0.0, False, float("nan"), nothing, (0.0, 0.0))
         angles = np.deg2rad(np.arange(-90, 90, 5.0))
         shape = (end.mask.shape[0], end.mask.shape[1])
-        # (22) at the object's depth: the fingers as they will be beside it.
+        # VOS-VS (22) at the object's depth: the fingers as they will be beside it.
         fingers = self.hand.model.finger_masks(angles, self.hand.intrinsics, shape)
         choice = choose_wrist_angle(end.mask, fingers, angles, rank=rank)
         self._move(self._wrist, choice.angle)
@@ -205,12 +210,12 @@ class GraspLoop:
         area = self._area()
         self._move(self._lift, self._raise_by)
         raised = self._area(remember=True)
-        behind = (self.hand.z_gripper / (self.hand.z_gripper + self._raise_by)) ** 2
+        behind = (self.hand.z_gripper / (self.hand.z_gripper + self._raise_by)) ** 2  # VOS-VS (15)
         check = check_grasp(area, raised, opening=self.gripper.close().opening, behind=behind)
         return GraspAttempt(end.end, choice.verdict, choice.angle, contact, opening, check, (area, raised))
 
     def _descend(self, z_object: float, deeper: float) -> bool:
-        """To (21) and the bite below it, in small steps, ending where something is in the way; whether it was."""
+        """To VOS-VS (21) and the bite below it, in small steps; whether something was in the way and ended them."""
         stop = grasp_camera_position(z_object, self.hand.z_gripper) - self.hand.bite - deeper
         target = self._joint(self._lift)
         low = -np.inf
@@ -231,7 +236,7 @@ class GraspLoop:
     def _area(self, remember: bool = False) -> float:
         """Area of the object's mask now; the segmenter may remember the last one, as what is held keeps its place."""
         if not remember:
-            getattr(self.segmenter, "reset", lambda: None)()
+            forget_images(self.segmenter)
         image, _ = self.camera.read()
         return float(assess_mask(self.segmenter.segment(image)).area)
 

@@ -8,6 +8,7 @@ lost object is searched for; a jam counts as an attempt too. The number of attem
 from dataclasses import dataclass
 from enum import Enum
 
+from dense_vs.checks import check_number, check_whole
 from dense_vs.errors import DenseVSError
 from dense_vs.grasp.grasp_check import GraspOutcome
 
@@ -16,7 +17,7 @@ class GraspAction(Enum):
     """What the loop does next."""
 
     FINISH = "finish"  # go on with the object in the hand
-    REGRASP = "regrasp"  # open, centre again, grasp as the step says
+    REGRASP = "regrasp"  # open, center again, grasp as the step says
     SEARCH = "search"  # open, go back to where the object was last seen whole and look for it
     GIVE_UP = "give_up"
 
@@ -52,15 +53,10 @@ class RegraspPolicy:
     """
 
     def __init__(self, *, attempts: int = 3, searches: int = 2, step: float = 0.008, max_deeper: float = 0.016):
-        for name, value in (("attempts", attempts), ("searches", searches)):
-            if isinstance(value, bool) or not isinstance(value, int) or value < (name == "attempts"):
-                raise DenseVSError(
-                    f"{name} is {value!r}; expected a whole number of at least {int(name == 'attempts')}"
-                )
-        for name, value in (("step", step), ("max_deeper", max_deeper)):
-            if not 0 <= value < 1:
-                raise DenseVSError(f"{name} is {value!r}; expected at least 0 and below 1 m")
-        self._attempts, self._searches, self._step, self._max_deeper = attempts, searches, step, max_deeper
+        self._attempts = check_whole("attempts", attempts, least=1)
+        self._searches = check_whole("searches", searches, least=0)
+        self._step = check_number("step", step, least=0.0, below=1.0)
+        self._max_deeper = check_number("max_deeper", max_deeper, least=0.0, below=1.0)
         self.reset()
 
     def reset(self) -> None:

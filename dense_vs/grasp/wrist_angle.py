@@ -1,8 +1,8 @@
 """The wrist angle of least collision, VOS-VS (22): argmin over q of |M and M_grasp(q)| / |M or M_grasp(q)|.
 
-For a small object many angles have no intersection at all and (22) does not choose among them. Beyond the paper,
-among those the fingers' distance to the object decides, which lays the closing direction across the object's narrow
-side, and then the smaller turn.
+For a small object many angles have no intersection at all, and (22) does not choose among them. Beyond the paper, the
+fingers' distance to the object decides then, which puts the closing direction across the object's narrow side, and
+after that the smaller turn.
 """
 
 from dataclasses import dataclass
@@ -14,6 +14,7 @@ import numpy as np
 
 from dense_vs.arrays import real_vector
 from dense_vs.errors import DenseVSError
+from dense_vs.segmentation.mask_features import mask_overlap
 from dense_vs.segmentation.segmenter import check_mask
 
 
@@ -21,21 +22,21 @@ class WristVerdict(Enum):
     """Whether the chosen angle is worth closing the gripper at."""
 
     CLEAR = "clear"  # no finger on the object, something between the fingers
-    TOUCHING = "touching"  # some intersection at every angle: too wide, or not centred
+    TOUCHING = "touching"  # some intersection at every angle: too wide, or not centered
     MISSING = "missing"  # nothing between the fingers at the chosen angle
     EMPTY = "empty"  # no object in the mask: the angle stays as it is
 
 
 @dataclass(frozen=True)
 class WristChoice:
-    """The answer of (22) for A candidates.
+    """The answer of VOS-VS (22) for A candidates.
 
     Attributes:
         verdict: see :class:`WristVerdict`.
         angle: the chosen change of the wrist angle [rad].
         index: of it among the candidates, -1 when the mask is empty.
-        iou: (22) at it; nan when the mask is empty.
-        ious: (22) at every candidate (A,).
+        iou: VOS-VS (22) at it; nan when the mask is empty.
+        ious: VOS-VS (22) at every candidate (A,).
         clearance: distance between fingers and object in the image at the chosen angle [px], 0 when they touch.
         between: object pixels between the fingers at the chosen angle; -1 where no closing masks were given.
     """
@@ -59,7 +60,7 @@ def choose_wrist_angle(
     iou_tolerance: float = 1e-3,
     clearance_tolerance: float = 1.5,
 ) -> WristChoice:
-    """Choose the wrist angle by (22).
+    """Choose the wrist angle by VOS-VS (22).
 
     Args:
         mask: the object M, bool ``(H, W)``.
@@ -69,7 +70,7 @@ def choose_wrist_angle(
             ``MISSING``.
         rank: 0 for the best candidate; 1 for the best that is at least a quarter of the candidates' range away
             from it, for another attempt.
-        iou_tolerance: values of (22) closer than that count as equal.
+        iou_tolerance: values of VOS-VS (22) closer than that count as equal.
         clearance_tolerance: distances closer than that [px] count as equal.
 
     Raises:
@@ -80,7 +81,7 @@ def choose_wrist_angle(
     turns = real_vector(np.asarray(angles, dtype=np.float64), "angles", (len(fingers),))
     between = None
     if closing_masks is not None:
-        between = np.count_nonzero(_candidates(closing_masks, "closing_masks", mask.shape, len(fingers)) & mask, (1, 2))
+        between = mask_overlap(mask, _candidates(closing_masks, "closing_masks", mask.shape, len(fingers))).intersection
     if rank not in (0, 1):
         raise DenseVSError(f"rank is {rank!r}; expected 0 or 1")
     ious = intersection_over_union(mask, fingers)
@@ -112,10 +113,15 @@ def choose_wrist_angle(
 
 
 def intersection_over_union(mask: np.ndarray, candidates: np.ndarray) -> np.ndarray:
-    """Jaccard index (A,) float64 of a mask ``(H, W)`` with every candidate ``(A, H, W)``; 0 where both are empty."""
-    common = np.count_nonzero(candidates & mask, axis=(1, 2))
-    union = np.count_nonzero(candidates, axis=(1, 2)) + np.count_nonzero(mask) - common
-    return common / np.maximum(union, 1)
+    """VOS-VS (22), the Jaccard index (A,) float64 of a mask ``(H, W)`` with every candidate ``(A, H, W)``.
+
+    0 where both are empty.
+
+    Raises:
+        DenseVSError: not masks, or of different shapes.
+    """
+    mask = check_mask(mask)
+    return mask_overlap(mask, _candidates(candidates, "candidates", mask.shape)).jaccard
 
 
 def _best(

@@ -228,7 +228,7 @@ class DenseJacobian:
     def _span(self, span: Any) -> np.ndarray:
         if not self.takes_spans:
             raise DenseVSError(
-                f"flow that spans more or less than a frame, with covariance {self.options.covariance!r} and prediction "
+                f"flow that spans more or less than a frame, covariance {self.options.covariance!r} and prediction "
                 f"{self.options.prediction!r}; expected covariance 'shared' and prediction 'model' or 'none'"
             )
         worlds, joints = self.options.worlds, self.options.joints

@@ -1,4 +1,4 @@
-"""The Hadamard-Broyden update of VOS-VS (11): learn the pseudoinverse feature Jacobian from motions and what they did.
+"""The Hadamard-Broyden update, VOS-VS (11): learn the pseudoinverse feature Jacobian from motions and what they did.
 
 After a joint step dq changed the feature error by de,
 
@@ -10,15 +10,27 @@ passes a point where the denominator vanishes and one update could be as large a
 """
 
 from dataclasses import dataclass
-from typing import Any, Literal
+from enum import StrEnum
+from typing import Any
 
 import numpy as np
 
 from dense_vs.arrays import real_vector
+from dense_vs.checks import check_number
 from dense_vs.errors import DenseVSError
 
 MOTION_THRESHOLD = 0.02  # sum of |dq|, the authors' robot code
-Outcome = Literal["updated", "guarded", "too little motion", "no change of features", "no estimate", "overflow"]
+
+
+class BroydenOutcome(StrEnum):
+    """What an update did, or why it changed nothing."""
+
+    UPDATED = "updated"  # VOS-VS (11) as it stands
+    GUARDED = "guarded"  # its denominator was held away from zero
+    TOO_LITTLE_MOTION = "too little motion"
+    NO_CHANGE = "no change of features"
+    NO_ESTIMATE = "no estimate"  # the prediction or the denominator is zero
+    OVERFLOW = "overflow"
 
 
 @dataclass(frozen=True)
@@ -26,31 +38,30 @@ class BroydenStep:
     """One call of :meth:`HadamardBroyden.update`.
 
     Attributes:
-        outcome: ``"updated"`` by (11) as it stands; ``"guarded"``, the denominator was held away from zero; else why
-            nothing was changed.
+        outcome: see :class:`BroydenOutcome`.
         pinv: ``(n, k)``, the estimate after the call.
         denominator: dq^T J+ de as it was, before the guard.
     """
 
-    outcome: Outcome
+    outcome: BroydenOutcome
     pinv: np.ndarray
     denominator: float
 
     @property
     def changed(self) -> bool:
         """Whether the estimate was changed."""
-        return self.outcome in ("updated", "guarded")
+        return self.outcome in (BroydenOutcome.UPDATED, BroydenOutcome.GUARDED)
 
 
 class HadamardBroyden:
-    """Learns ``dq = J+ de`` online, for n joints and k image features.
+    """Learns ``dq = J+ de``, the inverse of VOS-VS (9), online, for n joints and k image features.
 
     Args:
         pinv0: ``(n, k)`` [rad/px, m/px], the estimate to begin with; the paper uses 0.001 H.
         coupling: H, ``(n, k)`` of 0 and 1: which joint answers for which feature; None is the original Broyden update.
-        alpha: update speed, above 0 (0 keeps the estimate: how the paper uses what it learnt).
-        min_motion: motions with a smaller sum of \\|dq\\| [rad, m] are not learnt from; the authors' code uses 0.02.
-        min_cosine: the denominator's least magnitude, as the cosine between dq and J+ de; 0 is (11) as printed.
+        alpha: update speed, 0 to 1; 0 keeps the estimate, as the paper does once J+ is learned.
+        min_motion: motions with a smaller sum of \\|dq\\| [rad, m] are not learned from; the authors' code uses 0.02.
+        min_cosine: the denominator's least magnitude, as the cosine between dq and J+ de; 0 is VOS-VS (11) as printed.
 
     Attributes:
         pinv: ``(n, k)``, the present estimate; a copy.
@@ -73,9 +84,9 @@ class HadamardBroyden:
         if not self._pinv.size:
             raise DenseVSError(f"pinv0 has shape {self._pinv.shape}; expected (joints, features), at least 1 of each")
         self.coupling = None if coupling is None else _logical(coupling, self._pinv.shape)
-        self.alpha = _number(alpha, "alpha", 0.0, 1.0)
-        self.min_motion = _number(min_motion, "min_motion", 0.0, np.inf)
-        self.min_cosine = _number(min_cosine, "min_cosine", 0.0, 1.0)
+        self.alpha = check_number("alpha", alpha, least=0.0, most=1.0)
+        self.min_motion = check_number("min_motion", min_motion, least=0.0)
+        self.min_cosine = check_number("min_cosine", min_cosine, least=0.0, most=1.0)
         self.history: list[BroydenStep] = []
         self._last: tuple[np.ndarray, np.ndarray] | None = None
 
@@ -85,7 +96,7 @@ class HadamardBroyden:
         return self._pinv.copy()
 
     def update(self, dq: Any, de: Any) -> BroydenStep:
-        """Learn from one motion, (11).
+        """Learn from one motion, VOS-VS (11).
 
         Args:
             dq: ``(n,)`` [rad, m], joint positions now less those at the last update.
@@ -103,7 +114,7 @@ class HadamardBroyden:
         return step
 
     def observe(self, q: Any, e: Any) -> BroydenStep | None:
-        """:meth:`update` with the change since the last observation that was learnt from.
+        """:meth:`update` with the change since the last observation that was learned from.
 
         Small motions so add up until there are enough of them, as the paper's "changes since the last update" say.
 
@@ -124,7 +135,7 @@ class HadamardBroyden:
             self._last = (q, e)
             return None
         step = self.update(q - self._last[0], e - self._last[1])
-        if step.outcome != "too little motion":
+        if step.outcome is not BroydenOutcome.TOO_LITTLE_MOTION:
             self._last = (q, e)
         return step
 
@@ -137,28 +148,29 @@ class HadamardBroyden:
         predicted = J @ de
         denominator = float(dq @ predicted)
 
-        def kept(outcome: Outcome) -> BroydenStep:
+        def kept(outcome: BroydenOutcome) -> BroydenStep:
             return BroydenStep(outcome, J.copy(), denominator)
 
         if np.abs(dq).sum() <= self.min_motion:
-            return kept("too little motion")
+            return kept(BroydenOutcome.TOO_LITTLE_MOTION)
         if not de.any():
-            return kept("no change of features")
+            return kept(BroydenOutcome.NO_CHANGE)
         size = float(np.linalg.norm(dq) * np.linalg.norm(predicted))
         if size == 0.0:
-            return kept("no estimate")
+            return kept(BroydenOutcome.NO_ESTIMATE)
         floor = self.min_cosine * size
         held = denominator if abs(denominator) >= floor else float(np.copysign(floor, denominator))
         if held == 0.0:
-            return kept("no estimate")
+            return kept(BroydenOutcome.NO_ESTIMATE)
         with np.errstate(all="ignore"):
-            change = np.outer(dq - predicted, dq @ J) / held
+            change = np.outer(dq - predicted, dq @ J) / held  # VOS-VS (11)
             if self.coupling is not None:
                 change = change * self.coupling
-            learnt = J + self.alpha * change
-        if not np.isfinite(learnt).all():
-            return kept("overflow")
-        return BroydenStep("updated" if held == denominator else "guarded", learnt, denominator)
+            learned = J + self.alpha * change
+        if not np.isfinite(learned).all():
+            return kept(BroydenOutcome.OVERFLOW)
+        outcome = BroydenOutcome.UPDATED if held == denominator else BroydenOutcome.GUARDED
+        return BroydenStep(outcome, learned, denominator)
 
 
 def _logical(coupling: Any, shape: tuple[int, ...]) -> np.ndarray:
@@ -169,10 +181,3 @@ def _logical(coupling: Any, shape: tuple[int, ...]) -> np.ndarray:
             f"expected 0 and 1 in the shape {shape} of pinv0"
         )
     return matrix.astype(np.float64)
-
-
-def _number(value: Any, name: str, least: float, greatest: float) -> float:
-    number = isinstance(value, (int, float, np.number)) and not isinstance(value, bool)
-    if not number or not np.isfinite(value) or not least <= value <= greatest:
-        raise DenseVSError(f"{name} is {value!r}; expected a finite number from {least:g} to {greatest:g}")
-    return float(value)

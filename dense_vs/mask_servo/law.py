@@ -1,18 +1,29 @@
-"""The servo law of VOS-VS on mask features (10): dq = -lambda J+ e, with limits and a defined end for a lost feature.
+"""The servo law on mask features, VOS-VS (10): dq = -lambda J+ e, with limits and a defined end for a lost feature.
+
+It is VOS-VS (8) for joint steps in place of camera velocities; J+ inverts VOS-VS (9), which stands in place of (7).
 
 Beyond the paper: a command is bounded as a whole, so that its direction stays; joint limits are kept; and while the
 feature is not seen nothing is commanded, until after a set number of frames the servo says that it is lost.
 """
 
 from dataclasses import dataclass
-from typing import Any, Literal
+from enum import StrEnum
+from typing import Any
 
 import numpy as np
 
 from dense_vs.arrays import real_vector
+from dense_vs.checks import check_number, check_whole
 from dense_vs.errors import DenseVSError
 
-State = Literal["servoing", "converged", "waiting", "lost"]
+
+class FeatureState(StrEnum):
+    """What a feature servo is about."""
+
+    SERVOING = "servoing"
+    CONVERGED = "converged"  # the error is within the tolerance; dq is zero
+    WAITING = "waiting"  # the feature is not seen; dq is zero
+    LOST = "lost"  # it has not been seen for ``patience`` frames: search
 
 
 @dataclass(frozen=True)
@@ -21,15 +32,14 @@ class FeatureCommand:
 
     Attributes:
         dq: ``(n,)`` joint step [rad, m].
-        error: ``(k,)`` feature error e (6) [px]; NaN where the feature is not seen.
-        state: ``"servoing"``; ``"converged"``, the error is within the tolerance and dq is zero; ``"waiting"``, the
-            feature is not seen and dq is zero; ``"lost"``, it has not been seen for ``patience`` frames: search.
+        error: ``(k,)`` feature error e, VOS-VS (6) [px]; NaN where the feature is not seen.
+        state: see :class:`FeatureState`.
         at_limit: ``(n,)`` bool, joints whose step a joint limit shortened.
     """
 
     dq: np.ndarray
     error: np.ndarray
-    state: State
+    state: FeatureState
     at_limit: np.ndarray
 
 
@@ -38,7 +48,7 @@ class FeatureServo:
 
     Args:
         target: s*, ``(k,)`` [px].
-        gain: lambda of (10), the share of the error to remove per command.
+        gain: lambda of VOS-VS (10), the share of the error to remove per command.
         max_step: ``(n,)`` or one number for all [rad, m], the largest step of each joint per command; a step beyond
             it is shortened as a whole. None bounds nothing.
         joint_limits: ``(n, 2)`` least and greatest position; None keeps none.
@@ -60,13 +70,9 @@ class FeatureServo:
         patience: int = 10,
     ):
         self.target = real_vector(np.asarray(target, dtype=np.float64), "target", (-1,))
-        for name, value in (("gain", gain), ("tolerance", tolerance)):
-            number = isinstance(value, (int, float, np.number)) and not isinstance(value, bool)
-            if not number or not np.isfinite(value) or value < 0:
-                raise DenseVSError(f"{name} is {value!r}; expected a finite number of at least 0")
-        if isinstance(patience, bool) or not isinstance(patience, (int, np.integer)) or patience < 1:
-            raise DenseVSError(f"patience is {patience!r}; expected a whole number of at least 1")
-        self.gain, self.tolerance, self.patience = float(gain), float(tolerance), int(patience)
+        self.gain = check_number("gain", gain, least=0.0)
+        self.tolerance = check_number("tolerance", tolerance, least=0.0)
+        self.patience = check_whole("patience", patience, least=1)
         self.max_step = None if max_step is None else np.asarray(max_step, dtype=np.float64)
         if self.max_step is not None and (self.max_step.ndim > 1 or not (self.max_step > 0).all()):
             raise DenseVSError(f"max_step is {max_step!r}; expected a number above 0, or one for each joint")
@@ -99,16 +105,16 @@ class FeatureServo:
             raise DenseVSError(f"features have shape {seen.shape}; expected {(k,)}, as target")
         if not np.isfinite(seen).all():
             self.unseen += 1
-            state: State = "lost" if self.unseen >= self.patience else "waiting"
+            state = FeatureState.LOST if self.unseen >= self.patience else FeatureState.WAITING
             return FeatureCommand(nothing, np.full(k, np.nan), state, nowhere)
         self.unseen = 0
-        error = seen - self.target
+        error = seen - self.target  # VOS-VS (6)
         if np.abs(error).max() <= self.tolerance:
-            return FeatureCommand(nothing, error, "converged", nowhere)
-        wanted = -self.gain * (J @ error)
+            return FeatureCommand(nothing, error, FeatureState.CONVERGED, nowhere)
+        wanted = -self.gain * (J @ error)  # VOS-VS (10)
         wanted = wanted / max(1.0, float((np.abs(wanted) / step).max()))
         dq = np.clip(wanted, room[:, 0], room[:, 1])
-        return FeatureCommand(dq, error, "servoing", dq != wanted)
+        return FeatureCommand(dq, error, FeatureState.SERVOING, dq != wanted)
 
     def reset(self) -> None:
         """Forget how long the feature has not been seen."""

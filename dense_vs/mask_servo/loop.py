@@ -1,6 +1,7 @@
 """Visual servoing on an object's mask: VOS-VS sections 4.1 to 4.3 as a loop over a camera, a robot and a segmenter.
 
-Look, segment, take the centroid (4), (5), move by (10), and, where asked to learn, update J+ by (11). The loop ends
+Look, segment, take the centroid by VOS-VS (4) and (5), move by VOS-VS (10) and, where asked to learn, update J+ by
+VOS-VS (11). The loop ends
 in one of a few named states and never moves while the object is not seen, except back to where it was. How a robot
 moves while it learns is said in :mod:`dense_vs.mask_servo.trust_region`.
 """
@@ -12,13 +13,15 @@ from typing import Any
 
 import numpy as np
 
+from dense_vs.checks import check_number, check_whole
 from dense_vs.errors import DenseVSError
 from dense_vs.mask_servo.featurewise_broyden import FeaturewiseBroyden
 from dense_vs.mask_servo.hadamard_broyden import HadamardBroyden
-from dense_vs.mask_servo.law import FeatureServo
+from dense_vs.mask_servo.law import FeatureServo, FeatureState
 from dense_vs.mask_servo.trust_region import TrustRegion, View
 from dense_vs.robot.protocols import Camera, Robot
 from dense_vs.segmentation import MaskQuality, Segmenter, assess_mask
+from dense_vs.segmentation.segmenter import forget_images
 
 _TURNED = 200.0  # px^2, product of two errors of opposite sign that is no noise
 
@@ -39,7 +42,7 @@ class ServoLook:
 
     Attributes:
         quality: of the mask.
-        error: e (6), ``(2,)`` [px]; nan where the object is not seen.
+        error: e, VOS-VS (6), ``(2,)`` [px]; nan where the object is not seen.
         joints: positions ``(n,)`` of the configuration's joints [rad, m].
         pinv: J+ ``(n, 2)`` after this look.
     """
@@ -51,7 +54,7 @@ class ServoLook:
 
     @property
     def centroid(self) -> np.ndarray:
-        """(s_x, s_y) of (4), (5) [px]; nan where the object is not seen."""
+        """(s_x, s_y), VOS-VS (4) and (5) [px]; nan where the object is not seen."""
         return np.array(self.quality.centroid)
 
 
@@ -88,8 +91,8 @@ class MaskServo:
         pinv: J+ ``(n, 2)`` [rad/px, m/px], or a :class:`HadamardBroyden` or :class:`FeaturewiseBroyden` that also
             learns from every look.
         target: s* ``(2,)`` [px].
-        gain: lambda of (10). With a fixed J+ it is halved when the error turns round, as it does where the object is
-            much nearer than when J+ was learnt.
+        gain: lambda of VOS-VS (10). With a fixed J+ it is halved when the error changes sign, as it
+            does where the object is much nearer than when J+ was learned.
         max_step: largest step of each joint per command [rad, m].
         max_image_step: while learning, the largest step is made smaller or larger from look to look so that the object
             moves about so far in the image [px]: a wrong J+ then shows before the object is out of view.
@@ -127,11 +130,13 @@ class MaskServo:
         self.columns = np.array([names.index(joint) for joint in joints])
         self.learner = pinv if isinstance(pinv, (HadamardBroyden, FeaturewiseBroyden)) else None
         self._fixed = None if self.learner is not None else np.asarray(pinv, dtype=np.float64)
+        largest = check_number("max_step", max_step, above=0.0)
+        image_step = check_number("max_image_step", max_image_step, above=0.0)
         limits = getattr(robot, "joint_limits", None)
         self.servo = FeatureServo(
             target,
             gain,
-            max_step=max_step,
+            max_step=largest,
             joint_limits=None if limits is None else np.asarray(limits)[self.columns],
             tolerance=tolerance,
             patience=patience,
@@ -139,12 +144,10 @@ class MaskServo:
         self.region = (
             None
             if self.learner is None
-            else TrustRegion(
-                self.learner.coupling, float(tolerance), self.learner.min_motion, float(max_step), float(max_image_step)
-            )
+            else TrustRegion(self.learner.coupling, self.servo.tolerance, self.learner.min_motion, largest, image_step)
         )
-        self.stalled = stalled
-        self._gain = float(gain)
+        self.stalled = check_whole("stalled", stalled, least=1)
+        self._gain = self.servo.gain
         self._on_look = on_look
 
     @property
@@ -166,12 +169,12 @@ class MaskServo:
         for _ in range(max_looks):
             image, _ = self.camera.read()
             # The robot moved since the last image: where the object was says little about where it is.
-            getattr(self.segmenter, "reset", lambda: None)()
+            forget_images(self.segmenter)
             mask = self.segmenter.segment(image)
             quality = assess_mask(mask)
             positions = np.asarray(self.robot.joints()[0], dtype=np.float64)[self.columns]
             features = np.array(quality.centroid) if quality.servoable else None
-            whole = self._learn(quality, positions, looks[-1].joints if looks else None, mask)
+            whole = self._learn(quality, positions, looks[-1].joints if looks else None)
             pinv = self.pinv if self.region is None else self.region.active(self.pinv)
             command = self.servo.step(pinv, features, positions)
             if self.learner is None and looks and float(command.error @ looks[-1].error) < -_TURNED:
@@ -181,18 +184,18 @@ class MaskServo:
             if self._on_look is not None:
                 self._on_look(looks[-1], image, mask)
             if self.region is not None and not whole:
-                back = self.region.retreat(positions, command.error, mask)
+                back = self.region.retreat(positions, command.error, quality, (mask.shape[0], mask.shape[1]))
                 if back is not None:
                     self.servo.max_step = np.asarray(self.region.step)
                     self._command(self._within_limits(positions, back))
                     continue
                 if quality.servoable:
                     return ServoRun(ServoEnd.LEAVING, looks, mask)
-            if command.state == "converged":
+            if command.state is FeatureState.CONVERGED:
                 return ServoRun(ServoEnd.CONVERGED, looks, mask)
-            if command.state == "lost":
+            if command.state is FeatureState.LOST:
                 return ServoRun(ServoEnd.LOST, looks, mask)
-            if command.state == "servoing":
+            if command.state is FeatureState.SERVOING:
                 error = float(np.linalg.norm(command.error))
                 held = held + 1 if command.at_limit.any() and error > 0.98 * least else 0
                 least = min(least, error)
@@ -206,8 +209,8 @@ class MaskServo:
                 self._command(self._within_limits(positions, dq))
         return ServoRun(ServoEnd.EXHAUSTED, looks, mask)
 
-    def _learn(self, quality: MaskQuality, positions: np.ndarray, before: np.ndarray | None, mask: np.ndarray) -> bool:
-        """(11), only from whole masks, as the centroid of a part moves otherwise than the object; whether it is one."""
+    def _learn(self, quality: MaskQuality, positions: np.ndarray, before: np.ndarray | None) -> bool:
+        """VOS-VS (11) from whole masks only, as the centroid of a part moves differently; whether the mask is whole."""
         if self.learner is None or self.region is None:
             return False
         view = self.region.judge(quality, positions, before)
@@ -215,9 +218,9 @@ class MaskServo:
             return False
         if view is View.ANEW:
             self.learner.forget_observation()
-        error = np.array(quality.centroid) - self.servo.target
+        error = np.array(quality.centroid) - self.servo.target  # VOS-VS (12)
         self.learner.observe(positions, error)
-        self.region.advance(view, positions, error, mask)
+        self.region.advance(view, positions, error, quality)
         self.servo.max_step = np.asarray(self.region.step)
         return True
 

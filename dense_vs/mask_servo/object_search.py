@@ -9,9 +9,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from dense_vs.checks import check_whole
 from dense_vs.errors import DenseVSError
 from dense_vs.robot.protocols import Camera, Robot
 from dense_vs.segmentation import MaskQuality, Segmenter, assess_mask
+from dense_vs.segmentation.segmenter import forget_images
 
 
 @dataclass(frozen=True)
@@ -44,8 +46,7 @@ def search_offsets(reach: Sequence[float], rings: int = 1) -> np.ndarray:
     spacing = np.asarray(reach, dtype=np.float64)
     if spacing.shape != (2,) or not (np.isfinite(spacing).all() and (spacing > 0).all()):
         raise DenseVSError(f"reach is {reach!r}; expected two lengths above 0 [m]")
-    if isinstance(rings, bool) or not isinstance(rings, int) or rings < 0:
-        raise DenseVSError(f"rings is {rings!r}; expected a whole number of at least 0")
+    rings = check_whole("rings", rings, least=0)
     grid = [(i, j) for i in range(-rings, rings + 1) for j in range(-rings, rings + 1)]
     grid.sort(key=lambda place: (max(map(abs, place)), abs(place[0]) + abs(place[1]), np.arctan2(*place)))
     return np.array(grid, dtype=np.float64) * spacing
@@ -84,7 +85,7 @@ def search_object(
     looks = 0
     for offset in offsets:
         _go(robot, columns, np.clip(start + offset, bounds[:, 0], bounds[:, 1]))
-        getattr(segmenter, "reset", lambda: None)()
+        forget_images(segmenter)
         image, _ = camera.read()
         mask = segmenter.segment(image)
         quality = assess_mask(mask)

@@ -1,20 +1,20 @@
-"""How far and with which joints a robot moves while its J+ is still being learnt. Beyond the paper.
+"""How far and with which joints a robot moves while its J+ is still being learned. Beyond the paper.
 
 VOS-VS section 7.3 lets an element of the wrong sign drive the object out of view and then resets the robot's pose.
-Where the object stands near the border that can happen before a single update, and again after every reset. Here a
-step is bounded by how far the object moves in the image; a step after which it is no longer seen whole is taken back
-and, where the image has room, made as far the other way, which teaches what the lost step would have; and a feature
-whose error grows is moved alone until it falls, as its term in the shared denominator of (11) would be outweighed by
-the other features', and its element then learns the wrong way.
+Near the image border that can happen before a single update, and again after every reset. Here the motion of the
+object in the image bounds each step. A step after which the object is no longer whole in the image is taken back and,
+where there is room, made as far the other way: that teaches what the lost step would have taught. A feature whose error
+grows is moved alone until its error falls; otherwise the other features outweigh its term in the shared denominator of
+VOS-VS (11), and its element learns the wrong way.
 """
 
 from dataclasses import dataclass
 from enum import Enum
 from typing import Any
 
-import cv2
 import numpy as np
 
+from dense_vs.kernels.masks.region_sums import BOTTOM, LEFT, RIGHT, TOP
 from dense_vs.segmentation import MaskQuality, MaskVerdict
 
 FIRST_STEP = 0.02  # m or rad
@@ -27,7 +27,7 @@ RETREATS = 2  # one after the other with the object not whole in between, then i
 
 
 class View(Enum):
-    """What a look shows of the object, or why nothing can be learnt from it."""
+    """What a look shows of the object, or why nothing can be learned from it."""
 
     WHOLE = "whole"  # as much as the whole look before
     ANEW = "anew"  # the whole, but more of it than before, or for the first time: changes say nothing
@@ -99,8 +99,8 @@ class TrustRegion:
         ratio = quality.area / self._whole.area
         return View.PART if ratio < WHOLE else View.ANEW if ratio > 1 / WHOLE else View.WHOLE
 
-    def advance(self, view: View, positions: np.ndarray, error: np.ndarray, mask: np.ndarray) -> None:
-        """Take a look that shows the whole object: joints ``(n,)``, feature error ``(k,)`` [px], mask ``(H, W)``."""
+    def advance(self, view: View, positions: np.ndarray, error: np.ndarray, quality: MaskQuality) -> None:
+        """Take a look that shows the whole object: joints ``(n,)``, feature error ``(k,)`` [px], its mask's quality."""
         before = self._whole
         if before is not None and view is View.WHOLE:
             dq = positions - before.positions
@@ -110,12 +110,13 @@ class TrustRegion:
                 self.step = float(np.clip(self.step * change, LEAST_STEP, self._max_step))
             if self._in_turn == 0:  # the motion was the servo's own
                 self._blame(dq, np.abs(error) - np.abs(before.error), np.abs(error))
-        area, box = int(np.count_nonzero(mask)), cv2.boundingRect(mask.astype(np.uint8))
-        self._whole = _Whole(positions.copy(), error.copy(), area, tuple(box))
+        self._whole = _Whole(positions.copy(), error.copy(), quality.area, quality.box)
         self._in_turn = 0
 
-    def retreat(self, positions: np.ndarray, error: np.ndarray, mask: np.ndarray) -> np.ndarray | None:
-        """The step ``(n,)`` after a look that cannot be learnt from; None where the object has been lost for good.
+    def retreat(
+        self, positions: np.ndarray, error: np.ndarray, quality: MaskQuality, image_size: tuple[int, int]
+    ) -> np.ndarray | None:
+        """The step ``(n,)`` after a look that cannot be learned from; None where the object has been lost for good.
 
         Back to where the object was last seen whole. The first time also beyond, with the joints of those features
         whose error grew, so far that the object moves as it should at a step and stays in the image; where none grew,
@@ -124,7 +125,8 @@ class TrustRegion:
 
         Args:
             error: ``(k,)`` [px], nan where nothing is seen.
-            mask: of that look, ``(H, W)``.
+            quality: of that look's mask.
+            image_size: height, width [px].
         """
         whole = self._whole
         if whole is None or self._in_turn >= RETREATS:
@@ -137,7 +139,7 @@ class TrustRegion:
             moved = self._moved(back, len(error))
             growth = np.where(moved, np.abs(error) - np.abs(whole.error), -np.inf)
             # The centroid of what the border leaves moves less than the object.
-            touches = np.array([mask[:, [0, -1]].any(), mask[[0, -1]].any()])
+            touches = np.array([quality.border & (LEFT | RIGHT), quality.border & (TOP | BOTTOM)]) > 0
             grew = np.nan_to_num(growth, nan=-np.inf) > np.where(touches, 0.0, NOISE)
             if grew.any():
                 shift = np.where(grew, whole.error - error, 0.0)
@@ -149,7 +151,7 @@ class TrustRegion:
                     shift = whole.error - error
                 shown = max(float(np.hypot(*shift)), 1.0)
                 farther = float(np.clip(self._image_step / shown, 1.0, FARTHER))
-                beyond = np.where(joints, back, 0.0) * farther * _room(whole.box, farther * shift, mask.shape)
+                beyond = np.where(joints, back, 0.0) * farther * _room(whole.box, farther * shift, image_size)
             elif self._coupling is not None:
                 others = np.where(moved, 0.0, np.abs(whole.error))
                 if moved.all():
@@ -167,8 +169,11 @@ class TrustRegion:
         return np.where(self._coupling[:, [self._alone]], pinv, 0.0)
 
     def enough(self, dq: np.ndarray, error: np.ndarray) -> np.ndarray:
-        """A servo step ``(n,)`` for the error ``(k,)``, larger where one feature's would be too small to learn from, as
-        an element of J+ that passes through zero commands nothing; alone, that it outweighs the others in (11)."""
+        """A servo step ``(n,)`` for the error ``(k,)`` that is large enough to learn from.
+
+        An element of J+ that passes through zero commands almost nothing. If a feature's step is too small to learn
+        from, enlarge it and move only that feature: else the others outweigh it in VOS-VS (11).
+        """
         coupling = np.ones((len(dq), len(error)), dtype=bool) if self._coupling is None else self._coupling
         for feature in np.argsort(-np.abs(error)):
             joints = coupling[:, feature]

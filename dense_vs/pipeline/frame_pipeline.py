@@ -135,7 +135,7 @@ class FramePipeline:
         return self.frame
 
     def restart(self) -> None:
-        """Forget J and the last frame; the next one is the first again. What the body was labelled by fades by itself."""
+        """Forget J and the last frame; the next one is the first again. What the body is labeled by fades by itself."""
         self.estimator.reset()
         self.frame = self._corrected = None
         self._span_frames = 0

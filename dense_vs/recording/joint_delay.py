@@ -32,7 +32,8 @@ def joint_delay(flow: np.ndarray, image_times: np.ndarray, times: np.ndarray, po
 
 def _unexplained(flow: np.ndarray, at: np.ndarray, times: np.ndarray, positions: np.ndarray) -> float:
     """Energy of the flow outside of what joint steps between those times span [px^2]."""
-    steps = np.diff(np.stack([np.interp(at, times, joint) for joint in positions.T], axis=1), axis=0)
+    joints = np.array([np.interp(at, times, joint) for joint in positions.T])
+    steps = joints[:, 1:].T - joints[:, :-1].T
     left, sizes, _ = np.linalg.svd(steps, full_matrices=False)
     spanned = left[:, sizes > 1e-6 * sizes.max(initial=1e-12)]
     return float(np.sum(flow**2) - np.sum((spanned.T @ flow) ** 2))

@@ -1,4 +1,7 @@
-"""Masks from images: VOS-VS section 4.1, with a segmenter of one's choice and what to think of its masks."""
+"""Masks from images, VOS-VS section 4.1: segmenters, the figures of a mask, and whether a mask can be trusted.
+
+May import: the ground and kernels.
+"""
 
 from dense_vs.segmentation.annotated_folder import AnnotatedFolder, read_image, read_images, read_mask, write_mask
 from dense_vs.segmentation.few_shot.segmenter import FewShotOptions, FewShotSegmenter

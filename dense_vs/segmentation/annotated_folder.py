@@ -83,7 +83,7 @@ def read_image(path: str | os.PathLike[str]) -> np.ndarray:
 
 
 def read_mask(path: str | os.PathLike[str]) -> np.ndarray:
-    """A mask file as bool ``(H, W)``: true above half of its largest grey value, 1 or 255.
+    """A mask file as bool ``(H, W)``: true above half of its largest gray value, 1 or 255.
 
     Raises:
         DenseVSError: missing or not an image.

@@ -12,6 +12,7 @@ import cv2
 import numpy as np
 
 from dense_vs.errors import DenseVSError
+from dense_vs.segmentation.mask_features import connected_regions, mask_overlap, mask_sums
 from dense_vs.segmentation.segmenter import check_mask
 
 
@@ -32,13 +33,15 @@ class MaskQuality:
 
     Attributes:
         verdict: the worst of what applies.
-        area: pixels s_A (3).
-        centroid: (s_x, s_y) of (4), (5) [px]; nan when empty.
+        area: pixels s_A, VOS-VS (3).
+        centroid: (s_x, s_y), VOS-VS (4) and (5) [px]; nan when empty.
         fraction: area over the image's.
         parts: number of 8-connected regions.
         largest_share: share of the area in the largest region, 0 when empty.
         border_share: share of the image's border pixels that the mask covers.
         overlap: intersection over union with the previous mask; nan without one.
+        box: (x, y, width, height) of the mask [px]; zeros where no pixel is set.
+        border: image sides that the mask touches: sum of 1 left, 2 right, 4 top, 8 bottom.
     """
 
     verdict: MaskVerdict
@@ -49,6 +52,8 @@ class MaskQuality:
     largest_share: float
     border_share: float
     overlap: float
+    box: tuple[int, int, int, int]
+    border: int
 
     @property
     def servoable(self) -> bool:
@@ -57,7 +62,7 @@ class MaskQuality:
 
     @property
     def measurable(self) -> bool:
-        """Whether the area belongs to the whole object, as (20) and (23) need."""
+        """Whether the area belongs to the whole object, as VOS-VS (20) and (23) need."""
         return self.verdict is MaskVerdict.GOOD
 
 
@@ -86,27 +91,21 @@ def assess_mask(
         DenseVSError: not masks, or of different shapes.
     """
     mask = check_mask(mask)
-    height, width = mask.shape
-    area = int(np.count_nonzero(mask))
-    overlap = float("nan")
-    area_before = 0
+    whole = mask_sums(mask)
+    area, overlap, area_before = int(whole.area), float("nan"), 0
     if previous is not None:
-        before = check_mask(previous, "previous")
-        if before.shape != mask.shape:
-            raise DenseVSError(f"previous has shape {before.shape}; expected the mask's, {mask.shape}")
-        area_before = int(np.count_nonzero(before))
-        union = np.count_nonzero(mask | before)
-        overlap = np.count_nonzero(mask & before) / union if union else float("nan")
+        before = _alike(previous, "previous", mask)
+        area_before = int(mask_sums(before).area)
+        shared = mask_overlap(mask, before[None])
+        overlap = float(shared.jaccard[0]) if shared.union[0] else float("nan")
+    fraction, border = area / mask.size, int(whole.border)
+    left, top, width, height = whole.box.tolist()
+    box = (left, top, width, height)
     if area < max(min_area, 1):
         nowhere = (float("nan"), float("nan"))
-        return MaskQuality(MaskVerdict.EMPTY, area, nowhere, area / mask.size, 0, 0.0, 0.0, overlap)
-    count, _, stats, centroids = cv2.connectedComponentsWithStats(mask.astype(np.uint8), connectivity=8)
-    areas = stats[1:count, cv2.CC_STAT_AREA]
-    centroid = (areas[:, None] * centroids[1:count]).sum(axis=0) / area
-    largest_share = float(areas.max() / area)
-    border = np.count_nonzero(mask[[0, -1]]) + np.count_nonzero(mask[1:-1, [0, -1]])
-    border_share = border / (2 * (height + width) - 4)
-    fraction = area / mask.size
+        return MaskQuality(MaskVerdict.EMPTY, area, nowhere, fraction, 0, 0.0, 0.0, overlap, box, border)
+    _, regions = connected_regions(mask)
+    largest_share = float(regions.area.max() / area)
     ratio = max(area, area_before) / max(min(area, area_before), 1)
     if fraction > max_fraction:
         verdict = MaskVerdict.FLOODED
@@ -118,23 +117,38 @@ def assess_mask(
         verdict = MaskVerdict.CUT
     else:
         verdict = MaskVerdict.GOOD
+    x, y = whole.centroid.tolist()
     return MaskQuality(
         verdict,
         area,
-        (float(centroid[0]), float(centroid[1])),
+        (x, y),
         fraction,
-        count - 1,
+        len(regions.area),
         largest_share,
-        border_share,
+        _border_share(mask) if border else 0.0,
         overlap,
+        box,
+        border,
     )
+
+
+def _border_share(mask: np.ndarray) -> float:
+    """Share of the image's border pixels that the mask covers."""
+    height, width = mask.shape
+    covered = np.count_nonzero(mask[[0, -1]]) + np.count_nonzero(mask[1:-1, [0, -1]])
+    return covered / (2 * (height + width) - 4)
 
 
 def _touches(mask: np.ndarray, hidden: Any) -> bool:
     """Whether a mask comes within three pixels of what is hidden, as outlines err by as much."""
     if hidden is None:
         return False
-    hidden = check_mask(hidden, "hidden")
-    if hidden.shape != mask.shape:
-        raise DenseVSError(f"hidden has shape {hidden.shape}; expected the mask's, {mask.shape}")
-    return bool((cv2.dilate(hidden.astype(np.uint8), np.ones((7, 7), np.uint8)) > 0)[mask].any())
+    near = cv2.dilate(_alike(hidden, "hidden", mask).view(np.uint8), np.ones((7, 7), np.uint8))
+    return bool(mask_overlap(mask, near[None]).intersection[0])
+
+
+def _alike(other: Any, name: str, mask: np.ndarray) -> np.ndarray:
+    other = check_mask(other, name)
+    if other.shape != mask.shape:
+        raise DenseVSError(f"{name} has shape {other.shape}; expected the mask's, {mask.shape}")
+    return other

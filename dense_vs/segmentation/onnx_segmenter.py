@@ -1,7 +1,7 @@
 """A user's neural network for video object segmentation as a segmenter, run by ONNX Runtime.
 
 Covers networks that take one image, and recurrent ones that take the mask of the frame before or hidden states and
-return them for the next frame. What an image looks like to the network (layout, order of colours, normalisation, size)
+return them for the next frame. What an image looks like to the network (layout, order of colors, normalization, size)
 and what its answer means (logits, probabilities, one channel a class) are options, as no file tells them.
 """
 
@@ -18,7 +18,7 @@ from dense_vs.errors import DenseVSError
 from dense_vs.segmentation.segmenter import check_image, check_mask
 
 Layout = Literal["nchw", "nhwc"]
-Colours = Literal["rgb", "bgr"]
+Colors = Literal["rgb", "bgr"]
 Activation = Literal["logit", "probability", "class_logits", "class_probabilities", "labels"]
 
 _TYPES = {
@@ -59,7 +59,7 @@ class OnnxOptions:
     """
 
     layout: Layout = "nchw"
-    colours: Colours = "rgb"
+    colours: Colors = "rgb"
     size: tuple[int, int] | None = None
     multiple: int = 1
     scale: float = 1 / 255
@@ -76,7 +76,7 @@ class OnnxOptions:
     providers: Sequence[str] = ()
 
     def __post_init__(self):
-        for name, choices in (("layout", Layout), ("colours", Colours), ("activation", Activation)):
+        for name, choices in (("layout", Layout), ("colours", Colors), ("activation", Activation)):
             if getattr(self, name) not in get_args(choices):
                 raise DenseVSError(f"{name} is {getattr(self, name)!r}; expected one of {', '.join(get_args(choices))}")
         for name in ("mean", "std"):
@@ -96,19 +96,56 @@ class OnnxSegmenter:
 
     Args:
         path: of the file.
-        options: the fields of :class:`OnnxOptions`.
+        layout, colours, size, multiple, scale, mean, std, image_input, mask_output, activation, channel, threshold,
+            mask_input, states, threads, providers: see :class:`OnnxOptions`.
+
+    Attributes:
+        options: what it was made with.
 
     Raises:
         DenseVSError: ONNX Runtime is not installed, the file is missing or not a network that it runs, a named input,
             output or provider is not there, or the inputs do not fit the options.
     """
 
-    def __init__(self, path: str | os.PathLike[str], **options: Any):
-        try:
-            self.options = OnnxOptions(**options)
-        except TypeError as error:
-            names = ", ".join(OnnxOptions.__dataclass_fields__)
-            raise DenseVSError(f"unknown option in {sorted(options)}; expected some of {names}") from error
+    def __init__(
+        self,
+        path: str | os.PathLike[str],
+        *,
+        layout: Layout = "nchw",
+        colours: Colors = "rgb",
+        size: tuple[int, int] | None = None,
+        multiple: int = 1,
+        scale: float = 1 / 255,
+        mean: Sequence[float] = (0.0, 0.0, 0.0),
+        std: Sequence[float] = (1.0, 1.0, 1.0),
+        image_input: str | None = None,
+        mask_output: str | None = None,
+        activation: Activation = "logit",
+        channel: int = 1,
+        threshold: float = 0.5,
+        mask_input: str | None = None,
+        states: Mapping[str, str] | None = None,
+        threads: int | None = None,
+        providers: Sequence[str] = (),
+    ):
+        self.options = OnnxOptions(
+            layout=layout,
+            colours=colours,
+            size=size,
+            multiple=multiple,
+            scale=scale,
+            mean=mean,
+            std=std,
+            image_input=image_input,
+            mask_output=mask_output,
+            activation=activation,
+            channel=channel,
+            threshold=threshold,
+            mask_input=mask_input,
+            states={} if states is None else states,
+            threads=threads,
+            providers=providers,
+        )
         self._session = _open(Path(path), self.options)
         self._inputs = {one.name: one for one in self._session.get_inputs()}
         self._outputs = {one.name: one for one in self._session.get_outputs()}
@@ -207,7 +244,7 @@ class OnnxSegmenter:
         if self.options.colours == "bgr":
             resized = resized[..., ::-1]
         dtype = _TYPES[self._inputs[self._image_name()].type]
-        if dtype is np.uint8:  # a network that normalises by itself
+        if dtype is np.uint8:  # a network that normalizes by itself
             return self._batched(np.ascontiguousarray(resized), dtype)
         mean, std = (np.asarray(values, dtype=np.float32) for values in (self.options.mean, self.options.std))
         return self._batched((resized.astype(np.float32) * np.float32(self.options.scale) - mean) / std, dtype)

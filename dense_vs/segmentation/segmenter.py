@@ -1,4 +1,4 @@
-"""What a segmenter is: VOS-VS (2), M = vos(I, W), an image in, the object's binary mask out."""
+"""What a segmenter is, VOS-VS (2): M = vos(I, W), an image in, the object's binary mask out."""
 
 from typing import Any, Protocol, runtime_checkable
 
@@ -16,8 +16,15 @@ class Segmenter(Protocol):
     """
 
     def segment(self, image: np.ndarray) -> np.ndarray:
-        """The object's mask M of (2), bool ``(H, W)``, in an RGB uint8 image ``(H, W, 3)``."""
+        """The object's mask M, VOS-VS (2), bool ``(H, W)``, in an RGB uint8 image ``(H, W, 3)``."""
         ...
+
+
+def forget_images(segmenter: Segmenter) -> None:
+    """Reset a segmenter that remembers earlier images; the next one may show the object anywhere."""
+    reset = getattr(segmenter, "reset", None)
+    if reset is not None:
+        reset()
 
 
 def check_image(image: Any) -> np.ndarray:

@@ -1,4 +1,6 @@
-"""What is shown to people: pictures, panels, plots. Reads all rooms; no room but the command line reads it.
+"""What is shown to people: pictures, panels, plots, tables, progress, and where a result comes from.
+
+Reads all rooms; no room but the command line reads it.
 
 May import: every room of ``dense_vs`` but ``cli``.
 """

@@ -5,7 +5,7 @@ import numpy as np
 
 from dense_vs.view.panels import label
 
-_TINT = np.array((80, 255, 80), np.float32)  # RGB; seldom an object's own colour
+_TINT = np.array((80, 255, 80), np.float32)  # RGB; seldom an object's own color
 _OUTLINE = (0, 255, 0)
 
 

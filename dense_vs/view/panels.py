@@ -31,19 +31,19 @@ def vectors_to_rgb(vectors: np.ndarray, full_scale: float) -> np.ndarray:
 
 def draw_point(image: np.ndarray, point: Sequence[float] | np.ndarray, kind: str) -> None:
     """Draw a tracked point (``"point"``, red +) or a target (``"target"``, green x) into an RGB image, as Fig. 6."""
-    colour, marker = (RED, cv2.MARKER_CROSS) if kind == "point" else (GREEN, cv2.MARKER_TILTED_CROSS)
+    color, marker = (RED, cv2.MARKER_CROSS) if kind == "point" else (GREEN, cv2.MARKER_TILTED_CROSS)
     place = round(float(point[0])), round(float(point[1]))
     cv2.drawMarker(image, place, (0, 0, 0), marker, 15, 4, cv2.LINE_AA)
-    cv2.drawMarker(image, place, colour, marker, 13, 2, cv2.LINE_AA)
+    cv2.drawMarker(image, place, color, marker, 13, 2, cv2.LINE_AA)
 
 
 def label(image: np.ndarray, text: str) -> np.ndarray:
     """A copy of an RGB image with ``text`` in its upper left corner."""
-    labelled = image.copy()
+    labeled = image.copy()
     (width, height), below = cv2.getTextSize(text, cv2.FONT_HERSHEY_SIMPLEX, 0.5, 1)
-    cv2.rectangle(labelled, (0, 0), (width + 12, height + below + 8), (0, 0, 0), cv2.FILLED)
-    cv2.putText(labelled, text, (6, height + 5), cv2.FONT_HERSHEY_SIMPLEX, 0.5, WHITE, 1, cv2.LINE_AA)
-    return labelled
+    cv2.rectangle(labeled, (0, 0), (width + 12, height + below + 8), (0, 0, 0), cv2.FILLED)
+    cv2.putText(labeled, text, (6, height + 5), cv2.FONT_HERSHEY_SIMPLEX, 0.5, WHITE, 1, cv2.LINE_AA)
+    return labeled
 
 
 def tile(panels: Sequence[np.ndarray], columns: int) -> np.ndarray:
@@ -55,7 +55,7 @@ def tile(panels: Sequence[np.ndarray], columns: int) -> np.ndarray:
 
 
 def as_rgb(image: np.ndarray) -> np.ndarray:
-    """A writable RGB copy of an RGB or grey image."""
+    """A writable RGB copy of an RGB or gray image."""
     return cv2.cvtColor(image, cv2.COLOR_GRAY2RGB) if image.ndim == 2 else image.copy()
 
 
@@ -73,11 +73,11 @@ class JacobianView:
         self._column_scale = 1.0
 
     def flow(self, flow: np.ndarray, text: str) -> np.ndarray:
-        """A labelled panel of a flow image."""
+        """A labeled panel of a flow image."""
         return label(vectors_to_rgb(flow, self.flow_scale), text)
 
     def columns(self, jacobian: np.ndarray) -> list[np.ndarray]:
-        """A labelled panel per joint of ``(H, W, 2, N)``; the brightest pixels set the scale, smoothed over time."""
+        """A labeled panel per joint of ``(H, W, 2, N)``; the brightest pixels set the scale, smoothed over time."""
         lengths = np.abs(jacobian[::4, ::4]).max(axis=2)
         self._column_scale += 0.1 * (max(float(np.percentile(lengths, 99.5)), 1.0) - self._column_scale)
         return [
@@ -101,7 +101,7 @@ class ReachView:
         frame = loop.frame
         height, width = frame.gray.shape
         camera = cv2.resize(as_rgb(frame.image), (2 * width, 2 * height), interpolation=cv2.INTER_LINEAR)
-        # Pixel centres are whole numbers in both images, so a place maps by 2 x + 0.5.
+        # Pixel centers are whole numbers in both images, so a place maps by 2 x + 0.5.
         if loop.tracker is not None:
             draw_point(camera, 2 * loop.point + 0.5, "point")
         if loop.target is not None:

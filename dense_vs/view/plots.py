@@ -6,8 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from dense_vs.errors import DenseVSError
-from dense_vs.files import atomic_write
+from dense_vs.view.canvas import new_figure, save_figure
 
 
 def plot_reach(trace: Any, joint_names: Sequence[str], path: str | os.PathLike[str]) -> None:
@@ -22,16 +21,10 @@ def plot_reach(trace: Any, joint_names: Sequence[str], path: str | os.PathLike[s
     Raises:
         DenseVSError: Matplotlib is not installed.
     """
-    try:
-        from matplotlib.backends.backend_agg import FigureCanvasAgg
-        from matplotlib.figure import Figure
-    except ImportError as error:
-        raise DenseVSError("plots need Matplotlib, which is not installed; pip install 'dense-vs[viz]'") from error
     times = np.array(trace.times)
     points, true_points, targets = (np.array(values) for values in (trace.points, trace.true_points, trace.targets))
     estimated, true = np.array(trace.estimated), np.array(trace.true)
-    figure = Figure(figsize=(10, 11), layout="constrained")
-    FigureCanvasAgg(figure)
+    figure = new_figure(10, 11)
     axes = figure.subplots(4, 1, sharex=True)
     for row, name in enumerate("xy"):
         place, slope = axes[row], axes[2 + row]
@@ -40,21 +33,20 @@ def plot_reach(trace: Any, joint_names: Sequence[str], path: str | os.PathLike[s
         place.plot(times, true_points[:, row], color="black", linestyle=":", label="true point")
         place.set_ylabel(f"{name} [px]")
         for n, joint in enumerate(joint_names):
-            colour = f"C{n}"
-            slope.plot(times, estimated[:, row, n], color=colour, label=joint)
-            slope.plot(times, true[:, row, n], color=colour, linestyle="--")
+            color_name = f"C{n}"
+            slope.plot(times, estimated[:, row, n], color=color_name, label=joint)
+            slope.plot(times, true[:, row, n], color=color_name, linestyle="--")
         slope.set_ylabel(f"d{name}/dq at the point [px/rad]")
     axes[0].set_title("Point and target")
     axes[2].set_title("J at the point: estimated (solid) and true (dashed)")
     for axis in (axes[0], axes[2]):
         axis.legend(loc="upper left", fontsize="small", ncols=max(3, len(joint_names)))
-    learnt = np.flatnonzero(~np.isnan(points[:, 0]))
+    learned = np.flatnonzero(~np.isnan(points[:, 0]))
     for axis in axes:
         axis.grid(alpha=0.3)
-        if learnt.size:
-            axis.axvspan(times[0], times[learnt[0]], color="grey", alpha=0.15)
-    if learnt.size:
-        axes[0].text(times[0], 0.03, " babbling", transform=axes[0].get_xaxis_transform(), color="grey")
+        if learned.size:
+            axis.axvspan(times[0], times[learned[0]], color="gray", alpha=0.15)
+    if learned.size:
+        axes[0].text(times[0], 0.03, " babbling", transform=axes[0].get_xaxis_transform(), color="gray")
     axes[-1].set_xlabel("time [s]")
-    with atomic_write(path) as stream:
-        figure.savefig(stream, format="png", dpi=110)
+    save_figure(figure, path)

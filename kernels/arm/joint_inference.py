@@ -1,10 +1,9 @@
-"""Joint angles from feature pixels: Levenberg-Marquardt of many images from many starts, a thread each.
+"""Joint angles from feature pixels: Levenberg-Marquardt of many images from many starts, one thread for each.
 
 Inference in the generative model of Gothoskar et al., there PnP followed by inverse kinematics; here both at once, as
-the least reprojection error over the joints, from starts that the caller chooses. The chain and the derivatives are
-those of ``kinematics.py``, and joints may slide as well: three that slide and three that turn make a free body, whose
-pose is inferred in the same way. Damping follows Nielsen; a floor under it holds joints that the pixels do not tell, as
-the free motion of a redundant arm, where they started.
+the least reprojection error over the joints, from starts that the caller chooses. Joints may slide as well: three that
+slide and three that turn make a free body, whose pose is inferred in the same way. Damping follows Nielsen; a floor
+under it keeps joints that the pixels do not determine, as the free motion of a redundant arm, where they started.
 """
 
 from typing import Any
@@ -17,13 +16,41 @@ from dense_vs.kernels.arm.kinematics import project_gradient, project_point, tur
 wp.set_module_options({"enable_backward": False})
 
 
+@wp.struct
+class ArmModel:
+    """Chain, features and cameras, and the arm's pose for every image and start."""
+
+    base_rotation: wp.array2d[wp.mat33d]  # (B, S)
+    base_translation: wp.array2d[wp.vec3d]
+    axes: wp.array[wp.vec3d]  # (n,) unit vectors in the home pose
+    points: wp.array[wp.vec3d]
+    sliding: wp.array[int]  # (n,) 1 where a joint slides
+    features: wp.array[wp.vec3d]  # (m,)
+    links: wp.array[int]  # (m,)
+    camera_rotation: wp.array[wp.mat33d]  # (c,) world to camera
+    camera_translation: wp.array[wp.vec3d]
+    intrinsics: wp.array2d[wp.float64]  # (c, 6)
+
+
+@wp.struct
+class Workspace:
+    """What one image and start write while they are solved."""
+
+    trial: wp.array3d[wp.float64]  # (B, S, n) a row of the Jacobian, a step, or the joints after it
+    gradient: wp.array3d[wp.float64]
+    normal: wp.array4d[wp.float64]  # (B, S, n, n) lower triangle
+    factor: wp.array4d[wp.float64]
+    rotation: wp.array3d[wp.mat33d]  # (B, S, n + 1) of the links
+    translation: wp.array3d[wp.vec3d]
+
+
 class JointSolver:
     """The kernel with its arrays for at most ``images`` images of ``starts`` starts each.
 
     Args:
         images, starts: how many at most.
         links: ``(m,)`` link that each feature stands on.
-        joints, cameras: how many.
+        joint_count, camera_count: of them.
         device: Warp device.
         sliding: ``(n,)`` which joints slide along their axis; all turn about it unless given.
     """
@@ -33,8 +60,8 @@ class JointSolver:
         images: int,
         starts: int,
         links: np.ndarray,
-        joints: int,
-        cameras: int,
+        joint_count: int,
+        camera_count: int,
         device: Any = "cpu",
         sliding: np.ndarray | None = None,
     ):
@@ -44,33 +71,29 @@ class JointSolver:
         def zeros(shape: tuple[int, ...], dtype: Any = wp.float64) -> Any:
             return wp.zeros(shape, dtype=dtype, device=self.device)
 
-        self._model = {
-            "base_rotation": zeros((images, starts), wp.mat33d),
-            "base_translation": zeros((images, starts), wp.vec3d),
-            "axes": zeros((joints,), wp.vec3d),
-            "points": zeros((joints,), wp.vec3d),
-            "features": zeros((features,), wp.vec3d),
-            "camera_rotation": zeros((cameras,), wp.mat33d),
-            "camera_translation": zeros((cameras,), wp.vec3d),
-            "intrinsics": zeros((cameras, 6)),
-        }
-        self._links = wp.array(np.asarray(links, dtype=np.int32), dtype=wp.int32, device=self.device)
-        slides = np.zeros(joints, dtype=np.int32) if sliding is None else np.asarray(sliding, dtype=np.int32)
-        self._sliding = wp.array(slides, dtype=wp.int32, device=self.device)
-        self._pixels = zeros((images, cameras, features), wp.vec2d)
-        self._weights = zeros((images, cameras, features))
+        slides = np.zeros(joint_count, dtype=np.int32) if sliding is None else np.asarray(sliding, dtype=np.int32)
+        model = self._model = ArmModel()
+        model.base_rotation = zeros((images, starts), wp.mat33d)
+        model.base_translation = zeros((images, starts), wp.vec3d)
+        model.axes = zeros((joint_count,), wp.vec3d)
+        model.points = zeros((joint_count,), wp.vec3d)
+        model.sliding = wp.array(slides, dtype=wp.int32, device=self.device)
+        model.features = zeros((features,), wp.vec3d)
+        model.links = wp.array(np.asarray(links, dtype=np.int32), dtype=wp.int32, device=self.device)
+        model.camera_rotation = zeros((camera_count,), wp.mat33d)
+        model.camera_translation = zeros((camera_count,), wp.vec3d)
+        model.intrinsics = zeros((camera_count, 6))
+        self._pixels = zeros((images, camera_count, features), wp.vec2d)
+        self._weights = zeros((images, camera_count, features))
         grid = (images, starts)
-        self._joints = zeros((*grid, joints))
+        work = self._workspace = Workspace()
+        work.trial, work.gradient = zeros((*grid, joint_count)), zeros((*grid, joint_count))
+        work.normal, work.factor = zeros((*grid, joint_count, joint_count)), zeros((*grid, joint_count, joint_count))
+        work.rotation = zeros((*grid, joint_count + 1), wp.mat33d)
+        work.translation = zeros((*grid, joint_count + 1), wp.vec3d)
+        self._joints = zeros((*grid, joint_count))
         self._costs = zeros(grid)
         self._steps = wp.zeros(grid, dtype=wp.int32, device=self.device)
-        self._scratch = [
-            zeros((*grid, joints)),
-            zeros((*grid, joints)),
-            zeros((*grid, joints, joints)),
-            zeros((*grid, joints, joints)),
-            zeros((*grid, joints + 1), wp.mat33d),
-            zeros((*grid, joints + 1), wp.vec3d),
-        ]
 
     def set_model(self, **values: np.ndarray) -> None:
         """Assign parts of the model by name; shapes as :class:`FeatureProjection` without ``runs``.
@@ -80,7 +103,7 @@ class JointSolver:
         """
         for name, value in values.items():
             rows = len(value) if name.startswith("base") and np.ndim(value) > 2 else None
-            _assign(self._model[name], value, rows)
+            _assign(getattr(self._model, name), value, rows)
 
     def solve(
         self,
@@ -117,14 +140,12 @@ class JointSolver:
             inputs=[
                 self._pixels,
                 self._weights,
-                *self._model.values(),
-                self._links,
-                self._sliding,
+                self._model,
                 max_iterations,
                 wp.float64(tolerance),
                 wp.float64(floor),
                 wp.float64(robust_scale),
-                *self._scratch,
+                self._workspace,
                 self._joints,
                 self._costs,
                 self._steps,
@@ -145,32 +166,28 @@ def _assign(target: Any, value: np.ndarray, rows: int | None = None) -> None:
 
 
 @wp.func
-def place_links(
-    image: int,
-    start: int,
-    joints: wp.array3d[wp.float64],
-    base_rotation: wp.array2d[wp.mat33d],
-    base_translation: wp.array2d[wp.vec3d],
-    axes: wp.array[wp.vec3d],
-    points: wp.array[wp.vec3d],
-    sliding: wp.array[int],
-    rotation: wp.array3d[wp.mat33d],
-    translation: wp.array3d[wp.vec3d],
-):
-    """Poses of all links at the joints of one start."""
-    r = base_rotation[image, start]
-    t = base_translation[image, start]
-    rotation[image, start, 0] = r
-    translation[image, start, 0] = t
+def place_links(image: int, start: int, model: ArmModel, joints: wp.array3d[wp.float64], work: Workspace):
+    """Poses of all links at the joints of one start, into the workspace."""
+    r = model.base_rotation[image, start]
+    t = model.base_translation[image, start]
+    work.rotation[image, start, 0] = r
+    work.translation[image, start, 0] = t
     for i in range(joints.shape[2]):
-        if sliding[i] == 1:
-            t = t + joints[image, start, i] * (r @ axes[i])
+        if model.sliding[i] == 1:
+            t = t + joints[image, start, i] * (r @ model.axes[i])
         else:
-            turn = turn_about(axes[i], joints[image, start, i])
-            t = t + r @ (points[i] - turn @ points[i])
+            turn = turn_about(model.axes[i], joints[image, start, i])
+            t = t + r @ (model.points[i] - turn @ model.points[i])
             r = r @ turn
-        rotation[image, start, i + 1] = r
-        translation[image, start, i + 1] = t
+        work.rotation[image, start, i + 1] = r
+        work.translation[image, start, i + 1] = t
+
+
+@wp.func
+def feature_place(image: int, start: int, feature: int, model: ArmModel, work: Workspace) -> wp.vec3d:
+    """Where a feature stands in the world."""
+    link = model.links[feature]
+    return work.rotation[image, start, link] @ model.features[feature] + work.translation[image, start, link]
 
 
 @wp.func
@@ -184,34 +201,142 @@ def cauchy_cost(squared: wp.float64, robust_scale: wp.float64) -> wp.float64:
 
 
 @wp.func
+def cauchy_weight(squared: wp.float64, robust_scale: wp.float64) -> wp.float64:
+    """Weight of an error in the normal equations: 1, or the slope of :func:`cauchy_cost`."""
+    weight = wp.float64(1.0)
+    if robust_scale > wp.float64(0.0):
+        s2 = robust_scale * robust_scale
+        weight = s2 / (s2 + squared)
+    return weight
+
+
+@wp.func
 def image_cost(
     image: int,
     start: int,
     pixels: wp.array3d[wp.vec2d],
     weights: wp.array3d[wp.float64],
-    features: wp.array[wp.vec3d],
-    camera_rotation: wp.array[wp.mat33d],
-    camera_translation: wp.array[wp.vec3d],
-    intrinsics: wp.array2d[wp.float64],
-    links: wp.array[int],
+    model: ArmModel,
     robust_scale: wp.float64,
-    rotation: wp.array3d[wp.mat33d],
-    translation: wp.array3d[wp.vec3d],
+    work: Workspace,
 ) -> wp.float64:
-    """Sum of squared reprojection errors; infinite where a feature that was seen would be behind its camera."""
+    """Sum of squared reprojection errors; very large where a feature that was seen would be behind its camera."""
     cost = wp.float64(0.0)
     for camera in range(pixels.shape[1]):
         for feature in range(pixels.shape[2]):
             if weights[image, camera, feature] > wp.float64(0.0):
-                link = links[feature]
-                world = rotation[image, start, link] @ features[feature] + translation[image, start, link]
-                p = camera_rotation[camera] @ world + camera_translation[camera]
+                world = feature_place(image, start, feature, model, work)
+                p = model.camera_rotation[camera] @ world + model.camera_translation[camera]
                 if p[2] > wp.float64(0.0):
-                    error = project_point(p, intrinsics[camera]) - pixels[image, camera, feature]
+                    error = project_point(p, model.intrinsics[camera]) - pixels[image, camera, feature]
                     cost += cauchy_cost(wp.dot(error, error), robust_scale)
                 else:
                     cost += wp.float64(1.0e12)
     return cost
+
+
+@wp.func
+def add_row(
+    image: int,
+    start: int,
+    link: int,
+    model: ArmModel,
+    world: wp.vec3d,
+    g: wp.vec3d,
+    error: wp.float64,
+    weight: wp.float64,
+    work: Workspace,
+):
+    """Add one pixel coordinate, whose gradient by the feature's place is ``g``, to the normal equations.
+
+    By q_i it is g . (w x (X - p)), with the line (w, p) where the links before have put it.
+    """
+    moment = wp.cross(world, g)
+    for i in range(link):
+        axis = work.rotation[image, start, i] @ model.axes[i]
+        anchor = work.rotation[image, start, i] @ model.points[i] + work.translation[image, start, i]
+        by_i = wp.dot(axis, moment - wp.cross(anchor, g))
+        if model.sliding[i] == 1:
+            by_i = wp.dot(axis, g)
+        work.trial[image, start, i] = by_i
+    for i in range(link):
+        by_i = weight * work.trial[image, start, i]
+        work.gradient[image, start, i] = work.gradient[image, start, i] + by_i * error
+        for k in range(i + 1):
+            work.normal[image, start, i, k] = work.normal[image, start, i, k] + by_i * work.trial[image, start, k]
+
+
+@wp.func
+def normal_equations(
+    image: int,
+    start: int,
+    pixels: wp.array3d[wp.vec2d],
+    weights: wp.array3d[wp.float64],
+    model: ArmModel,
+    robust_scale: wp.float64,
+    work: Workspace,
+) -> wp.float64:
+    """Gradient and normal matrix at the links' poses, into the workspace; the matrix's trace."""
+    n = work.gradient.shape[2]
+    for i in range(n):
+        work.gradient[image, start, i] = wp.float64(0.0)
+        for k in range(n):
+            work.normal[image, start, i, k] = wp.float64(0.0)
+    for camera in range(pixels.shape[1]):
+        view = model.camera_rotation[camera]
+        for feature in range(pixels.shape[2]):
+            if weights[image, camera, feature] > wp.float64(0.0):
+                world = feature_place(image, start, feature, model, work)
+                p = view @ world + model.camera_translation[camera]
+                if p[2] > wp.float64(0.0):
+                    error = project_point(p, model.intrinsics[camera]) - pixels[image, camera, feature]
+                    dx, dy = project_gradient(p, model.intrinsics[camera])
+                    weight = cauchy_weight(wp.dot(error, error), robust_scale)
+                    link = model.links[feature]
+                    add_row(image, start, link, model, world, dx @ view, error[0], weight, work)
+                    add_row(image, start, link, model, world, dy @ view, error[1], weight, work)
+    trace = wp.float64(0.0)
+    for i in range(n):
+        trace += work.normal[image, start, i, i]
+    return trace
+
+
+@wp.func
+def solve_damped(image: int, start: int, damping: wp.float64, held: wp.float64, work: Workspace) -> wp.float64:
+    """Step of the damped normal equations, into ``trial``; by how much the cost should fall.
+
+    Args:
+        damping: share of the diagonal that is added to it.
+        held: what is added to every entry of the diagonal.
+    """
+    n = work.gradient.shape[2]
+    for i in range(n):  # Cholesky factor
+        for k in range(i + 1):
+            value = work.normal[image, start, i, k]
+            if i == k:
+                value += damping * value + held + wp.float64(1.0e-300)
+            for j in range(k):
+                value -= work.factor[image, start, i, j] * work.factor[image, start, k, j]
+            if i == k:
+                work.factor[image, start, i, i] = wp.sqrt(wp.max(value, wp.float64(1.0e-300)))
+            else:
+                work.factor[image, start, i, k] = value / work.factor[image, start, k, k]
+    for i in range(n):
+        value = -work.gradient[image, start, i]
+        for j in range(i):
+            value -= work.factor[image, start, i, j] * work.trial[image, start, j]
+        work.trial[image, start, i] = value / work.factor[image, start, i, i]
+    for back in range(n):
+        i = n - 1 - back
+        value = work.trial[image, start, i]
+        for j in range(i + 1, n):
+            value -= work.factor[image, start, j, i] * work.trial[image, start, j]
+        work.trial[image, start, i] = value / work.factor[image, start, i, i]
+    predicted = wp.float64(0.0)
+    for i in range(n):
+        step = work.trial[image, start, i]
+        predicted += step * ((damping * work.normal[image, start, i, i] + held) * step - work.gradient[image, start, i])
+    return predicted
 
 
 @wp.kernel
@@ -219,27 +344,13 @@ def joint_inference_kernel(
     # In:
     pixels_in: wp.array3d[wp.vec2d],  # (B, c, m)
     weights_in: wp.array3d[wp.float64],  # 0 where not seen
-    base_rotation_in: wp.array2d[wp.mat33d],  # (B, S)
-    base_translation_in: wp.array2d[wp.vec3d],
-    axes_in: wp.array[wp.vec3d],
-    points_in: wp.array[wp.vec3d],
-    features_in: wp.array[wp.vec3d],
-    camera_rotation_in: wp.array[wp.mat33d],
-    camera_translation_in: wp.array[wp.vec3d],
-    intrinsics_in: wp.array2d[wp.float64],
-    links_in: wp.array[int],
-    sliding_in: wp.array[int],  # (n,)
+    model_in: ArmModel,
     max_iterations: int,
     tolerance: wp.float64,
     floor: wp.float64,
     robust_scale: wp.float64,
     # Scratch:
-    trial: wp.array3d[wp.float64],  # (B, S, n)
-    gradient: wp.array3d[wp.float64],
-    normal: wp.array4d[wp.float64],  # (B, S, n, n)
-    factor: wp.array4d[wp.float64],
-    rotation: wp.array3d[wp.mat33d],  # (B, S, n + 1)
-    translation: wp.array3d[wp.vec3d],
+    work: Workspace,
     # Out:
     joints_out: wp.array3d[wp.float64],  # (B, S, n), holds the starts
     costs_out: wp.array2d[wp.float64],
@@ -248,32 +359,8 @@ def joint_inference_kernel(
     """Least squares of one image from one start."""
     image, start = wp.tid()
     n = joints_out.shape[2]
-    place_links(
-        image,
-        start,
-        joints_out,
-        base_rotation_in,
-        base_translation_in,
-        axes_in,
-        points_in,
-        sliding_in,
-        rotation,
-        translation,
-    )
-    cost = image_cost(
-        image,
-        start,
-        pixels_in,
-        weights_in,
-        features_in,
-        camera_rotation_in,
-        camera_translation_in,
-        intrinsics_in,
-        links_in,
-        robust_scale,
-        rotation,
-        translation,
-    )
+    place_links(image, start, model_in, joints_out, work)
+    cost = image_cost(image, start, pixels_in, weights_in, model_in, robust_scale, work)
     damping = wp.float64(1.0e-3)
     growth = wp.float64(2.0)
     fresh = int(1)
@@ -284,111 +371,18 @@ def joint_inference_kernel(
         step_count += 1
         if fresh == 1:
             fresh = 0
-            for i in range(n):
-                gradient[image, start, i] = wp.float64(0.0)
-                for k in range(n):
-                    normal[image, start, i, k] = wp.float64(0.0)
-            for camera in range(pixels_in.shape[1]):
-                view = camera_rotation_in[camera]
-                for feature in range(pixels_in.shape[2]):
-                    if weights_in[image, camera, feature] > wp.float64(0.0):
-                        link = links_in[feature]
-                        world = rotation[image, start, link] @ features_in[feature] + translation[image, start, link]
-                        p = view @ world + camera_translation_in[camera]
-                        if p[2] > wp.float64(0.0):
-                            error = project_point(p, intrinsics_in[camera]) - pixels_in[image, camera, feature]
-                            dx, dy = project_gradient(p, intrinsics_in[camera])
-                            weight = wp.float64(1.0)
-                            if robust_scale > wp.float64(0.0):
-                                s2 = robust_scale * robust_scale
-                                weight = s2 / (s2 + wp.dot(error, error))
-                            for row in range(2):
-                                g = dx @ view
-                                e = error[0]
-                                if row == 1:
-                                    g = dy @ view
-                                    e = error[1]
-                                moment = wp.cross(world, g)
-                                for i in range(link):
-                                    # By q_i: g . (w x (X - p)) with the line (w, p) where the links before put it.
-                                    axis = rotation[image, start, i] @ axes_in[i]
-                                    anchor = rotation[image, start, i] @ points_in[i] + translation[image, start, i]
-                                    by_i = wp.dot(axis, moment - wp.cross(anchor, g))
-                                    if sliding_in[i] == 1:
-                                        by_i = wp.dot(axis, g)
-                                    trial[image, start, i] = by_i
-                                for i in range(link):
-                                    by_i = weight * trial[image, start, i]
-                                    gradient[image, start, i] = gradient[image, start, i] + by_i * e
-                                    for k in range(i + 1):
-                                        normal[image, start, i, k] = (
-                                            normal[image, start, i, k] + by_i * trial[image, start, k]
-                                        )
-            trace = wp.float64(0.0)
-            for i in range(n):
-                trace += normal[image, start, i, i]
-        # Cholesky factor of the damped matrix, then the two triangular solutions into trial.
+            trace = normal_equations(image, start, pixels_in, weights_in, model_in, robust_scale, work)
+        predicted = solve_damped(image, start, damping, floor * trace, work)
         for i in range(n):
-            for k in range(i + 1):
-                value = normal[image, start, i, k]
-                if i == k:
-                    value += damping * value + floor * trace + wp.float64(1.0e-300)
-                for j in range(k):
-                    value -= factor[image, start, i, j] * factor[image, start, k, j]
-                if i == k:
-                    factor[image, start, i, i] = wp.sqrt(wp.max(value, wp.float64(1.0e-300)))
-                else:
-                    factor[image, start, i, k] = value / factor[image, start, k, k]
-        for i in range(n):
-            value = -gradient[image, start, i]
-            for j in range(i):
-                value -= factor[image, start, i, j] * trial[image, start, j]
-            trial[image, start, i] = value / factor[image, start, i, i]
-        for back in range(n):
-            i = n - 1 - back
-            value = trial[image, start, i]
-            for j in range(i + 1, n):
-                value -= factor[image, start, j, i] * trial[image, start, j]
-            trial[image, start, i] = value / factor[image, start, i, i]
-        predicted = wp.float64(0.0)
-        for i in range(n):
-            held = damping * normal[image, start, i, i] + floor * trace
-            predicted += trial[image, start, i] * (held * trial[image, start, i] - gradient[image, start, i])
-        for i in range(n):
-            step = trial[image, start, i]
-            trial[image, start, i] = joints_out[image, start, i] + step
-        place_links(
-            image,
-            start,
-            trial,
-            base_rotation_in,
-            base_translation_in,
-            axes_in,
-            points_in,
-            sliding_in,
-            rotation,
-            translation,
-        )
-        new_cost = image_cost(
-            image,
-            start,
-            pixels_in,
-            weights_in,
-            features_in,
-            camera_rotation_in,
-            camera_translation_in,
-            intrinsics_in,
-            links_in,
-            robust_scale,
-            rotation,
-            translation,
-        )
+            work.trial[image, start, i] = joints_out[image, start, i] + work.trial[image, start, i]
+        place_links(image, start, model_in, work.trial, work)
+        new_cost = image_cost(image, start, pixels_in, weights_in, model_in, robust_scale, work)
         if predicted <= tolerance * cost + wp.float64(1.0e-18):
             running = 0
         if new_cost < cost:
             gain = wp.min((cost - new_cost) / wp.max(predicted, wp.float64(1.0e-300)), wp.float64(2.0))
             for i in range(n):
-                joints_out[image, start, i] = trial[image, start, i]
+                joints_out[image, start, i] = work.trial[image, start, i]
             cost = new_cost
             fresh = 1
             slope = wp.float64(2.0) * gain - wp.float64(1.0)

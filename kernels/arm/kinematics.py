@@ -32,7 +32,7 @@ class FeatureProjection:
     Args:
         runs, samples: leading shape of the arrays.
         links: ``(m,)`` link that each feature stands on: 0 none (the base), n the last.
-        joints, cameras: how many.
+        joint_count, camera_count: of them.
         intrinsics: how many of fx, fy, cx, cy, k1, k2 get columns: 0, 4, 5 or 6.
         local: unknowns of each sample: ``"none"``, ``"joints"`` (n columns) or ``"pose"`` (6: turn, then shift).
         device: Warp device.
@@ -50,40 +50,40 @@ class FeatureProjection:
         runs: int,
         samples: int,
         links: np.ndarray,
-        joints: int,
-        cameras: int,
+        joint_count: int,
+        camera_count: int,
         intrinsics: int = 4,
         local: str = "none",
         device: Any = "cpu",
     ):
         self.device = wp.get_device(device)
         features = len(links)
-        self.width = 4 * joints + 9 + intrinsics
-        self._grid = (runs, cameras, features, samples, 2)
-        local_count = {"none": 0, "joints": joints, "pose": 6}[local]
+        self.width = 4 * joint_count + 9 + intrinsics
+        self._grid = (runs, camera_count, features, samples, 2)
+        local_count = {"none": 0, "joints": joint_count, "pose": 6}[local]
 
         def zeros(shape: tuple[int, ...], dtype: Any = wp.float64) -> Any:
             return wp.zeros(shape, dtype=dtype, device=self.device)
 
         self.inputs = {
-            "joints": zeros((runs, samples, joints)),
+            "joints": zeros((runs, samples, joint_count)),
             "pose_rotation": zeros((runs, samples), wp.mat33d),
             "pose_translation": zeros((runs, samples), wp.vec3d),
-            "axes": zeros((runs, joints), wp.vec3d),
-            "points": zeros((runs, joints), wp.vec3d),
-            "tangents": zeros((runs, joints, 2), wp.vec3d),
+            "axes": zeros((runs, joint_count), wp.vec3d),
+            "points": zeros((runs, joint_count), wp.vec3d),
+            "tangents": zeros((runs, joint_count, 2), wp.vec3d),
             "features": zeros((runs, features), wp.vec3d),
-            "camera_rotation": zeros((runs, cameras), wp.mat33d),
-            "camera_translation": zeros((runs, cameras), wp.vec3d),
-            "intrinsics": zeros((runs, cameras, INTRINSICS)),
-            "pixels": zeros((runs, samples, cameras, features), wp.vec2d),
-            "weights": zeros((runs, samples, cameras, features)),
+            "camera_rotation": zeros((runs, camera_count), wp.mat33d),
+            "camera_translation": zeros((runs, camera_count), wp.vec3d),
+            "intrinsics": zeros((runs, camera_count, INTRINSICS)),
+            "pixels": zeros((runs, samples, camera_count, features), wp.vec2d),
+            "weights": zeros((runs, samples, camera_count, features)),
         }
-        self._rotation = zeros((runs, samples, joints + 1), wp.mat33d)
-        self._translation = zeros((runs, samples, joints + 1), wp.vec3d)
-        self._residuals = zeros((runs, samples, cameras, features), wp.vec2d)
-        self._jacobian = zeros((runs, cameras * features, samples * 2, self.width))
-        self._local = zeros((runs, cameras * features, samples * 2, local_count))
+        self._rotation = zeros((runs, samples, joint_count + 1), wp.mat33d)
+        self._translation = zeros((runs, samples, joint_count + 1), wp.vec3d)
+        self._residuals = zeros((runs, samples, camera_count, features), wp.vec2d)
+        self._jacobian = zeros((runs, camera_count * features, samples * 2, self.width))
+        self._local = zeros((runs, camera_count * features, samples * 2, local_count))
         self._links = wp.array(np.asarray(links, dtype=np.int32), dtype=wp.int32, device=self.device)
         given = self.inputs
         chain = [given[name] for name in ("joints", "pose_rotation", "pose_translation", "axes", "points")]
@@ -96,7 +96,7 @@ class FeatureProjection:
         def command(kernel: Any, dim: tuple[int, ...], arguments: list[Any]) -> Any:
             return wp.launch(kernel, dim=dim, inputs=arguments, device=self.device, record_cmd=True, record_tape=False)
 
-        grid = (runs, samples, cameras, features)
+        grid = (runs, samples, camera_count, features)
         self._arguments = (chain, seen, differentiated)  # keeps the arrays alive as long as the recorded pointers
         self._chain = command(chain_kernel, (runs, samples), chain)
         self._residual = command(residual_kernel, grid, [*seen, self._residuals])

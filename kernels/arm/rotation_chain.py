@@ -1,6 +1,6 @@
 """Rotations of a serial arm's hand for many trial axes at once: residuals and their Jacobian.
 
-The rotation part of the pose error (4) of Gothoskar et al., alone: axes w_i and a home rotation H turn the hand by
+The rotation part of the pose error, Gothoskar (4), alone: axes w_i and a home rotation H turn the hand by
 R(q) = exp(w_1 q_1) ... exp(w_n q_n) H. Half the squared Frobenius distance to a measured rotation M has the gradient
 -2 D^T e and the Gauss-Newton matrix 2 D^T D, where e is the axial vector of the antisymmetric part of M R^T and D holds
 the world-frame turns of R: (A_{i-1} - A_i) for a turn of w_i and A_n for one of H. So three numbers a sample stand for

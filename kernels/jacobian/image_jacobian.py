@@ -7,8 +7,8 @@ a pixel's matrix stays in registers; :func:`jacobian_kernels` builds them once f
 Prediction moves the state image along a displacement image v: y = x - v(x), repeated as y = x - v(y).
 Bilinear sampling and the product with dq commute, so on a CPU, where arithmetic is what costs, the two numbers
 of v = J dq are computed once for the image and sampled in place of the columns of the state wherever only the product
-is needed: in the iteration, and in the innovation where the flow always spans one frame. On a GPU, where moving the state costs more than sampling
-it twice, :func:`update_shared_once` does the same without the image of v.
+is needed: in the iteration, and in the innovation where each pixel has its own gain. On a GPU, where moving the state
+costs more than sampling it twice, :func:`update_shared_once` does without the image of v.
 """
 
 from functools import cache

@@ -11,9 +11,9 @@ _low = wp.constant(wp.uint64(0x7F7F7F7F7F7F7F7F))
 _high = wp.constant(wp.uint64(0x8080808080808080))
 
 # Weights of weighted_bytes, that of the leftmost pixel in the highest byte: 1, x and x^2 for x = 0 .. 7.
-WEIGHTS_ONE = wp.uint64(0x0101010101010101)
-WEIGHTS_X = wp.uint64(0x0001020304050607)
-WEIGHTS_XX = wp.uint64(0x0001040910192431)
+WEIGHTS_ONE = wp.constant(wp.uint64(0x0101010101010101))
+WEIGHTS_X = wp.constant(wp.uint64(0x0001020304050607))
+WEIGHTS_XX = wp.constant(wp.uint64(0x0001040910192431))
 
 
 @wp.func

@@ -9,8 +9,6 @@ from pathlib import Path
 
 from dense_vs.sims.engine.built_scenes import ARM_NAMES
 
-HELP = "build the scene of a commercial arm with its own meshes"
-
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the command's arguments."""
@@ -18,7 +16,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--out",
         type=Path,
-        help="folder for NAME/scene.xml (default: the one that --robot NAME looks in, $DENSE_VS_ARMS or the user's cache)",
+        metavar="FOLDER",
+        help="folder for NAME/scene.xml (default: where --robot NAME looks, $DENSE_VS_ARMS or the user's cache)",
     )
 
 

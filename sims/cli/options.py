@@ -15,27 +15,33 @@ def add_world_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--robot",
         default="arm",
+        metavar="NAME|FILE",
         help="arm (4 joints in 3D), planar (3 joints), upper-body (two arms of 7 joints), upper-body-rake, "
         "upper-body-vacuum (with a tool), panda, ur5e, baxter, fetch (built by dense-vs arms), or the path of an MJCF "
         "file (default: arm)",
     )
     parser.add_argument("--joints", metavar="A,B,C", help="joints to use (default: all with a position actuator)")
-    parser.add_argument("--camera", help="camera of the model (default: its first)")
-    parser.add_argument("--height", type=int, default=240, help="image height in pixels (default: 240)")
-    parser.add_argument("--width", type=int, default=320, help="image width in pixels (default: 320)")
+    parser.add_argument("--camera", metavar="NAME", help="camera of the model (default: its first)")
+    parser.add_argument("--height", type=int, default=240, metavar="PX", help="image height in pixels (default: 240)")
+    parser.add_argument("--width", type=int, default=320, metavar="PX", help="image width in pixels (default: 320)")
     parser.add_argument(
         "--distractor",
         default="none",
-        help="none, behind or front: a textured plate that moves behind or before the arm; for the upper body "
-        "walker or chair -behind, -next or -across, as walker-behind (default: none)",
+        metavar="NAME",
+        help="what moves in the scene beside the robot: none; behind or front, a textured plate there; with the upper "
+        "body walker- or chair-behind, -next or -across (default: none)",
     )
     parser.add_argument(
-        "--compliance", action="store_true", help="joints that are soft, late and read with noise; our robots only"
+        "--compliance",
+        action="store_true",
+        help="joints that are soft, late and read with noise; robots of this package only",
+    )
+    parser.add_argument(
+        "--seed", type=int, default=0, metavar="N", help="of textures, posture, motion and targets (default: 0)"
     )
     parser.add_argument(
         "--realism", action="store_true", help="images with noise, flicker and compression, joint readings a frame late"
     )
-    parser.add_argument("--seed", type=int, default=0, help="of textures, posture, motion and targets (default: 0)")
     add_device_arguments(parser)
 
 

@@ -2,27 +2,40 @@
 
 import argparse
 import time
+from collections.abc import Sequence
 from contextlib import nullcontext
 from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from dense_vs.errors import DenseVSError
-from dense_vs.files import write_json
+from dense_vs.files import output_folder, write_json
+from dense_vs.flow.estimator import FlowEstimator
+from dense_vs.jacobian.estimator import DenseJacobian
+from dense_vs.point_servo.law import VisualServo
+from dense_vs.point_servo.tracker import TrackerOptions
+from dense_vs.recording.video import VideoWriter
 from dense_vs.sims.cli.options import add_world_arguments, make_world
+from dense_vs.view.panels import ReachView
+from dense_vs.view.plots import plot_reach
 from dense_vs.view.progress import progress
 from dense_vs.view.provenance import versions
 from dense_vs.view.tables import table
 
-HELP = "learn J on a simulated robot and bring a point of it to image targets"
+if TYPE_CHECKING:
+    from dense_vs.sims.papers.dije.reaching import MeasuredReach
+
 REACHED_PX = 2.0
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the command's arguments."""
-    parser.add_argument("--out", type=Path, required=True, help="folder for reach.mp4, reach.png and summary.json")
     parser.add_argument(
-        "--targets", type=int, default=5, help="number of targets, in random reachable places (default: 5)"
+        "--out", type=Path, required=True, metavar="DIR", help="folder for reach.mp4, reach.png and summary.json"
+    )
+    parser.add_argument(
+        "--targets", type=int, default=5, metavar="N", help="number of random targets that it can reach (default: 5)"
     )
     parser.add_argument(
         "--babble", type=float, default=10.0, metavar="S", help="seconds of motor babbling first (default: 10)"
@@ -30,32 +43,33 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--point",
         default="tip",
+        metavar="NAME|X,Y",
         help="point to control: a site, body or geom of the model, or X,Y in pixels (default: tip)",
     )
     parser.add_argument(
-        "--max-frames", type=int, default=150, help="frames after which a reach is given up (default: 150)"
+        "--max-frames", type=int, default=150, metavar="N", help="frames after which a reach is given up (default: 150)"
     )
-    parser.add_argument("--gain", type=float, default=0.2, help="gain k_p of (17) (default: 0.2)")
+    parser.add_argument("--gain", type=float, default=0.2, metavar="K", help="gain k_p of DIJE (17) (default: 0.2)")
     parser.add_argument(
-        "--flow", default="lucas-kanade", metavar="METHOD", help="optical flow method (default: lucas-kanade)"
+        "--flow",
+        default="lucas-kanade",
+        metavar="METHOD",
+        help="optical flow method; an unknown one lists them all (default: lucas-kanade)",
     )
-    parser.add_argument("--tracker", default="aligned", help="aligned, fixed_point or paper (15) (default: aligned)")
+    parser.add_argument(
+        "--tracker",
+        default="aligned",
+        metavar="METHOD",
+        help="aligned, fixed_point, or paper, DIJE (15) (default: aligned)",
+    )
     parser.add_argument("--no-video", action="store_true", help="do not draw the video")
     add_world_arguments(parser)
 
 
 def run(arguments: argparse.Namespace) -> None:
     """Run the command."""
-    from dense_vs.files import output_folder
-    from dense_vs.flow.estimator import FlowEstimator
-    from dense_vs.jacobian.estimator import DenseJacobian
-    from dense_vs.point_servo.law import VisualServo
-    from dense_vs.point_servo.tracker import TrackerOptions
-    from dense_vs.recording.video import VideoWriter
     from dense_vs.sims.engine.world import FRAME_SECONDS
     from dense_vs.sims.papers.dije.reaching import ReachingExperiment
-    from dense_vs.view.panels import ReachView
-    from dense_vs.view.plots import plot_reach
 
     if arguments.targets < 1 or arguments.max_frames < 1:
         raise DenseVSError("--targets and --max-frames are whole numbers of at least 1")
@@ -90,7 +104,7 @@ def run(arguments: argparse.Namespace) -> None:
             servo=VisualServo(joints, joint_limits=world.joint_limits, gain=arguments.gain, seed=arguments.seed),
             flow=FlowEstimator(arguments.flow, **size),
         )
-        learnt = experiment.learn()
+        learned = experiment.learn()
         experiment.choose(method=arguments.tracker)
         targets = experiment.targets(arguments.targets)
         measured = []
@@ -100,21 +114,10 @@ def run(arguments: argparse.Namespace) -> None:
     seconds = time.perf_counter() - started
     plot_reach(experiment.trace, world.joint_names, out / "reach.png")
     summary = {
-        "targets": [
-            {
-                "target": list(m.reach.target),
-                "steps": m.reach.frames,
-                "estimated_error_px": m.reach.error_px,
-                "true_error_px": m.true_error_px,
-                "reached": m.reach.reached,
-                "lost": m.reach.lost,
-                "jacobian_error_median": m.jacobian.median,
-            }
-            for m in measured
-        ],
-        "jacobian_error_median": learnt.median,
-        "jacobian_error_p90": learnt.p90,
-        "jacobian_error_inner_median": learnt.inner_median,
+        "targets": [_of_target(m) for m in measured],
+        "jacobian_error_median": learned.median,
+        "jacobian_error_p90": learned.p90,
+        "jacobian_error_inner_median": learned.inner_median,
         "seconds": seconds,
         "fps": len(experiment.trace.times) / seconds,
         "device": str(experiment.loop.estimator.device),
@@ -123,6 +126,33 @@ def run(arguments: argparse.Namespace) -> None:
         "versions": versions(),
     }
     write_json(out / "summary.json", summary)
+    print(_targets_table(measured))
+    close = sum(m.true_error_px < REACHED_PX for m in measured)
+    print(
+        f"J error after {arguments.babble:g} s of babbling: {learned.median:.3f} (median over robot pixels), "
+        f"{learned.inner_median:.3f} at pixels 3 px inside the outline"
+    )
+    print(
+        f"{close} of {len(measured)} targets within {REACHED_PX:g} px (true error); "
+        f"{len(experiment.trace.times)} frames in {seconds:.1f} s, simulation included; results in {out}"
+    )
+
+
+def _of_target(measured: "MeasuredReach") -> dict[str, Any]:
+    """A reach as the summary holds it."""
+    reach = measured.reach
+    return {
+        "target": list(reach.target),
+        "steps": reach.frames,
+        "estimated_error_px": reach.error_px,
+        "true_error_px": measured.true_error_px,
+        "reached": reach.reached,
+        "lost": reach.lost,
+        "jacobian_error_median": measured.jacobian.median,
+    }
+
+
+def _targets_table(measured: "Sequence[MeasuredReach]") -> str:
     rows = [
         [
             f"{m.reach.target[0]:.0f}, {m.reach.target[1]:.0f}",
@@ -134,16 +164,7 @@ def run(arguments: argparse.Namespace) -> None:
         ]
         for m in measured
     ]
-    print(table(["target [px]", "steps", "estimated error [px]", "TRUE error [px]", "J error", "reached"], rows))
-    close = sum(m.true_error_px < REACHED_PX for m in measured)
-    print(
-        f"J error after {arguments.babble:g} s of babbling: {learnt.median:.3f} (median over robot pixels), "
-        f"{learnt.inner_median:.3f} at pixels 3 px inside the outline"
-    )
-    print(
-        f"{close} of {len(measured)} targets within {REACHED_PX:g} px (true error); "
-        f"{len(experiment.trace.times)} frames in {seconds:.1f} s, simulation included; results in {out}"
-    )
+    return table(["target [px]", "steps", "estimated error [px]", "TRUE error [px]", "J error", "reached"], rows)
 
 
 def _point(text: str) -> str | np.ndarray:

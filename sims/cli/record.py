@@ -7,17 +7,25 @@ from pathlib import Path
 import numpy as np
 
 from dense_vs.errors import DenseVSError
+from dense_vs.files import atomic_write, output_folder
+from dense_vs.flow.estimator import FlowEstimator, to_gray
+from dense_vs.recording.truth_file import TruthFile
+from dense_vs.recording.video import VideoWriter
+from dense_vs.robot.babbling import Babbling
 from dense_vs.sims.cli.options import add_world_arguments, make_world
 from dense_vs.view.progress import progress
 
-HELP = "record a simulated robot: video, joint log and the true Jacobians"
 VIDEO_QUALITY = 3  # compression artefacts are flow errors
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the command's arguments."""
-    parser.add_argument("--out", type=Path, required=True, help="folder for video.mp4, joints.csv and truth.npz")
-    parser.add_argument("--seconds", type=float, default=20.0, help="length of the recording (default: 20)")
+    parser.add_argument(
+        "--out", type=Path, required=True, metavar="DIR", help="folder for video.mp4, joints.csv and truth.npz"
+    )
+    parser.add_argument(
+        "--seconds", type=float, default=20.0, metavar="S", help="length of the recording (default: 20)"
+    )
     parser.add_argument(
         "--log-rate", type=float, default=100.0, metavar="HZ", help="rate of the joint log (default: 100)"
     )
@@ -33,7 +41,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         type=float,
         default=0.0,
         metavar="S",
-        help="seconds that the log's clock is behind the video's; give estimate the same (default: 0)",
+        help="seconds that the log's clock is behind the video's; give 'dense-vs estimate' the same (default: 0)",
     )
     parser.add_argument(
         "--truth-every", type=int, default=30, metavar="FRAMES", help="frames between truths (default: 30)"
@@ -43,11 +51,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> None:
     """Run the command."""
-    from dense_vs.files import atomic_write, output_folder
-    from dense_vs.flow.estimator import FlowEstimator, to_gray
-    from dense_vs.recording.truth_file import TruthFile
-    from dense_vs.recording.video import VideoWriter
-    from dense_vs.robot.babbling import Babbling
     from dense_vs.sims.engine.world import FRAME_SECONDS
 
     for name, value in (("--seconds", arguments.seconds), ("--log-rate", arguments.log_rate)):

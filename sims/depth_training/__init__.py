@@ -1,1 +1,1 @@
-"""Simulated masks of approached objects, which the learned depth is trained on."""
+"""Training of the learned depth: simulated masks of approached objects, and the fit of the network to them."""

@@ -64,7 +64,7 @@ def simulate_masks(random: np.random.Generator) -> MaskSequence:
 @dataclass(frozen=True)
 class _Camera:
     focal: float  # px
-    axis: np.ndarray  # (2,) px, the image point that the camera moves towards
+    axis: np.ndarray  # (2,) px, the image point that the camera moves toward
     shift: np.ndarray  # (m, 2) m, sideways
     back: np.ndarray  # (m,) m
 
@@ -95,11 +95,11 @@ class _Thing:
             off = random.normal(0.0, 0.04, 2) * WIDTH
         else:
             off = np.array([random.uniform(-0.4, 0.4) * WIDTH, random.normal(0.0, 0.1) * HEIGHT])
-        centre = np.array([*(off * distance / camera.focal), distance])
+        center = np.array([*(off * distance / camera.focal), distance])
         if random.random() < 0.4:
             flat = _flat_outline(random) * size
             corners = np.concatenate([flat, np.zeros((len(flat), 1))], axis=1)
-            return cls([corners + centre], True)
+            return cls([corners + center], True)
         parts = []
         for _ in range(int(random.choice([1, 1, 1, 2, 3]))):
             apart = random.normal(0.0, 0.25, 3) * size if parts else np.zeros(3)
@@ -109,7 +109,7 @@ class _Thing:
         depth = np.concatenate(parts)[:, 2]
         front = float(depth[depth <= np.median(depth)].mean())
         room = max(0.0, 0.1 * distance - (distance + depth.min() - front))
-        return cls([part + centre + [0.0, 0.0, room - front] for part in parts], False)
+        return cls([part + center + [0.0, 0.0, room - front] for part in parts], False)
 
     def outline_distance(self, camera: _Camera) -> float:
         """Mean distance [m] over the outline as the nearest view shows it."""
@@ -269,6 +269,6 @@ def _filled(outlines: list[np.ndarray]) -> np.ndarray:
     return mask
 
 
-def _ellipse(mask: np.ndarray, centre: np.ndarray, size: np.ndarray, random: np.random.Generator) -> None:
+def _ellipse(mask: np.ndarray, center: np.ndarray, size: np.ndarray, random: np.random.Generator) -> None:
     axes = np.maximum(size, 1.0).astype(int).tolist()
-    cv2.ellipse(mask, centre.astype(int).tolist(), axes, random.uniform(0, 180), 0, 360, 1, -1)
+    cv2.ellipse(mask, center.astype(int).tolist(), axes, random.uniform(0, 180), 0, 360, 1, -1)

@@ -57,7 +57,8 @@ class Realism:
         if self.jpeg_quality is None:
             return image
         coded = cv2.imencode(".jpg", image[..., ::-1], [cv2.IMWRITE_JPEG_QUALITY, int(self.jpeg_quality)])[1]
-        return np.ascontiguousarray(cv2.imdecode(coded, cv2.IMREAD_COLOR)[..., ::-1])
+        decoded = np.asarray(cv2.imdecode(coded, cv2.IMREAD_COLOR))
+        return np.ascontiguousarray(decoded[..., ::-1])
 
     def readings(self, positions: np.ndarray) -> np.ndarray:
         """Joint positions [rad] as they are read."""

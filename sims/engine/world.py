@@ -372,7 +372,7 @@ class SimWorld:
             self._readings = [*self._readings, self._physics.joint_history()][-late:]
 
     def _late(self, positions: np.ndarray) -> np.ndarray:
-        """Positions (B, S, N) of the present frame, or of as many frames ago as readings are late; at first, of fewer."""
+        """Positions (B, S, N) of the present frame, or of as many ago as readings are late; at first, of fewer."""
         if not self._readings:
             return positions
         earlier = self._readings[0]

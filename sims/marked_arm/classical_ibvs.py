@@ -1,4 +1,4 @@
-"""Classical image-based visual servoing of a hand before fixed cameras, eq. (1), with everything known exactly.
+"""Classical image-based visual servoing of a hand before fixed cameras, Gothoskar (1), with everything known exactly.
 
 The comparison of Fig. 8 and 9. It is given what the paper gives VISP: the robot's true Jacobian, the cameras' true
 calibration, and the true depth of every feature at the present posture.
@@ -18,7 +18,7 @@ def interaction_matrix(pixels: np.ndarray, depths: np.ndarray, intrinsics: np.nd
         depths: (m,) along the optical axis [m].
         intrinsics: (4,) fx, fy, cx, cy [px].
 
-    Source: Chaumette and Hutchinson, "Visual servo control", eq. (11), scaled to pixels; L_e of (1).
+    Source: Chaumette and Hutchinson, "Visual servo control", eq. (11), scaled to pixels; L_e of Gothoskar (1).
     """
     x, y = ((pixels - intrinsics[2:]) / intrinsics[:2]).T
     zero = np.zeros_like(x)
@@ -36,7 +36,7 @@ def image_jacobian(arm: ObservedArm, joints: np.ndarray) -> np.ndarray:
 
 
 def ibvs_step(arm: ObservedArm, joints: np.ndarray, pixels: np.ndarray, target: np.ndarray, gain: float) -> np.ndarray:
-    """Joint step (n,) [rad] of eq. (1) with the gain; features count that are seen in both (c, m, 2) [px] arrays.
+    """Joint step (n,) [rad] of Gothoskar (1) with the gain; features count that are seen in both (c, m, 2) [px] arrays.
 
     Args:
         joints: where the Jacobian is taken.
@@ -47,15 +47,15 @@ def ibvs_step(arm: ObservedArm, joints: np.ndarray, pixels: np.ndarray, target: 
     shared = np.isfinite(pixels[..., 0]) & np.isfinite(target[..., 0])
     if not shared.any():
         raise DenseVSError("no feature is seen both now and at the target; expected at least one")
-    jacobian = image_jacobian(arm, joints)[shared].reshape(-1, arm.chain.joints)
+    jacobian = image_jacobian(arm, joints)[shared].reshape(-1, arm.chain.joint_count)
     return gain * np.linalg.pinv(jacobian, rcond=1e-4) @ (target - pixels)[shared].ravel()
 
 
 def _of_camera(camera: PinholeCamera, points: np.ndarray, flange: np.ndarray, origin: np.ndarray) -> np.ndarray:
     rotation = camera.T_camera_world[:3, :3]
     depths = (points @ rotation.T + camera.T_camera_world[:3, 3])[:, 2]
-    # The flange's twist at the camera's centre, in camera axes; the camera's twist against the hand is its negative.
-    linear = flange[:3] + np.cross(flange[3:].T, camera.centre - origin).T
+    # The flange's twist at the camera's center, in camera axes; the camera's twist against the hand is its negative.
+    linear = flange[:3] + np.cross(flange[3:].T, camera.center - origin).T
     twist = np.concatenate([rotation @ linear, rotation @ flange[3:]])
     matrix = interaction_matrix(camera.project(points), depths, camera.intrinsics)
     return -(matrix @ twist).reshape(len(points), 2, -1)

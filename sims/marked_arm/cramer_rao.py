@@ -9,13 +9,14 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from dense_vs.checks import check_choice
 from dense_vs.errors import DenseVSError
-from dense_vs.generative.inference.joint_inference import predict
 from dense_vs.generative.learning.end_to_end import all_shared
 from dense_vs.generative.learning.expected_error import inverse_root
 from dense_vs.generative.least_squares.joint_priors import JointActions, JointReadings
-from dense_vs.generative.least_squares.parameters import ModelParameters
 from dense_vs.generative.least_squares.pixel_problem import Free, NormalEquations, PixelProblem, State
+from dense_vs.generative.parameters import ModelParameters
+from dense_vs.generative.prediction import predict
 from dense_vs.generative.reconstruction.initialization import intrinsics_prior
 from dense_vs.sims.marked_arm.evidence import PIXEL_NOISE, Evidence
 from dense_vs.sims.marked_arm.observed_arm import ObservedArm
@@ -35,7 +36,7 @@ class Bound:
 
 
 def cramer_rao(
-    learnt_from: Evidence,
+    learned_from: Evidence,
     test: Evidence,
     rng: np.random.Generator,
     *,
@@ -47,23 +48,24 @@ def cramer_rao(
     """The errors of a perfect fit to these samples.
 
     Args:
-        learnt_from, test: samples with their truth, of the same arm; pixel noise as :func:`observe` adds it.
+        learned_from, test: samples with their truth, of the same arm; pixel noise as :func:`observe` adds it.
         rng: draws the errors.
         state: ``"observed"``, ``"noisy"`` or ``"actions"``, as the fit's.
         sigma: noise of the joint readings, or of each joint step [rad].
-        camera: whose pose alone is to be learnt, all else being known; None where all is to be learnt.
+        camera: whose pose alone is to be learned, all else being known; None where all is to be learned.
         draws: how many.
 
     Raises:
         DenseVSError: no joints are behind the samples, or noisy states without a sigma.
     """
-    truth = learnt_from.truth
+    truth = learned_from.truth
     if truth.joints is None or test.truth.joints is None:
         raise DenseVSError("the samples are of a Cartesian controller; the bound is computed for joints")
+    check_choice("state", state, ("observed", "noisy", "actions"))
     if (state == "observed") != (sigma == 0.0):
         raise DenseVSError(f"state is {state!r} with sigma {sigma} rad; expected 0 for 'observed' and more for others")
     parameters = true_parameters(truth.arm, truth.joints.mean(axis=0))
-    observations = learnt_from.observations
+    observations = learned_from.observations
     known = observations.seen.any(axis=(0, 1))
     cameras = np.arange(len(truth.arm.cameras))
     free = replace(all_shared(np.ones(len(cameras), dtype=bool)), features=known)
@@ -105,7 +107,7 @@ def cramer_rao(
 def perfect_inference(test: Evidence, cameras: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Errors (T,) that the joints of single images have with a perfect model and an estimator that reaches the bound.
 
-    That is the least-squares estimate linearised at the truth, with the images' own noise.
+    That is the least-squares estimate linearized at the truth, with the images' own noise.
 
     Args:
         test: images with their truth.
@@ -134,9 +136,9 @@ def perfect_inference(test: Evidence, cameras: np.ndarray) -> tuple[np.ndarray, 
     return np.linalg.norm(off, axis=1), np.nanmean(distance, axis=(1, 2))
 
 
-def true_parameters(arm: ObservedArm, centre: np.ndarray) -> ModelParameters:
-    """What a perfect model of the arm has, in the robot's frame and in metres, with the home pose ``centre`` [rad]."""
-    poses = arm.chain.link_poses(centre)
+def true_parameters(arm: ObservedArm, home: np.ndarray) -> ModelParameters:
+    """What a perfect model of the arm has, in the robot's frame and in meters, with the home pose ``home`` [rad]."""
+    poses = arm.chain.link_poses(home)
     before = np.concatenate([np.eye(4)[None], poses[:-1]])
     axes, origins = before[:, :3, 2], before[:, :3, 3]
     features = arm.features @ poses[-1, :3, :3].T + poses[-1, :3, 3]
@@ -144,7 +146,7 @@ def true_parameters(arm: ObservedArm, centre: np.ndarray) -> ModelParameters:
     return ModelParameters(
         axes,
         origins + axes * ((near - origins) * axes).sum(axis=1, keepdims=True),
-        centre,
+        home,
         features,
         np.full(len(features), len(axes)),
         np.array([camera.T_camera_world[:3, :3] for camera in arm.cameras]),

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from dense_vs.checks import check_choice
 from dense_vs.errors import DenseVSError
 
 
@@ -23,7 +24,7 @@ class DHChain:
     home: np.ndarray  # joints [rad] at which the tool points down at a work place before the arm
 
     @property
-    def joints(self) -> int:
+    def joint_count(self) -> int:
         """n."""
         return len(self.d)
 
@@ -34,11 +35,11 @@ class DHChain:
             DenseVSError: another number of joints than the chain has.
         """
         joints = np.asarray(joints, dtype=np.float64)
-        if joints.shape[-1:] != (self.joints,):
-            raise DenseVSError(f"joints has shape {joints.shape}; expected (..., {self.joints}) for {self.name!r}")
+        if joints.shape[-1:] != (self.joint_count,):
+            raise DenseVSError(f"joints has shape {joints.shape}; expected (..., {self.joint_count}) for {self.name!r}")
         poses = np.empty((*joints.shape, 4, 4))
         pose = np.eye(4)
-        for i in range(self.joints):
+        for i in range(self.joint_count):
             pose = pose @ self._joint_transform(i, joints[..., i])
             poses[..., i, :, :] = pose
         return poses
@@ -94,6 +95,4 @@ def find_arm(name: str) -> DHChain:
     Raises:
         DenseVSError: there is none; the message lists the arms.
     """
-    if name not in ARMS:
-        raise DenseVSError(f"arm is {name!r}; expected one of {', '.join(repr(arm) for arm in ARMS)}")
-    return ARMS[name]
+    return ARMS[check_choice("arm", name, ARMS)]

@@ -1,8 +1,8 @@
 """Observations to learn from, with the truth kept apart for scoring: random postures of an observed arm.
 
 The law of the postures is ``"normal"`` (N(0, 0.3 rad) about home) or ``"uniform"`` (within 1 rad of home), a draw a
-joint. Postures in which the cameras together see fewer than 6 features are drawn again: nobody would keep them. Lenses
-are known as their maker states them, with the tolerances that the statement has.
+joint. Postures in which the cameras together see fewer than 6 features are drawn again. Lenses are known as their
+maker states them, within the stated tolerances.
 """
 
 from dataclasses import dataclass, replace
@@ -10,6 +10,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from dense_vs.checks import check_choice
 from dense_vs.errors import DenseVSError
 from dense_vs.generative import Observations
 from dense_vs.sims.marked_arm.noise import NoisyController, noisy_pose
@@ -19,15 +20,15 @@ POSTURES = ("normal", "uniform")
 PIXEL_NOISE = 0.5  # px, standard deviation in x and in y
 
 _LEAST_SEEN = 6
-_LEAST_FOR_A_CAMERA = 4  # points that tell a camera's pose
+_LEAST_FOR_A_CAMERA = 4  # points that determine a camera's pose
 _DRAWS = 2000
 _NORMAL_RAD = 0.3
 _UNIFORM_RAD = 1.0
 _ACTION_M, _ACTION_RAD = 0.06, 0.25  # standard deviations of a random Cartesian step
-_FOCAL_TOLERANCE, _CENTRE_TOLERANCE_PX = 0.01, 8.0  # uniform, either way; the first as a share
+_FOCAL_TOLERANCE, _CENTER_TOLERANCE_PX = 0.01, 8.0  # uniform, either way; the first as a share
 
 # Standard deviations of those tolerances, as :class:`Observations` takes them.
-INTRINSICS_SIGMA = (_FOCAL_TOLERANCE / np.sqrt(3.0), _CENTRE_TOLERANCE_PX / np.sqrt(3.0))
+INTRINSICS_SIGMA = (_FOCAL_TOLERANCE / np.sqrt(3.0), _CENTER_TOLERANCE_PX / np.sqrt(3.0))
 
 
 @dataclass(frozen=True)
@@ -180,7 +181,7 @@ def executed(controller: NoisyController, action: np.ndarray, pose: np.ndarray) 
 
 
 def random_pose_near(pose: np.ndarray, rng: np.random.Generator) -> np.ndarray:
-    """A pose (4, 4) some centimetres and a fraction of a radian away."""
+    """A pose (4, 4) some centimeters and a fraction of a radian away."""
     moved = pose.copy()
     moved[:3, 3] += _ACTION_M * rng.normal(size=3)
     moved[:3, :3] = Rotation.from_rotvec(_ACTION_RAD * rng.normal(size=3)).as_matrix() @ pose[:3, :3]
@@ -191,15 +192,14 @@ def guessed_intrinsics(arm: ObservedArm, rng: np.random.Generator) -> np.ndarray
     """(c, 4) as the cameras' maker gives them: focal lengths up to 1 %, principal points up to 8 px off."""
     true = np.array([camera.intrinsics for camera in arm.cameras])
     focal = true[:, :2] * rng.uniform(-_FOCAL_TOLERANCE, _FOCAL_TOLERANCE, (len(true), 2))
-    centre = rng.uniform(-_CENTRE_TOLERANCE_PX, _CENTRE_TOLERANCE_PX, (len(true), 2))
-    return true + np.hstack([focal, centre])
+    center = rng.uniform(-_CENTER_TOLERANCE_PX, _CENTER_TOLERANCE_PX, (len(true), 2))
+    return true + np.hstack([focal, center])
 
 
 def _posture(arm: ObservedArm, rng: np.random.Generator, law: str) -> np.ndarray:
     """Joints (n,) [rad], whatever is seen there."""
-    if law not in POSTURES:
-        raise DenseVSError(f"postures are {law!r}; expected one of {', '.join(repr(name) for name in POSTURES)}")
-    size = arm.chain.joints
+    check_choice("postures", law, POSTURES)
+    size = arm.chain.joint_count
     draw = rng.normal(0, _NORMAL_RAD, size) if law == "normal" else rng.uniform(-_UNIFORM_RAD, _UNIFORM_RAD, size)
     return arm.chain.home + draw
 

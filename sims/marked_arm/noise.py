@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from dense_vs.errors import DenseVSError
+from dense_vs.checks import check_choice, check_number
 
 LAWS = ("independent", "proportional")
 REFERENCE_MOVE = 1.0  # rad (of the joint step's norm), or m and rad of a Cartesian step's translation and rotation
@@ -25,10 +25,8 @@ class NoisyController:
     rng: np.random.Generator
 
     def __post_init__(self) -> None:
-        if self.law not in LAWS:
-            raise DenseVSError(f"law is {self.law!r}; expected one of {', '.join(repr(law) for law in LAWS)}")
-        if not np.isfinite(self.sigma) or self.sigma < 0:
-            raise DenseVSError(f"sigma is {self.sigma}; expected a finite number of at least 0")
+        check_choice("law", self.law, LAWS)
+        check_number("sigma", self.sigma, least=0.0)
 
     def joint_step(self, step: np.ndarray) -> np.ndarray:
         """What the joints (n,) really do [rad]."""

@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from dense_vs.errors import DenseVSError
+from dense_vs.checks import check_whole
 from dense_vs.sims.marked_arm.dh_chain import DHChain, find_arm
 
 IMAGE_SIZE = (480, 640)
@@ -17,7 +17,7 @@ FOCAL_PX = 620.0
 
 _DISTANCE = 1.7  # m from the hand at home to a camera
 _TOOL_RADIUS = 0.07  # m
-_TOOL_CENTRE = 0.06  # m beyond the flange
+_TOOL_CENTER = 0.06  # m beyond the flange
 _FACING = np.cos(np.deg2rad(78.0))
 
 
@@ -30,7 +30,7 @@ class PinholeCamera:
     size: tuple[int, int] = IMAGE_SIZE
 
     @property
-    def centre(self) -> np.ndarray:
+    def center(self) -> np.ndarray:
         """(3,) [m] in the world."""
         return -self.T_camera_world[:3, :3].T @ self.T_camera_world[:3, 3]
 
@@ -40,12 +40,12 @@ class PinholeCamera:
         depth = np.where(local[..., 2:] > 1e-6, local[..., 2:], np.nan)
         return local[..., :2] / depth * self.intrinsics[:2] + self.intrinsics[2:]
 
-    def shifted(self, rng: np.random.Generator, metres: float, radians: float) -> "PinholeCamera":
-        """The camera after a knock: moved by ``metres`` and turned by ``radians``, in random directions."""
+    def shifted(self, rng: np.random.Generator, meters: float, radians: float) -> "PinholeCamera":
+        """The camera after a knock: moved by ``meters`` and turned by ``radians``, in random directions."""
         turn = Rotation.from_rotvec(radians * _unit(rng.normal(size=3))).as_matrix()
         pose = self.T_camera_world.copy()
         pose[:3, :3] = turn @ pose[:3, :3]
-        pose[:3, 3] = turn @ pose[:3, 3] + metres * _unit(rng.normal(size=3))
+        pose[:3, 3] = turn @ pose[:3, 3] + meters * _unit(rng.normal(size=3))
         return replace(self, T_camera_world=pose)
 
 
@@ -96,14 +96,14 @@ def make_observed_arm(
         DenseVSError: unknown arm, too few cameras or features.
     """
     chain = find_arm(arm)
-    if cameras < 1 or features < 4:
-        raise DenseVSError(f"got {cameras} cameras and {features} features; expected at least 1 and at least 4")
+    check_whole("cameras", cameras, least=1)
+    check_whole("features", features, least=4)
     rng = np.random.default_rng([seed, 21])
     home = chain.flange_pose(chain.home)
-    centre = home[:3, 3] + _TOOL_CENTRE * home[:3, 2]
-    placed = tuple(_placed_camera(rng, centre, azimuth) for azimuth in _arc(cameras) + rng.uniform(-0.1, 0.1, cameras))
+    center = home[:3, 3] + _TOOL_CENTER * home[:3, 2]
+    placed = tuple(_placed_camera(rng, center, azimuth) for azimuth in _arc(cameras) + rng.uniform(-0.1, 0.1, cameras))
     rng = np.random.default_rng([seed if feature_seed is None else feature_seed, 22])
-    towards = home[:3, :3].T @ _unit(np.mean([_unit(camera.centre - centre) for camera in placed], axis=0))
+    towards = home[:3, :3].T @ _unit(np.mean([_unit(camera.center - center) for camera in placed], axis=0))
     normals = []
     while len(normals) < features:
         normal = _unit(rng.normal(size=3))
@@ -111,11 +111,11 @@ def make_observed_arm(
             normals.append(normal)
     normals = np.array(normals)
     radius = _TOOL_RADIUS * rng.uniform(0.6, 1.2, (features, 1))  # a bumpy tool, no sphere
-    return ObservedArm(chain, normals * radius + [0.0, 0.0, _TOOL_CENTRE], normals, placed)
+    return ObservedArm(chain, normals * radius + [0.0, 0.0, _TOOL_CENTER], normals, placed)
 
 
 def _seen_by(camera: PinholeCamera, points: np.ndarray, normals: np.ndarray) -> np.ndarray:
-    rays = camera.centre - points
+    rays = camera.center - points
     facing = np.sum(rays * normals, axis=-1) > _FACING * np.linalg.norm(rays, axis=-1)
     pixels = camera.project(points)
     height, width = camera.size
@@ -128,11 +128,11 @@ def _arc(count: int) -> np.ndarray:
     return np.linspace(-0.7, 0.7, count) if count > 1 else np.zeros(1)
 
 
-def _placed_camera(rng: np.random.Generator, centre: np.ndarray, azimuth: float) -> PinholeCamera:
+def _placed_camera(rng: np.random.Generator, center: np.ndarray, azimuth: float) -> PinholeCamera:
     elevation = rng.uniform(0.25, 0.6)
     ray = np.array([np.cos(azimuth) * np.cos(elevation), np.sin(azimuth) * np.cos(elevation), np.sin(elevation)])
-    place = centre + _DISTANCE * rng.uniform(0.9, 1.1) * ray
-    forward = _unit(centre + rng.normal(0.0, 0.05, 3) - place)
+    place = center + _DISTANCE * rng.uniform(0.9, 1.1) * ray
+    forward = _unit(center + rng.normal(0.0, 0.05, 3) - place)
     right = _unit(np.cross(forward, [0.0, 0.0, 1.0]))
     rotation = np.stack([right, np.cross(forward, right), forward])
     roll = Rotation.from_rotvec([0.0, 0.0, rng.normal(0.0, 0.1)]).as_matrix()

@@ -33,7 +33,7 @@ class ManipulatorRobot:
 
     @property
     def joint_names(self) -> tuple[str, ...]:
-        """The ten joints in the order of (1)."""
+        """The ten joints in the order of VOS-VS (1)."""
         return self.world.joint_names
 
     @property

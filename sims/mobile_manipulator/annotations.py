@@ -1,7 +1,7 @@
 """Annotated images of an object, as the ten that VOS-VS drew by hand for each (section 7.1), and segmenters that learn
 from them.
 
-The simulator's ids stand in for the annotators here; what is learnt from the images sees nothing but images afterwards.
+The simulator's ids stand in for the annotators; what learns from these images sees nothing but images afterwards.
 """
 
 from dataclasses import dataclass

@@ -12,7 +12,7 @@ from dense_vs.sims.mobile_manipulator.objects import CHAIN_DIAMETER, CHAIN_LENGT
 from dense_vs.sims.mobile_manipulator.paint import Paint, add_material, painted_texture
 from dense_vs.sims.mobile_manipulator.parts import Part
 
-JOINTS = (  # the order of (1)
+JOINTS = (  # the order of VOS-VS (1)
     "head_tilt",
     "head_pan",
     "arm_lift",
@@ -26,7 +26,7 @@ JOINTS = (  # the order of (1)
 )
 PULLER = "puller"
 _CONTACT = {"friction": [0.8, 0.01, 0.0005], "condim": 4, "solref": [0.008, 1.0], "solimp": [0.95, 0.99, 0.001, 0.5, 2]}
-_SCENERY = {"floor": (0.09, 3.0), "blue_bin": (0.03, 0.0), "green_bin": (0.03, 0.0)}  # mottling, repetitions a metre
+_SCENERY = {"floor": (0.09, 3.0), "blue_bin": (0.03, 0.0), "green_bin": (0.03, 0.0)}  # mottling, repetitions a meter
 
 
 def compile_model(names: Sequence[str] | None, seed: int) -> tuple[mujoco.MjModel, dict[str, HouseholdObject]]:
@@ -55,8 +55,8 @@ def _paint_scenery(spec: mujoco.MjSpec, rng: np.random.Generator) -> None:
         if geom.name not in _SCENERY:
             continue
         _, repeat = _SCENERY[geom.name]
-        colour = np.array(geom.rgba[:3]) * rng.uniform(0.9, 1.1)
-        paint = Paint(tuple(np.clip(colour, 0, 1)), tuple(np.clip(0.85 * colour, 0, 1)), 0.35, 0.15)
+        color = np.array(geom.rgba[:3]) * rng.uniform(0.9, 1.1)
+        paint = Paint(tuple(np.clip(color, 0, 1)), tuple(np.clip(0.85 * color, 0, 1)), 0.35, 0.15)
         add_material(spec, geom.name, painted_texture(rng, paint, 256 if geom.name == "floor" else 96), paint, repeat)
         geom.material = geom.name
         geom.rgba = [0.5, 0.5, 0.5, 1.0]

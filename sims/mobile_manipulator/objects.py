@@ -1,7 +1,7 @@
 """The 24 objects of the consecutive trials of VOS-VS (section 7.1, Table 2), built from primitives.
 
 Dimensions and masses are those published for the YCB object set (Calli et al., IEEE Robotics and Automation
-Magazine 22(3), 2015); colours follow the originals, prints are noise and patches. Boxes, cans and cups stand, tools
+Magazine 22(3), 2015); colors follow the originals, prints are noise and patches. Boxes, cans and cups stand, tools
 lie.
 """
 
@@ -9,7 +9,7 @@ import numpy as np
 
 from dense_vs.sims.mobile_manipulator.household_object import HouseholdObject
 from dense_vs.sims.mobile_manipulator.paint import Paint
-from dense_vs.sims.mobile_manipulator.parts import ball, box, cylinder, dish_rim, ring, rod
+from dense_vs.sims.mobile_manipulator.parts import Part, ball, box, cylinder, dish_rim, ring, rod
 
 STEEL = Paint((0.62, 0.63, 0.66), (0.45, 0.46, 0.5), 0.2, 0.9, 0.7)
 CHAIN_LENGTH, CHAIN_LINKS, CHAIN_DIAMETER = 1.149, 18, 0.014
@@ -20,7 +20,8 @@ def household_objects() -> dict[str, HouseholdObject]:
     return {thing.name: thing for thing in [*_tools(), *_food(), *_kitchen(), *_shapes()]}
 
 
-def _tools() -> list[HouseholdObject]:
+def _tool_parts() -> tuple[list[Part], ...]:
+    """Power drill, padlock, spring clamp, screwdriver, marker."""
     drill = [
         rod((-0.09, 0.03, 0.027), (0.07, 0.03, 0.027), 0.05, rounded=False),
         rod((0.07, 0.03, 0.027), (0.094, 0.03, 0.027), 0.028, paint="metal", rounded=False),
@@ -48,6 +49,11 @@ def _tools() -> list[HouseholdObject]:
         rod((-0.05, 0.0, 0.009), (0.02, 0.0, 0.009), 0.018, rounded=False),
         rod((0.02, 0.0, 0.009), (0.07, 0.0, 0.009), 0.019, paint="cap", rounded=False),
     ]
+    return drill, padlock, clamp, screwdriver, marker
+
+
+def _tools() -> list[HouseholdObject]:
+    drill, padlock, clamp, screwdriver, marker = _tool_parts()
     orange, black = Paint((0.85, 0.36, 0.08), (0.15, 0.12, 0.1), 0.25, 0.3), Paint((0.13, 0.13, 0.14), None, 0, 0.2)
     return [
         HouseholdObject(
@@ -93,9 +99,7 @@ def _tools() -> list[HouseholdObject]:
             "Tool",
             0.729,
             [box(0.2, 0.085, 0.085)],
-            {
-                "body": Paint((0.7, 0.42, 0.18), (0.6, 0.33, 0.12), 0.3, 0.25),
-            },
+            {"body": Paint((0.7, 0.42, 0.18), (0.6, 0.33, 0.12), 0.3, 0.25)},
             0.085,
             0.085,
         ),
@@ -127,7 +131,8 @@ def _tools() -> list[HouseholdObject]:
     ]
 
 
-def _food() -> list[HouseholdObject]:
+def _food_parts() -> tuple[list[Part], ...]:
+    """Plastic banana, tuna, chips can."""
     angles = np.linspace(-0.75, 0.75, 7)
     arc = [(0.115 * np.sin(a), 0.115 * (np.cos(a) - 0.82), 0.017) for a in angles]
     widths = [0.024, 0.032, 0.034, 0.034, 0.032, 0.024]
@@ -135,6 +140,11 @@ def _food() -> list[HouseholdObject]:
     banana.append(rod(arc[6], (arc[6][0] + 0.014, arc[6][1] - 0.016, 0.018), 0.012, paint="stem"))
     tuna = [cylinder(0.085, 0.029, at=(0, 0, 0.002)), cylinder(0.082, 0.033, paint="lid")]
     chips = [cylinder(0.075, 0.244, at=(0, 0, 0.0)), cylinder(0.072, 0.25, paint="lid")]
+    return banana, tuna, chips
+
+
+def _food() -> list[HouseholdObject]:
+    banana, tuna, chips = _food_parts()
     return [
         HouseholdObject(
             "Chips Can",
@@ -153,9 +163,7 @@ def _food() -> list[HouseholdObject]:
             "Food",
             0.37,
             [box(0.097, 0.05, 0.082)],
-            {
-                "body": Paint((0.12, 0.2, 0.5), (0.9, 0.85, 0.3), 0.35, 0.6, 0.5),
-            },
+            {"body": Paint((0.12, 0.2, 0.5), (0.9, 0.85, 0.3), 0.35, 0.6, 0.5)},
             0.05,
             0.082,
         ),
@@ -177,9 +185,7 @@ def _food() -> list[HouseholdObject]:
             "Food",
             0.514,
             [box(0.089, 0.038, 0.175)],
-            {
-                "body": Paint((0.92, 0.82, 0.2), (0.96, 0.95, 0.92), 0.4, 0.1),
-            },
+            {"body": Paint((0.92, 0.82, 0.2), (0.96, 0.95, 0.92), 0.4, 0.1)},
             0.038,
             0.175,
         ),
@@ -200,16 +206,15 @@ def _food() -> list[HouseholdObject]:
             "Food",
             0.097,
             [box(0.085, 0.073, 0.028)],
-            {
-                "body": Paint((0.8, 0.16, 0.2), (0.95, 0.9, 0.85), 0.35, 0.1),
-            },
+            {"body": Paint((0.8, 0.16, 0.2), (0.95, 0.9, 0.85), 0.35, 0.1)},
             0.073,
             0.028,
         ),
     ]
 
 
-def _kitchen() -> list[HouseholdObject]:
+def _kitchen_parts() -> tuple[list[Part], ...]:
+    """Mug, bottle of Softscrub, skillet with lid, plate, spatula, knife."""
     mug = [*ring(0.082, 0.074, 0.082, sides=20), cylinder(0.078, 0.006, paint="inside")]
     mug += [
         rod((0.04, 0.0, 0.066), (0.06, 0.0, 0.062), 0.01),
@@ -237,6 +242,11 @@ def _kitchen() -> list[HouseholdObject]:
         rod((-0.098, 0.0, 0.0075), (-0.005, 0.0, 0.0075), 0.015, paint="handle"),
         box(0.112, 0.02, 0.002, at=(0.052, 0.0, 0.006)),
     ]
+    return mug, bottle, skillet, plate, spatula, knife
+
+
+def _kitchen() -> list[HouseholdObject]:
+    mug, bottle, skillet, plate, spatula, knife = _kitchen_parts()
     return [
         HouseholdObject(
             "Mug",
@@ -323,9 +333,7 @@ def _shapes() -> list[HouseholdObject]:
             "Shape",
             0.148,
             [ball(0.075)],
-            {
-                "body": Paint((0.9, 0.89, 0.85), (0.75, 0.15, 0.12), 0.08, 0.15),
-            },
+            {"body": Paint((0.9, 0.89, 0.85), (0.75, 0.15, 0.12), 0.08, 0.15)},
             0.075,
             0.075,
             True,
@@ -335,9 +343,7 @@ def _shapes() -> list[HouseholdObject]:
             "Shape",
             0.098,
             [],
-            {
-                "body": Paint((0.92, 0.8, 0.1), (0.8, 0.66, 0.05), 0.15, 0.3),
-            },
+            {"body": Paint((0.92, 0.8, 0.1), (0.8, 0.66, 0.05), 0.15, 0.3)},
             0.05,
             CHAIN_DIAMETER,
             links=CHAIN_LINKS,
@@ -347,9 +353,7 @@ def _shapes() -> list[HouseholdObject]:
             "Shape",
             0.048,
             washer,
-            {
-                "body": STEEL,
-            },
+            {"body": STEEL},
             0.048,
             0.004,
         ),
@@ -370,9 +374,7 @@ def _shapes() -> list[HouseholdObject]:
             "Shape",
             0.0052,
             [box(0.0162, 0.0162, 0.0162)],
-            {
-                "body": Paint((0.42, 0.16, 0.62), (0.98, 0.95, 0.95), 0.12, 0.4),
-            },
+            {"body": Paint((0.42, 0.16, 0.62), (0.98, 0.95, 0.95), 0.12, 0.4)},
             0.0162,
             0.0162,
         ),
@@ -381,9 +383,7 @@ def _shapes() -> list[HouseholdObject]:
             "Shape",
             0.028,
             [box(0.078, 0.053, 0.051)],
-            {
-                "body": Paint((0.72, 0.26, 0.2), (0.62, 0.2, 0.15), 0.2, 0.02),
-            },
+            {"body": Paint((0.72, 0.26, 0.2), (0.62, 0.2, 0.15), 0.2, 0.02)},
             0.053,
             0.051,
         ),

@@ -1,4 +1,4 @@
-"""Textures of the household objects and of the scenery: noise and patches drawn from a seed around given colours."""
+"""Textures of the household objects and of the scenery: noise and patches drawn from a seed around given colors."""
 
 from dataclasses import dataclass
 
@@ -12,15 +12,15 @@ TEXTURE_SIZE = 96  # texels a side; a face of 0.1 m seen from 0.5 m is about as 
 
 @dataclass(frozen=True)
 class Paint:
-    """How a part looks: a colour with fine noise and patches of an accent.
+    """How a part looks: a color with fine noise and patches of an accent.
 
     Attributes:
-        colour, accent: RGB in 0 to 1.
+        color, accent: RGB in 0 to 1.
         patches: share of the surface that the accent covers.
         specular, shininess: of MuJoCo's material; metal and varnish reflect the lamps.
     """
 
-    colour: tuple[float, float, float]
+    color: tuple[float, float, float]
     accent: tuple[float, float, float] | None = None
     patches: float = 0.3
     specular: float = 0.1
@@ -28,8 +28,8 @@ class Paint:
 
 
 def painted_texture(rng: np.random.Generator, paint: Paint, size: int = TEXTURE_SIZE) -> np.ndarray:
-    """Texture (size, size, 3) uint8 of a paint: a mottled colour, with patches of the accent where noise is high."""
-    image = np.broadcast_to(np.array(paint.colour), (size, size, 3)).copy()
+    """Texture (size, size, 3) uint8 of a paint: a mottled color, with patches of the accent where noise is high."""
+    image = np.broadcast_to(np.array(paint.color), (size, size, 3)).copy()
     if paint.accent is not None and paint.patches > 0.0:
         noise = band_noise(rng, size, size)
         image[noise > np.quantile(noise, 1.0 - paint.patches)] = paint.accent
@@ -45,7 +45,7 @@ def add_material(spec: mujoco.MjSpec, name: str, texture: np.ndarray, paint: Pai
         name: of both.
         texture: (height, width, 3) uint8.
         paint: its specular part.
-        repeat: repetitions a metre; 0 stretches the texture once over each face.
+        repeat: repetitions a meter; 0 stretches the texture once over each face.
     """
     height, width, channels = texture.shape
     added = spec.add_texture(

@@ -1,6 +1,6 @@
 """Building blocks of household objects: a part is a geom with a paint; a shape is a list of them.
 
-Lengths are metres; z is up from the surface that the object rests on. Hollow things are rings of boxes, as a mesh
+Lengths are meters; z is up from the surface that the object rests on. Hollow things are rings of boxes, as a mesh
 collides as its convex hull.
 """
 
@@ -22,7 +22,7 @@ class Part:
     Attributes:
         kind: MuJoCo geom type.
         size: as MuJoCo's ``size``, half lengths and radii.
-        position: of its centre in the object's frame.
+        position: of its center in the object's frame.
         zaxis: direction of the geom's own z axis.
         paint: name of the object's paint that covers it.
         twist: turn about the geom's own z axis [rad].
@@ -45,13 +45,13 @@ class Part:
 
 
 def box(length: float, width: float, height: float, *, at=(0.0, 0.0, 0.0), paint: str = "body", twist: float = 0.0):
-    """A box by its full lengths, standing with its bottom centre at a place."""
+    """A box by its full lengths, standing with its bottom center at a place."""
     x, y, z = at
     return Part(BOX, (length / 2, width / 2, height / 2), (x, y, z + height / 2), paint=paint, twist=twist)
 
 
 def cylinder(diameter: float, height: float, *, at=(0.0, 0.0, 0.0), paint: str = "body"):
-    """An upright cylinder, standing with its bottom centre at a place."""
+    """An upright cylinder, standing with its bottom center at a place."""
     x, y, z = at
     return Part(CYLINDER, (diameter / 2, height / 2), (x, y, z + height / 2), paint=paint)
 

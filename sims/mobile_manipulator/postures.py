@@ -8,9 +8,9 @@ from dense_vs.sims.mobile_manipulator.model import JOINTS
 # The grasp camera, the hand pointing down: how far before the base, and above the lift's position [m].
 CAMERA_FORWARD = 0.522
 CAMERA_ABOVE_LIFT = 0.16
-Z_GRIPPER = 0.17  # m from the grasp camera to the centre of the closed fingertips, along the optical axis
+Z_GRIPPER = 0.17  # m from the grasp camera to the center of the closed fingertips, along the optical axis
 GRIPPER_BEHIND = 0.037  # m from the grasp camera back to the gripper's axis
-FINGERTIP = 0.004  # m that the fingertips reach beyond their centre
+FINGERTIP = 0.004  # m that the fingertips reach beyond their center
 
 _HAND_DOWN = {"head_tilt": -0.5, "arm_lift": 0.7, "arm_flex": -np.pi / 2, "wrist_flex": -np.pi / 2}
 POSTURES = {

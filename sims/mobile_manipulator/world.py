@@ -101,7 +101,7 @@ class MobileWorld:
 
     @property
     def joint_names(self) -> tuple[str, ...]:
-        """The ten joints in the order of (1)."""
+        """The ten joints in the order of VOS-VS (1)."""
         return JOINTS
 
     @property
@@ -254,8 +254,8 @@ class MobileWorld:
         bodies = [thing.body, *[f"{thing.body}_{link}" for link in range(1, thing.links)]]
         return np.mean([self.state.body(body).xpos for body in bodies], axis=0)
 
-    def object_centre(self, name: str) -> np.ndarray:
-        """Centre of mass (3,) of an object, all links of a chain."""
+    def object_center(self, name: str) -> np.ndarray:
+        """Center of mass (3,) of an object, all links of a chain."""
         return self.state.subtree_com[self.model.body(self.objects[name].body).id].copy()
 
     def pull_chain(self, name: str, place: Any | None) -> np.ndarray:

@@ -17,7 +17,7 @@ _REACH = 2.0  # px to either side of an edge that is searched
 _REFINEMENTS = 2
 _STRAIGHT = 0.25  # px, root mean square of an edge about its line: more is no marker's edge
 _ENLARGED = 2  # finds markers seen at a slant, whose bits are 2 px wide
-_TEXELS = 32  # a cell; the renderer blends neighbouring texels, which blurs an edge by less than a hundredth of a cell
+_TEXELS = 32  # a cell; the renderer blends neighboring texels, which blurs an edge by less than a hundredth of a cell
 
 
 def paint_markers(spec: mujoco.MjSpec) -> None:
@@ -40,9 +40,9 @@ def paint_markers(spec: mujoco.MjSpec) -> None:
 
 
 def find_corners(image: np.ndarray, markers: Sequence[int]) -> np.ndarray:
-    """Corners (4 * len(markers), 2) [px] of the markers in a colour image (H, W, 3) uint8; NaN where not found.
+    """Corners (4 * len(markers), 2) [px] of the markers in a color image (H, W, 3) uint8; NaN where not found.
 
-    Pixel centres are at integer coordinates. Corners are where lines fitted to the marker's four edges cross: OpenCV's
+    Pixel centers are at integer coordinates. Corners are where lines fitted to the marker's four edges cross: OpenCV's
     own refinements are off by 0.3 to 1 px at markers of 20 px, in directions that change with the view.
     """
     gray = cv2.cvtColor(image, cv2.COLOR_RGB2GRAY)
@@ -102,10 +102,10 @@ def _edge_line(gray: np.ndarray, first: np.ndarray, second: np.ndarray) -> np.nd
 
 def _line_through(points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Homogeneous line (3,) of least squares through points (k, 2), and their distances from it."""
-    centre = points.mean(axis=0)
-    direction = np.linalg.svd(points - centre)[2][0]
+    center = points.mean(axis=0)
+    direction = np.linalg.svd(points - center)[2][0]
     normal = np.array([direction[1], -direction[0]])
-    return np.append(normal, -normal @ centre), np.abs((points - centre) @ normal)
+    return np.append(normal, -normal @ center), np.abs((points - center) @ normal)
 
 
 @cache

@@ -11,6 +11,7 @@ import mujoco_warp as mjw
 import numpy as np
 import warp as wp
 
+from dense_vs.checks import check_whole
 from dense_vs.errors import DenseVSError
 from dense_vs.sims.engine.renderer import Renderer, camera_intrinsics
 from dense_vs.sims.marked_arm.dh_chain import find_arm
@@ -25,7 +26,7 @@ OPEN = 0.028  # m that each finger is from the middle
 _SIZE = (480, 640)
 _SAMPLES = 2  # rays a pixel along each axis, averaged as a sensor's pixel does
 _SPEED = 0.25  # rad/s, on average over a motion
-_SENSOR_NOISE = 2.0  # grey levels
+_SENSOR_NOISE = 2.0  # gray levels
 
 
 class Workcell:
@@ -52,8 +53,7 @@ class Workcell:
         inaccuracy: Inaccuracy | None = None,
         threads: int = 2,
     ):
-        if cameras < 1:
-            raise DenseVSError(f"cameras is {cameras}; expected at least 1")
+        check_whole("cameras", cameras, least=1)
         self.chain = find_arm(arm)
         self._inaccuracy = inaccuracy or Inaccuracy()
         self._rng = np.random.default_rng([seed, 11])
@@ -74,9 +74,9 @@ class Workcell:
         self.reset()
 
     @property
-    def joints(self) -> int:
+    def joint_count(self) -> int:
         """How many joints the arm has."""
-        return self.chain.joints
+        return self.chain.joint_count
 
     @property
     def image_sizes(self) -> list[tuple[int, int]]:
@@ -97,8 +97,8 @@ class Workcell:
         data = self._data
         mujoco.mj_resetData(self.model, data)
         self._motor = self.chain.home.copy()
-        data.qpos[: self.joints] = self._motor
-        data.ctrl[: self.joints] = self._motor
+        data.qpos[: self.joint_count] = self._motor
+        data.ctrl[: self.joint_count] = self._motor
         self._set_fingers(OPEN)
         self.place_part_away()
         self.place_fixture_away()
@@ -106,32 +106,32 @@ class Workcell:
 
     def encoders(self) -> np.ndarray:
         """Joint positions (n,) [rad] that the encoders at the motors read."""
-        return self._motor + self._rng.normal(0.0, self._inaccuracy.encoder, self.joints)
+        return self._motor + self._rng.normal(0.0, self._inaccuracy.encoder, self.joint_count)
 
     def command(self, step: np.ndarray) -> None:
         """Ask the joint controller for a step (n,) [rad], a second long at least, and wait until the arm rests."""
         step = np.asarray(step, dtype=np.float64)
-        if step.shape != (self.joints,) or not np.all(np.isfinite(step)):
-            raise DenseVSError(f"step is {step.tolist()}; expected {self.joints} finite numbers")
-        error = self._rng.normal(0.0, 1.0, (2, self.joints))
+        if step.shape != (self.joint_count,) or not np.all(np.isfinite(step)):
+            raise DenseVSError(f"step is {step.tolist()}; expected {self.joint_count} finite numbers")
+        error = self._rng.normal(0.0, 1.0, (2, self.joint_count))
         done = step * (1.0 + self._inaccuracy.proportional * error[0]) + self._inaccuracy.independent * error[1]
         seconds = max(1.0, float(np.abs(done).max()) / _SPEED)
         start, ticks = self._motor.copy(), round(seconds / self.model.opt.timestep)
         for tick in range(ticks):
             share = (tick + 1) / ticks
-            self._data.ctrl[: self.joints] = start + done * share**3 * (10 - 15 * share + 6 * share**2)
+            self._data.ctrl[: self.joint_count] = start + done * share**3 * (10 - 15 * share + 6 * share**2)
             mujoco.mj_step(self.model, self._data)
         self._motor = start + done
         self._settle(0.8)
 
     def close_gripper(self) -> None:
         """Close until the fingers press."""
-        self._data.ctrl[self.joints] = -0.01
+        self._data.ctrl[self.joint_count] = -0.01
         self._settle(0.8)
 
     def open_gripper(self) -> None:
         """Open."""
-        self._data.ctrl[self.joints] = OPEN
+        self._data.ctrl[self.joint_count] = OPEN
         self._settle(0.8)
 
     def images(self) -> list[np.ndarray]:
@@ -175,7 +175,7 @@ class Workcell:
         askew = np.array([[np.cos(turn), 0, np.sin(turn)], [0, 1, 0], [-np.sin(turn), 0, np.cos(turn)]])
         pose = rotation @ askew @ np.diag([-1.0, 1.0, -1.0])  # the part's z is up, the gripper's down
         held = np.append(data.site_xpos[self._grip] + rotation @ shift, _quaternion(pose))
-        self._data.ctrl[self.joints] = -0.01
+        self._data.ctrl[self.joint_count] = -0.01
         for _ in range(round(0.5 / self.model.opt.timestep)):  # the hand that holds it
             data.qpos[self._part : self._part + 7] = held
             data.joint("part/block").qvel[:] = 0.0
@@ -220,7 +220,7 @@ class Workcell:
 
     def true_joints(self) -> np.ndarray:
         """(n,) [rad] of the links."""
-        return self._data.qpos[: self.joints].copy()
+        return self._data.qpos[: self.joint_count].copy()
 
     def _settle(self, seconds: float) -> None:
         for _ in range(round(seconds / self.model.opt.timestep)):
@@ -229,7 +229,7 @@ class Workcell:
     def _set_fingers(self, opening: float) -> None:
         for finger in ("hand/finger_left", "hand/finger_right"):
             self._data.joint(finger).qpos[:] = opening
-        self._data.ctrl[self.joints] = opening
+        self._data.ctrl[self.joint_count] = opening
 
     def _set_part(self, position: np.ndarray, yaw: float) -> None:
         self._data.qpos[self._part : self._part + 7] = np.concatenate([position, _about_z(yaw)])

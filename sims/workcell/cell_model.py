@@ -55,8 +55,8 @@ def compile_cell(
     spec.option.impratio = 10.0
     spec.option.noslip_iterations = 10
     names = [joint.name for joint in spec.joints]
-    stiffness = np.full(chain.joints, inaccuracy.stiffness[0])
-    friction = np.full(chain.joints, inaccuracy.friction[0])
+    stiffness = np.full(chain.joint_count, inaccuracy.stiffness[0])
+    friction = np.full(chain.joint_count, inaccuracy.friction[0])
     stiffness[-_WRIST_JOINTS:], friction[-_WRIST_JOINTS:] = inaccuracy.stiffness[1], inaccuracy.friction[1]
     for body in spec.bodies:
         body.gravcomp = 1.0 - inaccuracy.uncompensated
@@ -77,13 +77,13 @@ def compile_cell(
     paint_markers(spec)
     model = spec.compile()
     data = mujoco.MjData(model)
-    data.qpos[: chain.joints] = chain.home
+    data.qpos[: chain.joint_count] = chain.home
     mujoco.mj_forward(model, data)
     mass = np.zeros((model.nv, model.nv))
     mujoco.mj_fullM(model, data, mass)
-    inertia = np.diag(mass)[: chain.joints]
-    model.dof_damping[: chain.joints] = 2 * _DAMPING_RATIO * np.sqrt(stiffness * inertia)
-    model.dof_frictionloss[: chain.joints] = friction
+    inertia = np.diag(mass)[: chain.joint_count]
+    model.dof_damping[: chain.joint_count] = 2 * _DAMPING_RATIO * np.sqrt(stiffness * inertia)
+    model.dof_frictionloss[: chain.joint_count] = friction
     return model
 
 

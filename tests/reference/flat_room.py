@@ -44,9 +44,9 @@ class FlatRoom:
             else:
                 offset, distance = self.disc.place - self.q[:2], self.q[2] - self.disc.height
             scale = FOCAL / max(distance, 1e-3)
-            centre = np.array([(WIDTH - 1) / 2, (HEIGHT - 1) / 2]) + scale * offset
+            center = np.array([(WIDTH - 1) / 2, (HEIGHT - 1) / 2]) + scale * offset
             x, y = np.meshgrid(np.arange(WIDTH), np.arange(HEIGHT))
-            image[np.hypot(x - centre[0], y - centre[1]) < scale * self.disc.radius] = 255
+            image[np.hypot(x - center[0], y - center[1]) < scale * self.disc.radius] = 255
         return image, 0.0
 
     def segment(self, image):

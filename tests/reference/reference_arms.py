@@ -70,13 +70,13 @@ class Camera:
         return x, inside
 
     @property
-    def centre(self):
+    def center(self):
         return -self.rotation.T @ self.translation
 
 
-def look_at(centre, target, roll=0.0):
-    """World-to-camera rotation of a camera at ``centre`` that looks at ``target``."""
-    z = (target - centre) / np.linalg.norm(target - centre)
+def look_at(center, target, roll=0.0):
+    """World-to-camera rotation of a camera at ``center`` that looks at ``target``."""
+    z = (target - center) / np.linalg.norm(target - center)
     x = np.cross(z, [0.0, 0.0, 1.0])
     x /= np.linalg.norm(x)
     y = np.cross(z, x)
@@ -101,17 +101,17 @@ class Arm:
             azimuth = start + index * rng.uniform(0.5, 1.1)
             elevation = rng.uniform(0.1, 0.8)
             away = [np.cos(azimuth) * np.cos(elevation), np.sin(azimuth) * np.cos(elevation), np.sin(elevation)]
-            centre = hand[:3, 3] + distance * rng.uniform(0.85, 1.15) * np.array(away)
-            rotation = look_at(centre, hand[:3, 3] + rng.normal(0, 0.03, 3), rng.normal(0, 0.1))
+            center = hand[:3, 3] + distance * rng.uniform(0.85, 1.15) * np.array(away)
+            rotation = look_at(center, hand[:3, 3] + rng.normal(0, 0.03, 3), rng.normal(0, 0.1))
             focal = rng.uniform(560, 640)
             intrinsics = np.array(
                 [focal, focal * rng.uniform(0.99, 1.01), *(np.array([320, 240]) + rng.uniform(-8, 8, 2))]
             )
-            self.cameras.append(Camera(rotation, -rotation @ centre, intrinsics, distortion=distortion))
+            self.cameras.append(Camera(rotation, -rotation @ center, intrinsics, distortion=distortion))
 
         # On a ball-like body of 5 to 9 cm before the flange, normals outwards; ``facing`` leaves more of them on the
         # side towards the cameras, 0 spreads them all around.
-        middle = np.mean([c.centre for c in self.cameras], axis=0) - hand[:3, 3]
+        middle = np.mean([c.center for c in self.cameras], axis=0) - hand[:3, 3]
         direction = rng.normal(size=(features, 3))
         direction /= np.linalg.norm(direction, axis=1, keepdims=True)
         direction += facing * hand[:3, :3].T @ middle / np.linalg.norm(middle)
@@ -144,7 +144,7 @@ class Arm:
         for camera in self.cameras:
             x, inside = camera.pixels(points)
             if hide:
-                facing = ((camera.centre - points) * normals).sum(-1) > 0
+                facing = ((camera.center - points) * normals).sum(-1) > 0
                 x = np.where((inside & facing)[..., None], x, np.nan)
             images.append(x)
         pixels = np.stack(images, axis=1)

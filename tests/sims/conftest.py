@@ -105,7 +105,7 @@ def cell():
 @pytest.fixture(scope="session")
 def trial():
     """An arm with markers whose postures are drawn anew for every question."""
-    from dense_vs.sims.papers.gothoskar.protocol import Trial
+    from dense_vs.sims.papers.gothoskar.arm_trials import Trial
 
     return Trial("ur5", 5, 2, "normal")
 

@@ -1,7 +1,7 @@
 """Joints from an image: least reprojection error from several starts, ambiguity settled by what is known beside it.
 
 The paper's inference is PnP and inverse kinematics, and of several solutions it takes the one most consistent with the
-actions taken. Here the starts are the learnt postures whose images are nearest, and every distinct minimum that
+actions taken. Here the starts are the learned postures whose images are nearest, and every distinct minimum that
 explains the image is a candidate; the nearest to a given posture is taken, or over a sequence the path of candidates
 whose steps come nearest to the actions.
 """
@@ -12,8 +12,9 @@ import numpy as np
 
 from dense_vs.generative.least_squares.joint_priors import JointActions
 from dense_vs.generative.least_squares.levenberg_marquardt import minimize
-from dense_vs.generative.least_squares.parameters import ModelParameters, finite_rows, link_poses
 from dense_vs.generative.least_squares.pixel_problem import Free, PixelProblem, State
+from dense_vs.generative.parameters import ModelParameters, finite_rows
+from dense_vs.generative.prediction import predict
 from dense_vs.kernels.arm.joint_inference import JointSolver
 
 STEP_TOLERANCE = 0.1  # rad by which single images mistake a step, most where the arm is redundant
@@ -49,7 +50,7 @@ class JointInference:
 
     def __init__(self, parameters: ModelParameters, memory: np.ndarray, pixel_sigma: float = 0.5, starts: int = 8):
         self.parameters, self.pixel_sigma = parameters, max(pixel_sigma, 0.1)
-        self.memory = np.concatenate([parameters.centre[None], memory])
+        self.memory = np.concatenate([parameters.home[None], memory])
         spread = np.atleast_2d(np.cov(memory.T)) if len(memory) > 1 else np.zeros((parameters.joint_count,) * 2)
         # Wider than what was seen: postures outside may occur, mirrored branches of the inverse lie far beyond.
         self.precision = np.linalg.inv(4 * spread + 1e-2 * np.eye(parameters.joint_count))
@@ -124,9 +125,9 @@ class JointInference:
             )
             self._solvers[room] = solver
         joints, costs, _ = self._solvers[room].solve(
-            pixels, starts - self.parameters.centre, max_iterations=40, robust_scale=robust_scale
+            pixels, starts - self.parameters.home, max_iterations=40, robust_scale=robust_scale
         )
-        return joints + self.parameters.centre, costs
+        return joints + self.parameters.home, costs
 
     def _choose(self, joints: np.ndarray, costs: np.ndarray, pixels: np.ndarray, near: np.ndarray | None) -> Inference:
         coordinates = 2 * np.maximum((~np.isnan(pixels[..., 0])).sum(axis=(1, 2)), 1)
@@ -141,7 +142,7 @@ class JointInference:
                 if not apart or min(apart) > SAME_JOINTS:
                     candidates.append(int(place))
             if near is None:
-                away = solutions[candidates] - self.parameters.centre
+                away = solutions[candidates] - self.parameters.home
                 unlikely = np.einsum("ki,ij,kj->k", away, self.precision, away)
                 best = candidates[int(np.argmin(cost[candidates] / self.pixel_sigma**2 + unlikely))]
             else:
@@ -173,26 +174,6 @@ def smooth(
     problem.reweight(np.where(behind, 0.0, 1.0))
     solution = minimize(problem, state, 40)
     return solution.state.joints, solution.cost
-
-
-def predict(parameters: ModelParameters, joints: np.ndarray) -> np.ndarray:
-    """Pixels ``(T, c, m, 2)`` of the features at joints ``(T, n)``; NaN behind a camera."""
-    rotation, translation = link_poses(parameters, joints)
-    world = np.einsum("tmij,mj->tmi", rotation[:, parameters.links], parameters.features)
-    return project_points(parameters, world + translation[:, parameters.links])
-
-
-def project_points(parameters: ModelParameters, world: np.ndarray) -> np.ndarray:
-    """Pixels ``(..., c, m, 2)`` of points ``(..., m, 3)``; NaN behind a camera."""
-    p = np.einsum("cij,...mj->...cmi", parameters.camera_rotation, world)
-    p += parameters.camera_translation[:, None]
-    depth = np.where(p[..., 2:] > 0, p[..., 2:], np.nan)
-    k = parameters.intrinsics[:, None]
-    ab = p[..., :2] / depth
-    if np.any(parameters.intrinsics[:, 4:]):
-        r2 = (ab**2).sum(axis=-1)
-        ab = ab * (1 + r2 * (k[..., 4] + r2 * k[..., 5]))[..., None]
-    return ab * k[..., :2] + k[..., 2:4]
 
 
 def likely_paths(

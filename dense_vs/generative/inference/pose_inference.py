@@ -8,8 +8,8 @@ that turn, by the solver that infers the joints of an arm.
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from dense_vs.generative.inference.joint_inference import project_points
-from dense_vs.generative.least_squares.parameters import ModelParameters, finite_rows
+from dense_vs.generative.parameters import ModelParameters, finite_rows
+from dense_vs.generative.prediction import project_points
 from dense_vs.generative.reconstruction.resection import resect
 from dense_vs.generative.reconstruction.triangulation import rays
 from dense_vs.kernels.arm.joint_inference import JointSolver
@@ -107,13 +107,13 @@ class PoseInference:
         solver = self._solvers[room]
         # The body turns about the middle of its features, so that turning and sliding hardly trade with each other.
         middle = self._features[self.hand].mean(axis=0)
-        centre = translation + rotation @ middle
-        solver.set_model(base_rotation=rotation, base_translation=centre)
+        center = translation + rotation @ middle
+        solver.set_model(base_rotation=rotation, base_translation=center)
         moved, costs, _ = solver.solve(pixels, np.zeros((images, starts, 6)), max_iterations=ITERATIONS)
         turned = Rotation.from_euler("XYZ", moved[..., 3:].reshape(-1, 3)).as_matrix().reshape(rotation.shape)
-        centre = centre + (rotation @ moved[..., :3, None])[..., 0]
+        center = center + (rotation @ moved[..., :3, None])[..., 0]
         rotation = rotation @ turned
-        return rotation, centre - rotation @ middle, costs
+        return rotation, center - rotation @ middle, costs
 
     def _solver(self, images: int, starts: int) -> JointSolver:
         p = self.parameters

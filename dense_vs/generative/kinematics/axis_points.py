@@ -7,7 +7,7 @@ little: singular values are cut off, which leaves such points near the origin, a
 
 import numpy as np
 
-from dense_vs.generative.least_squares.parameters import tangents, turn
+from dense_vs.generative.rotations import rotation_matrices, tangents
 
 
 def fit_axis_points(
@@ -28,7 +28,7 @@ def fit_axis_points(
     rotation = np.broadcast_to(np.eye(3), (samples, 3, 3))
     blocks = []
     for axis, angle, plane in zip(axes, joints.T, across, strict=True):
-        after = rotation @ turn(angle[:, None] * axis)
+        after = rotation @ rotation_matrices(angle[:, None] * axis)
         blocks.append((rotation - after) @ plane.T)
         rotation = after
     design = np.concatenate([*blocks, rotation], axis=2)

@@ -1,4 +1,4 @@
-"""Denavit-Hartenberg parameters: to and from lines, and their derivatives, eq. (1)'s chain with a free tool transform.
+"""Denavit-Hartenberg parameters: to and from lines, and their derivatives.
 
 The paper's chain ends after n transforms and so cannot reach an arbitrary tool frame; here features are given in the
 home pose, which stands for a free tool transform: the last row of the table only names its frame. Where two axes are
@@ -9,8 +9,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from dense_vs.generative.least_squares.parameters import ModelParameters, tangents
 from dense_vs.generative.least_squares.pixel_problem import NormalEquations, PixelProblem, State
+from dense_vs.generative.parameters import ModelParameters
+from dense_vs.generative.rotations import tangents
 
 PARALLEL = 1e-6  # sine between axes
 
@@ -49,8 +50,8 @@ def transforms(row: np.ndarray, angles: np.ndarray) -> np.ndarray:
     return np.moveaxis(np.array(rows), -1, 0)
 
 
-def from_lines(axes: np.ndarray, points: np.ndarray, centre: np.ndarray) -> DenavitHartenberg:
-    """Parameters of a chain of lines in the pose ``centre``; the last row has a frame of its own choice."""
+def from_lines(axes: np.ndarray, points: np.ndarray, home: np.ndarray) -> DenavitHartenberg:
+    """Parameters of a chain of lines in the pose ``home``; the last row has a frame of its own choice."""
     count = len(axes)
     x = tangents(axes[0])[0]
     origin = points[0]
@@ -80,13 +81,13 @@ def from_lines(axes: np.ndarray, points: np.ndarray, centre: np.ndarray) -> Dena
             np.arctan2(np.cross(z, following) @ normal, z @ following),
         )
         x, origin = normal, foot + a * normal
-    table[:, 0] -= centre
+    table[:, 0] -= home
     return DenavitHartenberg(base, table)
 
 
-def to_lines(dh: DenavitHartenberg, centre: np.ndarray, near: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Axes and points ``(n, 3)`` in the pose ``centre``, each point the one nearest to ``near`` on its line."""
-    frames = dh.frames(centre[None])[0]
+def to_lines(dh: DenavitHartenberg, home: np.ndarray, near: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Axes and points ``(n, 3)`` in the pose ``home``, each point the one nearest to ``near`` on its line."""
+    frames = dh.frames(home[None])[0]
     axes, origins = frames[:-1, :3, 2], frames[:-1, :3, 3]
     return axes, origins + axes * ((near - origins) * axes).sum(axis=1, keepdims=True)
 
@@ -99,7 +100,9 @@ class DHState(State):
 
 
 class DHProblem:
-    """A :class:`PixelProblem` whose kinematic unknowns are the base's pose (6) and the first n - 1 rows of the table.
+    """A :class:`PixelProblem` whose kinematic unknowns are the base's pose and the first n - 1 rows of the table.
+
+    These are 6 and 4 (n - 1) unknowns, in that order.
 
     By the chain rule: a parameter of row j turns or shifts all later axes together.
     """
@@ -134,13 +137,13 @@ class DHProblem:
 
     def move(self, state: DHState, shared: np.ndarray, local: np.ndarray | None = None) -> DHState:
         """The state after a step."""
-        from dense_vs.generative.least_squares.parameters import turn
+        from dense_vs.generative.rotations import rotation_matrices
 
         assert state.dh is not None
         step = np.concatenate([np.zeros(self.lines), shared[self.own :]])
         moved = self.problem.move(state, step, local)
         base = state.dh.base.copy()
-        base[:3, :3] = turn(shared[:3]) @ base[:3, :3]
+        base[:3, :3] = rotation_matrices(shared[:3]) @ base[:3, :3]
         base[:3, 3] += shared[3:6]
         table = state.dh.table.copy()
         table[:-1] += shared[6 : self.own].reshape(-1, 4)
@@ -151,7 +154,7 @@ class DHProblem:
         assert state.dh is not None
         p = state.parameters
         count = p.joint_count
-        frames = state.dh.frames(p.centre[None])[0]
+        frames = state.dh.frames(p.home[None])[0]
         twists: list[tuple[int, np.ndarray, np.ndarray, np.ndarray]] = []  # first joint moved, turn, pivot, shift
         zero = np.zeros(3)
         twists += [(0, axis, frames[0, :3, 3], zero) for axis in np.eye(3)]
@@ -178,6 +181,6 @@ def with_dh(state: State, dh: DenavitHartenberg) -> DHState:
     from dataclasses import replace
 
     p: ModelParameters = state.parameters
-    axes, points = to_lines(dh, p.centre, np.nanmean(p.features, axis=0))
+    axes, points = to_lines(dh, p.home, np.nanmean(p.features, axis=0))
     parameters = replace(p, axes=axes, points=points)
     return DHState(parameters, state.joints, state.rotation, state.translation, dh)

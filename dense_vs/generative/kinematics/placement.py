@@ -4,7 +4,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from dense_vs.generative.least_squares.parameters import ModelParameters, finite_rows, link_poses
+from dense_vs.generative.parameters import ModelParameters, finite_rows
+from dense_vs.generative.prediction import link_poses
 from dense_vs.generative.reconstruction.resection import resect
 from dense_vs.generative.reconstruction.triangulation import rays, triangulate
 

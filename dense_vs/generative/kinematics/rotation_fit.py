@@ -1,15 +1,17 @@
 """Stage 2, first half: axis directions from the hand's rotations alone, from several starts at once.
 
-Beyond the paper, which fits all DH parameters to the poses from one random start (4), (5): the rotations hold only
-2 n + 3 of the unknowns, directions of the axes and the hand's home rotation, and from random directions most starts
-reach the same minimum. Some starts come from regressing the rotation vectors on the joints, right for small motion.
+Beyond the paper, which fits all DH parameters to the poses from one random start, Gothoskar (4), Gothoskar (5): the
+rotations hold only 2 n + 3 of the unknowns, directions of the axes and the hand's home rotation, and from random
+directions most starts reach the same minimum. Some starts come from regressing the rotation vectors on the joints,
+right for small motion.
 """
 
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
-from dense_vs.generative.least_squares.parameters import rotation_vector, tangents, turn
+from dense_vs.generative.rotations import rotation_matrices, rotation_vectors, tangents
 from dense_vs.kernels.arm.rotation_chain import RotationChain
 
 REFINED_MINIMA = 4
@@ -116,10 +118,10 @@ def fit_rotations_robustly(
 
 def rotation_errors(joints: np.ndarray, rotations: np.ndarray, axes: np.ndarray, home: np.ndarray) -> np.ndarray:
     """Angles ``(T,)`` [rad] between the chain's and the measured rotations."""
-    modelled = np.broadcast_to(np.eye(3), rotations.shape)
+    modeled = np.broadcast_to(np.eye(3), rotations.shape)
     for axis, angle in zip(axes, joints.T, strict=True):
-        modelled = modelled @ turn(angle[:, None] * axis)
-    return np.linalg.norm(rotation_vector(rotations @ (modelled @ home).swapaxes(1, 2)), axis=1)
+        modeled = modeled @ rotation_matrices(angle[:, None] * axis)
+    return np.linalg.norm(rotation_vectors(rotations @ (modeled @ home).swapaxes(1, 2)), axis=1)
 
 
 def _equations(
@@ -135,9 +137,9 @@ def _equations(
 def _move(axes: np.ndarray, across: np.ndarray, home: np.ndarray, step: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     count = axes.shape[1]
     turns = np.einsum("rnk,rnki->rni", step[:, : 2 * count].reshape(len(step), count, 2), across)
-    moved = np.einsum("rnij,rnj->rni", turn(turns), axes)
+    moved = np.einsum("rnij,rnj->rni", rotation_matrices(turns), axes)
     moved /= np.linalg.norm(moved, axis=2, keepdims=True)
-    return moved, turn(step[:, 2 * count :]) @ home
+    return moved, rotation_matrices(step[:, 2 * count :]) @ home
 
 
 def _starts(
@@ -145,8 +147,8 @@ def _starts(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Trial axes (starts, n, 3) and home rotations: a third from regression of rotation vectors, the others random."""
     count = joints.shape[1]
-    mean = _mean_rotation(rotations)
-    vectors = rotation_vector(rotations @ mean.T)
+    mean = Rotation.from_matrix(rotations).mean().as_matrix()
+    vectors = rotation_vectors(rotations @ mean.T)
     design = np.hstack([joints, np.ones((len(joints), 1))])
     regressed = np.linalg.lstsq(design, vectors, rcond=1e-6)[0][:count]
     lengths = np.linalg.norm(regressed, axis=1, keepdims=True)
@@ -156,8 +158,3 @@ def _starts(
         axes[trial] = regressed + rng.normal(0, 0.25 * trial, (count, 3))
     axes /= np.linalg.norm(axes, axis=2, keepdims=True)
     return axes, np.repeat(mean[None], starts, axis=0)
-
-
-def _mean_rotation(rotations: np.ndarray) -> np.ndarray:
-    left, _, right = np.linalg.svd(rotations.sum(axis=0))
-    return left @ np.diag([1, 1, np.linalg.det(left @ right)]) @ right

@@ -1,1 +1,4 @@
-"""From observations to a model: the stages, noise of the states, relearning, and learning online."""
+"""From observations to a model: the stages, noise of the states, relearning, and learning online.
+
+May import: what ``inference`` may, and ``inference``.
+"""

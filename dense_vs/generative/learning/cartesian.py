@@ -1,4 +1,6 @@
-"""Learning with a Cartesian controller, eqs. (8), (9), (12), (13): cameras and structure about the hand's poses.
+"""Learning with a Cartesian controller: cameras and structure about the hand's poses.
+
+Noisy poses are Gothoskar (8), minimized by Gothoskar (9); actions are Gothoskar (12), minimized by Gothoskar (13).
 
 There is no kinematics to learn. The reconstruction from images and the poses that were read or commanded differ by a
 similarity on the robot's side and a rigid motion on the hand's; both come from relative motions, as in hand-eye
@@ -12,13 +14,13 @@ from dataclasses import replace
 import numpy as np
 
 from dense_vs.errors import DenseVSError
-from dense_vs.generative.learning.state_noise import neighbour_covariance
+from dense_vs.generative.learning.state_noise import neighbor_covariance
 from dense_vs.generative.least_squares.levenberg_marquardt import Solution, minimize
 from dense_vs.generative.least_squares.outliers import list_outliers, mistaken, robust_sigma
-from dense_vs.generative.least_squares.parameters import ModelParameters, finite_rows, rotation_vector
 from dense_vs.generative.least_squares.pixel_problem import Free, PixelProblem, State
 from dense_vs.generative.least_squares.pose_priors import PoseActions, PoseReadings
 from dense_vs.generative.observations import Observations
+from dense_vs.generative.parameters import ModelParameters, finite_rows
 from dense_vs.generative.reconstruction.initialization import (
     Candidate,
     candidates,
@@ -27,6 +29,7 @@ from dense_vs.generative.reconstruction.initialization import (
 )
 from dense_vs.generative.reconstruction.stereo import Reconstruction
 from dense_vs.generative.report import FitReport, Stage
+from dense_vs.generative.rotations import rotation_vectors
 
 ROUNDS = 10
 FIRST_SIGMAS = (0.02, 0.02)  # rad, m
@@ -52,52 +55,15 @@ def fit_cartesian(
         distortion: radial coefficients to learn.
     """
     started = time.perf_counter()
-    if state == "actions" and (obs.actions is None or obs.actions.ndim != 3):
-        got = "None" if obs.actions is None else f"shape {obs.actions.shape}"
-        raise DenseVSError(f"state 'actions' of a Cartesian controller needs actions of shape (T - 1, 4, 4); got {got}")
-    if state != "actions" and obs.poses is None:
-        raise DenseVSError(f"state {state!r} of a Cartesian controller needs poses of shape (T, 4, 4); got None")
-    blind = np.flatnonzero(~obs.seen.any(axis=(0, 2)))
-    if len(blind):
-        raise DenseVSError(f"camera {blind[0]} saw no feature in any of the {len(obs)} samples; leave it out")
-    hand = np.ones(obs.pixels.shape[2], dtype=bool)
-    found = candidates(obs, hand, np.random.default_rng(seed))
-    aligned = [_aligned(candidate, obs, state) for candidate in found]
-    best = min(range(len(found)), key=lambda k: aligned[k][1])
-    candidate, ((rotation, translation, features, turns, shifts), error, before) = found[best], aligned[best]
+    _check_given(obs, state)
     report = FitReport(unused_samples=[int(t) for t in np.flatnonzero(~obs.seen.any(axis=(1, 2)))])
-    bundle = candidate.solution
-    clock = time.perf_counter()
-    report.stages.append(
-        Stage(
-            "cameras and structure",
-            bundle.initial_cost,
-            bundle.cost,
-            candidate.rms,
-            bundle.iterations,
-            bundle.converged,
-            clock - started,
-        )
-    )
-    report.stages.append(Stage("alignment", before, error, error, 0, True, time.perf_counter() - clock))
-    placed = finite_rows(features)
-    parameters = ModelParameters(
-        np.zeros((0, 3)),
-        np.zeros((0, 3)),
-        np.zeros(0),
-        np.nan_to_num(features),
-        np.zeros(len(features), int),
-        turns,
-        shifts,
-        candidate.intrinsics,
-    )
+    start, placed = _aligned_start(obs, seed, state, report)
     clock = time.perf_counter()
     sigma = pixel_sigma or 0.5
     prior = intrinsics_prior(obs, guessed_intrinsics(obs), sigma)
     free = Free(features=placed, cameras=True, intrinsics=True, distortion=distortion)
     pixels = np.where(placed[:, None], obs.pixels, np.nan)
-    problem = PixelProblem(pixels, parameters.links, 0, free, "pose", intrinsics_prior=prior)
-    start = State(parameters, np.zeros((len(obs), 0)), rotation, translation)
+    problem = PixelProblem(pixels, start.parameters.links, 0, free, "pose", intrinsics_prior=prior)
     errors = problem.pixel_errors(start)
     scale = max(robust_sigma(errors), 0.5)
     problem.reweight(np.where(np.isfinite(errors), 1 / (1 + (np.nan_to_num(errors) / (4 * scale)) ** 2), 0.0))
@@ -117,33 +83,62 @@ def fit_cartesian(
     report.mean_error_px = float(np.mean(errors[used]))
     report.pixel_sigma, report.pose_sigma = robust_sigma(np.where(used, errors, np.nan)), sigmas
     report.converged = solution.converged
-    seconds = time.perf_counter() - clock
-    report.stages.append(
-        Stage(
-            "end to end",
-            solution.initial_cost,
-            solution.cost,
-            report.rms_px,
-            solution.iterations,
-            solution.converged,
-            seconds,
-        )
-    )
+    report.stages.append(_stage("end to end", solution, report.rms_px, time.perf_counter() - clock))
     poses = np.tile(np.eye(4), (len(obs), 1, 1))
     poses[:, :3, :3], poses[:, :3, 3] = final.rotation, final.translation
     problem.reweight(np.ones(used.shape))
-    modelled = obs.pixels + np.where(problem.seen[..., None], problem.residuals(final), np.nan)
-    report.outliers, report.swapped = list_outliers(obs.pixels, modelled, problem.seen & ~used, report.pixel_sigma)
+    modeled = obs.pixels + np.where(problem.seen[..., None], problem.residuals(final), np.nan)
+    report.outliers, report.swapped = list_outliers(obs.pixels, modeled, problem.seen & ~used, report.pixel_sigma)
     counts = used.sum(axis=(0, 1))
     report.unobservable = [
         f"feature {k} was seen in {counts[k]} usable images: its place is unknown"
         for k in range(len(counts))
         if not placed[k] or counts[k] < 2
     ]
-    learnt = final.parameters.copy()
-    learnt.features[~placed | (counts < 2)] = np.nan
+    learned = final.parameters.copy()
+    learned.features[~placed | (counts < 2)] = np.nan
     report.seconds = time.perf_counter() - started
-    return learnt, poses, report
+    return learned, poses, report
+
+
+def _check_given(obs: Observations, state: str) -> None:
+    if state == "actions" and (obs.actions is None or obs.actions.ndim != 3):
+        got = "None" if obs.actions is None else f"shape {obs.actions.shape}"
+        raise DenseVSError(f"state 'actions' of a Cartesian controller needs actions of shape (T - 1, 4, 4); got {got}")
+    if state != "actions" and obs.poses is None:
+        raise DenseVSError(f"state {state!r} of a Cartesian controller needs poses of shape (T, 4, 4); got None")
+    blind = np.flatnonzero(~obs.seen.any(axis=(0, 2)))
+    if len(blind):
+        raise DenseVSError(f"camera {blind[0]} saw no feature in any of the {len(obs)} samples; leave it out")
+
+
+def _aligned_start(obs: Observations, seed: int, state: str, report: FitReport) -> tuple[State, np.ndarray]:
+    """Reconstruction from the images, in the robot's frame, and which features ``(m,)`` it placed; adds its stages."""
+    clock = time.perf_counter()
+    hand = np.ones(obs.pixels.shape[2], dtype=bool)
+    found = candidates(obs, hand, np.random.default_rng(seed))
+    reconstructed = time.perf_counter()
+    aligned = [_aligned(candidate, obs, state) for candidate in found]
+    best = min(range(len(found)), key=lambda k: aligned[k][1])
+    candidate, ((rotation, translation, features, turns, shifts), error, before) = found[best], aligned[best]
+    done = time.perf_counter()
+    report.stages.append(_stage("cameras and structure", candidate.solution, candidate.rms, reconstructed - clock))
+    report.stages.append(Stage("alignment", before, error, error, 0, True, done - reconstructed))
+    parameters = ModelParameters(
+        np.zeros((0, 3)),
+        np.zeros((0, 3)),
+        np.zeros(0),
+        np.nan_to_num(features),
+        np.zeros(len(features), int),
+        turns,
+        shifts,
+        candidate.intrinsics,
+    )
+    return State(parameters, np.zeros((len(obs), 0)), rotation, translation), finite_rows(features)
+
+
+def _stage(name: str, solution: Solution, rms: float, seconds: float) -> Stage:
+    return Stage(name, solution.initial_cost, solution.cost, rms, solution.iterations, solution.converged, seconds)
 
 
 def align_frames(
@@ -162,7 +157,7 @@ def align_frames(
     sound = found.posed[first] & found.posed[second]
     first, second, motions = first[sound], second[sound], motions[sound]
     relative = found.rotation[second] @ found.rotation[first].swapaxes(1, 2)
-    seen, done = rotation_vector(relative), rotation_vector(motions[:, :3, :3])
+    seen, done = rotation_vectors(relative), rotation_vectors(motions[:, :3, :3])
     spread = np.linalg.svd(done, compute_uv=False) if len(done) > 1 else np.zeros(3)
     if len(spread) < 2 or spread[1] < 0.02 * np.sqrt(len(done)):
         raise DenseVSError(
@@ -215,21 +210,21 @@ def _aligned(candidate: Candidate, obs: Observations, state: str) -> tuple[tuple
         translation = translation + rotation @ place
         rotation = rotation @ grip
         features = (features - place) @ grip
-        off = rotation_vector(rotation[posed] @ obs.poses[posed][:, :3, :3].swapaxes(1, 2))
+        off = rotation_vectors(rotation[posed] @ obs.poses[posed][:, :3, :3].swapaxes(1, 2))
         lost = ~posed
         rotation[lost], translation[lost] = obs.poses[lost][:, :3, :3], obs.poses[lost][:, :3, 3]
     else:
         relative = rotation[1:] @ rotation[:-1].swapaxes(1, 2)
-        off = rotation_vector(relative @ obs.actions[:, :3, :3].swapaxes(1, 2))
+        off = rotation_vectors(relative @ obs.actions[:, :3, :3].swapaxes(1, 2))
         _carry_on(found.posed, obs.actions, rotation, translation)
     turns = found.camera_rotation @ turn.T
     shifts = scale * found.camera_translation - turns @ shift
-    error, before = (np.median(np.linalg.norm(v, axis=1)) for v in (off, rotation_vector(motions[:, :3, :3])))
+    error, before = (np.median(np.linalg.norm(v, axis=1)) for v in (off, rotation_vectors(motions[:, :3, :3])))
     return (rotation, translation, features, turns, shifts), float(error), float(before)
 
 
 def _carry_on(posed: np.ndarray, actions: np.ndarray, rotation: np.ndarray, translation: np.ndarray) -> None:
-    """Poses of samples without one from a neighbour's and the action between, in place."""
+    """Poses of samples without one from a neighbor's and the action between, in place."""
     known = posed.copy()
     for _ in range(len(known)):
         fresh = np.flatnonzero(~known)
@@ -254,7 +249,7 @@ def _with_noise(
     pixel_sigma: float,
     given: tuple[float, float] | None,
 ) -> tuple[Solution, tuple[float, float]]:
-    """Least squares with the poses tied to readings or actions, their noise by expectation maximisation."""
+    """Gothoskar (9) or Gothoskar (13): poses tied to readings or actions, their noise by expectation maximization."""
     make: Callable[[tuple[float, float]], PoseReadings | PoseActions]
     if kind == "actions":
         make = lambda information: PoseActions(obs.actions, information)  # noqa: E731
@@ -272,7 +267,7 @@ def _with_noise(
         equations = problem.linearize(state)
         assert equations.local is not None
         chained = np.zeros((len(obs) - 1, 6, 6)) if equations.chained is None else equations.chained
-        own, across = neighbour_covariance(equations.local, chained)
+        own, across = neighbor_covariance(equations.local, chained)
         mean_square = prior.deviations(state) ** 2 + pixel_sigma**2 * prior.spread(state, own, across)
         fresh = (
             max(float(np.sqrt(mean_square[:, :3].mean())), 1e-6),

@@ -1,8 +1,8 @@
 """Stages 2 and 3 for states that are read: kinematics from the hand's poses, then everything from the pixels.
 
-Eqs. (4) to (7) of the paper by other means: directions of the axes from rotations alone, their places by linear least
-squares, then Levenberg-Marquardt over all shared parameters with the full data. Where that ends above what the pixels
-allow, the next distinct minimum of the rotations is tried.
+Gothoskar (4), Gothoskar (5) by other means and Gothoskar (6), Gothoskar (7): directions of the axes from rotations
+alone, their places by linear least squares, then Levenberg-Marquardt over all shared parameters with the full data.
+Where that ends above what the pixels allow, the next distinct minimum of the rotations is tried.
 """
 
 import time
@@ -13,8 +13,8 @@ import numpy as np
 from dense_vs.generative.kinematics.axis_points import fit_axis_points
 from dense_vs.generative.kinematics.rotation_fit import fit_rotations_robustly, rotation_errors
 from dense_vs.generative.least_squares.levenberg_marquardt import Solution, minimize
-from dense_vs.generative.least_squares.parameters import ModelParameters
 from dense_vs.generative.least_squares.pixel_problem import Free, PixelProblem, State
+from dense_vs.generative.parameters import ModelParameters
 from dense_vs.generative.reconstruction.stereo import Reconstruction
 from dense_vs.generative.report import Stage
 
@@ -36,7 +36,7 @@ class KinematicFit:
 def fit_kinematics(
     joints: np.ndarray, found: Reconstruction, rng: np.random.Generator, starts: int = 24
 ) -> tuple[list[KinematicFit], Stage]:
-    """Chains for the poses of ``found``, one a minimum, best first.
+    """Chains for the poses of ``found``, one a minimum, best first: stage 2, Gothoskar (5).
 
     Args:
         joints: ``(T, n)`` [rad] from the home pose.
@@ -60,14 +60,14 @@ def fit_kinematics(
 
 
 def initial_parameters(
-    fit: KinematicFit, found: Reconstruction, centre: np.ndarray, intrinsics: np.ndarray
+    fit: KinematicFit, found: Reconstruction, home: np.ndarray, intrinsics: np.ndarray
 ) -> ModelParameters:
     """Model parameters put together from a reconstruction and a chain."""
     features = np.nan_to_num(found.structure) @ fit.home_rotation.T + fit.home_translation
     return ModelParameters(
         fit.axes,
         fit.points,
-        centre,
+        home,
         features,
         np.full(len(features), len(fit.axes)),
         found.camera_rotation,
@@ -79,21 +79,16 @@ def initial_parameters(
 def fit_pixels(
     problem: PixelProblem, joints: np.ndarray, candidates: list[ModelParameters], max_iterations: int = 100
 ) -> tuple[Solution, int]:
-    """Stage 3 from each candidate until one explains the pixels; the best solution and its number."""
+    """Stage 3, Gothoskar (7), from each candidate until one explains the pixels; the best solution and its number."""
     best, which = None, -1
     for number, parameters in enumerate(candidates):
-        solution = minimize(problem, start_state(problem, parameters, joints), max_iterations)
+        solution = minimize(problem, State(parameters, joints), max_iterations)
         if best is None or solution.cost < best.cost:
             best, which = solution, number
         if coordinate_rms(problem, best.cost) < GOOD_RMS:
             break
     assert best is not None
     return best, which
-
-
-def start_state(problem: PixelProblem, parameters: ModelParameters, joints: np.ndarray) -> State:
-    """A state whose features stand in front of their cameras: what would not is left out of the first linearisation."""
-    return State(parameters, joints)
 
 
 def coordinate_rms(problem: PixelProblem, cost: float) -> float:

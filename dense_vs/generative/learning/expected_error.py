@@ -1,13 +1,13 @@
-"""How far a model's pixels may be off at postures like those it was learnt from, from the samples alone.
+"""How far a model's pixels may be off at postures like those it was learned from, from the samples alone.
 
-Beyond the paper. Few samples can be explained to within their noise by a model that is wrong elsewhere; the covariance
-of what was learnt, the inverse of the normal matrix, tells so without samples held out.
+Beyond the paper. A model can explain few samples to within their noise and still be wrong elsewhere. The covariance of
+what was learned, the inverse of the normal matrix, shows this without holding samples out.
 """
 
 import numpy as np
 
-from dense_vs.generative.inference.joint_inference import predict
 from dense_vs.generative.least_squares.pixel_problem import NormalEquations, PixelProblem, State
+from dense_vs.generative.prediction import predict
 
 POSTURES = 30
 DRAWS = 50

@@ -20,9 +20,9 @@ from dense_vs.generative.learning.state_noise import fit_noisy_actions, fit_nois
 from dense_vs.generative.least_squares.levenberg_marquardt import Solution, minimize
 from dense_vs.generative.least_squares.observability import describe_unobservable
 from dense_vs.generative.least_squares.outliers import list_outliers, mistaken, robust_sigma
-from dense_vs.generative.least_squares.parameters import ModelParameters, finite_rows
 from dense_vs.generative.least_squares.pixel_problem import Free, PixelProblem, State
 from dense_vs.generative.observations import Observations
+from dense_vs.generative.parameters import ModelParameters, finite_rows
 from dense_vs.generative.reconstruction.initialization import (
     Candidate,
     candidates,
@@ -83,8 +83,8 @@ def fit_joint_model(obs: Observations, seed: int, options: FitOptions) -> Fit:
         )
     )
     clock = time.perf_counter()
-    centre = joints.mean(axis=0)
-    starts, stage = _assemble(found, joints, centre, rng)
+    home = joints.mean(axis=0)
+    starts, stage = _assemble(found, joints, home, rng)
     report.stages.append(replace(stage, seconds=time.perf_counter() - clock))
     clock = time.perf_counter()
     guess = guessed_intrinsics(obs)
@@ -93,7 +93,7 @@ def fit_joint_model(obs: Observations, seed: int, options: FitOptions) -> Fit:
     problem = _problem(obs, links, parameters, joints, options, guess, pixel_sigma)
     start = State(parameters, joints)
     if options.kinematics == "dh":
-        start = with_dh(start, from_lines(parameters.axes, parameters.points, parameters.centre))
+        start = with_dh(start, from_lines(parameters.axes, parameters.points, parameters.home))
     best = minimize(_in_coordinates(problem, options), start, 60)
     if options.state == "observed":
         best = _reject(problem, best, options)
@@ -128,26 +128,28 @@ def first_joints(obs: Observations, state: str) -> np.ndarray:
     return obs.joints
 
 
-def _check_sufficient(obs: Observations, links: np.ndarray, joints: int) -> None:
+def _check_sufficient(obs: Observations, links: np.ndarray, joint_count: int) -> None:
     """Refuse what cannot determine the model by counting."""
     seen = obs.seen
     blind = np.flatnonzero(~seen.any(axis=(0, 2)))
     if len(blind):
         raise DenseVSError(f"camera {blind[0]} saw no feature in any of the {len(obs)} samples; leave it out")
-    hand = links == joints
+    hand = links == joint_count
     shown = int((seen.any(axis=(0, 1)) & hand).sum())
     if shown < 4:
         raise DenseVSError(
-            f"{shown} features of the last link (feature_link = {joints}) were seen; expected at least 4 for its poses"
+            f"{shown} features of the last link (feature_link = {joint_count}) were seen; expected at least 4 for its "
+            "poses"
         )
     useful = int((seen[:, :, hand].sum(axis=2).max(axis=1) >= 3).sum())
-    needed = -(-(4 * joints + 6) // 6)
+    needed = -(-(4 * joint_count + 6) // 6)
     if useful < needed:
         raise DenseVSError(
-            f"{useful} samples show 3 or more features of the hand to a camera; {joints} joints need at least {needed}"
+            f"{useful} samples show 3 or more features of the hand to a camera; {joint_count} joints need at least "
+            f"{needed}"
         )
     cameras, features = seen.shape[1], int(seen.any(axis=(0, 1)).sum())
-    unknowns = 4 * joints + 3 * features + 6 * (cameras - 1) + 4 * cameras - 1
+    unknowns = 4 * joint_count + 3 * features + 6 * (cameras - 1) + 4 * cameras - 1
     equations = 2 * int(seen.sum())
     if equations < unknowns:
         raise DenseVSError(
@@ -167,16 +169,16 @@ def _bundle_sigma(candidate: Candidate) -> float:
 
 
 def _assemble(
-    found: list[Candidate], joints: np.ndarray, centre: np.ndarray, rng: np.random.Generator
+    found: list[Candidate], joints: np.ndarray, home: np.ndarray, rng: np.random.Generator
 ) -> tuple[list, Stage]:
     """Starts of the end-to-end stage, (parameters, weights, cameras, features), best kinematics first; their report."""
     starts = []
     for candidate in found:
         if candidate.found.posed.sum() < 3:
             continue
-        chains, stage = fit_kinematics(joints - centre, candidate.found, rng)
+        chains, stage = fit_kinematics(joints - home, candidate.found, rng)
         for chain in chains:
-            start = initial_parameters(chain, candidate.found, centre, candidate.intrinsics)
+            start = initial_parameters(chain, candidate.found, home, candidate.intrinsics)
             placed = candidate.found.placed_cameras
             features = np.isfinite(candidate.found.structure[:, 0])
             starts.append((chain.rms, start, candidate.weights, placed, features, stage))
@@ -319,10 +321,10 @@ def _finish(report: FitReport, obs: Observations, problem: PixelProblem, best: S
     report.converged = best.converged
     sigma = robust_sigma(np.where(used, errors, np.nan))
     report.pixel_sigma = sigma
-    from dense_vs.generative.inference.joint_inference import predict
+    from dense_vs.generative.prediction import predict
 
-    modelled = predict(best.state.parameters, best.state.joints)
-    report.outliers, report.swapped = list_outliers(obs.pixels, modelled, problem.seen & ~used, sigma)
+    modeled = predict(best.state.parameters, best.state.joints)
+    report.outliers, report.swapped = list_outliers(obs.pixels, modeled, problem.seen & ~used, sigma)
     report.unobservable = describe_unobservable(problem, best.state, options.state == "actions", report.still_joints)
 
 

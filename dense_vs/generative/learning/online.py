@@ -1,27 +1,42 @@
 """Watching a model while it is used: a buffer of observations, the norm of their gradients, and which camera moved.
 
-The paper's Online Learning and Change-Point Detection. In a learnt model the gradients of the buffer are nearly zero;
+The paper's Online Learning and Change-Point Detection. In a learned model the gradients of the buffer are nearly zero;
 they spike when a camera moves. Beyond the paper, they are kept apart by camera and sample and set against what pixel
 noise would give, so one sample already names the camera, and a threshold needs no tuning.
 """
 
 from collections import deque
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any, Protocol
 
 import numpy as np
 
+from dense_vs.checks import check_whole
 from dense_vs.errors import DenseVSError
 from dense_vs.generative.kinematics.placement import CAMERA_POINTS
-from dense_vs.generative.least_squares.parameters import finite_rows
 from dense_vs.generative.least_squares.pixel_problem import Free, PixelProblem, State
 from dense_vs.generative.observations import Observations
-
-if TYPE_CHECKING:
-    from dense_vs.generative.model import GenerativeModel
+from dense_vs.generative.parameters import ModelParameters, finite_rows
+from dense_vs.generative.report import FitReport
 
 CHANGED = 4.0  # errors this many times the noise say that something changed
 MEDIAN_OF_NOISE = 1.1774  # px of a distance per px of noise of a coordinate
+
+
+class WatchedModel(Protocol):
+    """What is used of a :class:`GenerativeModel`."""
+
+    parameters: ModelParameters
+    report: FitReport
+    image_sizes: list[tuple[int, int]]
+
+    def pixels(self, joints: Any) -> np.ndarray:
+        """Pixels ``(T, c, m, 2)`` at joints ``(T, n)``."""
+        ...
+
+    def relearn(self, obs: Observations, what: str, seed: int = 0) -> FitReport:
+        """Relearn one part."""
+        ...
 
 
 @dataclass(frozen=True)
@@ -29,7 +44,7 @@ class Change:
     """What one observation says of the model.
 
     Attributes:
-        gradient_norm: of the buffer's loss by all parameters, eq. (6).
+        gradient_norm: of the buffer's loss by all parameters, Gothoskar (6).
         camera_gradient_norms: ``(c,)`` the part by each camera's own parameters.
         camera_gradient_ratios: ``(c,)`` the same over what pixel noise gives: g^T (J^T J)^-1 g per unknown and pixel
             variance, about 1 in a model that holds.
@@ -56,10 +71,9 @@ class OnlineLearner:
             enough to place it by; 0 for never.
     """
 
-    def __init__(self, model: "GenerativeModel", capacity: int = 50, relearn_after: int = 0):
-        if capacity < 1:
-            raise DenseVSError(f"capacity is {capacity}; expected a whole number of at least 1")
-        self.model, self.relearn_after = model, relearn_after
+    def __init__(self, model: WatchedModel, capacity: int = 50, relearn_after: int = 0):
+        capacity = check_whole("capacity", capacity, least=1)
+        self.model, self.relearn_after = model, check_whole("relearn_after", relearn_after, least=0)
         self.buffer: deque[tuple[np.ndarray, np.ndarray]] = deque(maxlen=capacity)
         self.ignored: set[int] = set()
         self._since: dict[int, int] = {}
@@ -67,7 +81,7 @@ class OnlineLearner:
     def add(self, joints: Any, pixels: Any) -> Change:
         """Take one observation: joints ``(n,)`` [rad] and pixels ``(c, m, 2)``.
 
-        A moved camera is ignored from then on, in :attr:`ignored`, until it was relearnt.
+        A moved camera is ignored from then on, in :attr:`ignored`, until it was relearned.
 
         Raises:
             DenseVSError: shapes that do not fit the model.
@@ -141,7 +155,7 @@ class OnlineLearner:
         return max(self._pixel_sigma(), *before)
 
     def relearn(self, camera: int) -> None:
-        """Learn a moved camera anew from the samples since it moved, and use it again.
+        """Relearn a moved camera from the samples since it moved, and use it again.
 
         Raises:
             DenseVSError: the camera did not move, or its samples do not suffice.

@@ -1,4 +1,4 @@
-"""Parts of a learnt model learnt anew from a few samples: a camera, the structure, the base, the kinematics.
+"""Relearning one part of a model from a few samples: a camera, the structure, the base or the kinematics.
 
 The paper starts the part from random values and runs L-BFGS with the rest fixed; here each part has a start of its own,
 resection, triangulation, rigid alignment or the kinematic stage, so that two to five samples are enough.
@@ -16,17 +16,17 @@ from dense_vs.generative.learning.end_to_end import fit_kinematics, fit_pixels, 
 from dense_vs.generative.learning.expected_error import expected_error
 from dense_vs.generative.least_squares.levenberg_marquardt import Solution, minimize
 from dense_vs.generative.least_squares.outliers import mistaken, robust_sigma
-from dense_vs.generative.least_squares.parameters import ModelParameters, finite_rows
 from dense_vs.generative.least_squares.pixel_problem import Free, PixelProblem, State
 from dense_vs.generative.observations import Observations
+from dense_vs.generative.parameters import ModelParameters, finite_rows
 from dense_vs.generative.reconstruction.initialization import guessed_intrinsics, intrinsics_prior
 from dense_vs.generative.reconstruction.stereo import Reconstruction
 from dense_vs.generative.reconstruction.triangulation import rigid_motions
 from dense_vs.generative.report import FitReport, Stage
 
 PARTS = "'camera:I', 'structure', 'structure:K,L,...', 'base' or 'kinematics'"
-KEPT_INTRINSICS = 0.003  # share of the focal length that a learnt lens may be off by when its camera was moved
-KEPT_CENTRE = 1.0  # px
+KEPT_INTRINSICS = 0.003  # share of the focal length that a learned lens may be off by when its camera was moved
+KEPT_CENTER = 1.0  # px
 
 
 def relearn(
@@ -39,10 +39,10 @@ def relearn(
 ) -> tuple[ModelParameters, FitReport]:
     """New parameters in which only ``what`` differs, from joints and pixels of ``obs``.
 
-    ``postures`` ``(K, n)`` [rad] are those that the model was learnt from: the report says what to expect there.
+    ``postures`` ``(K, n)`` [rad] are those that the model was learned from: the report says what to expect there.
 
     Raises:
-        DenseVSError: ``what`` is no part of the model, or ``obs`` cannot tell it.
+        DenseVSError: ``what`` is no part of the model, or ``obs`` does not determine it.
     """
     started = time.perf_counter()
     kind, _, detail = what.partition(":")
@@ -105,11 +105,11 @@ def _camera(
         mean, information = intrinsics_prior(obs, guess[: obs.pixels.shape[1]], pixel_sigma)
         mean, information = mean[: len(which)], information[: len(which)]
     else:
-        # The lens is the one that was learnt: a moved camera keeps its intrinsics but for a little.
+        # The lens is the one that was learned: a moved camera keeps its intrinsics but for a little.
         sigma = np.hstack(
             [
                 KEPT_INTRINSICS * parameters.intrinsics[:, :2],
-                np.full((len(which), 2), KEPT_CENTRE),
+                np.full((len(which), 2), KEPT_CENTER),
                 np.ones((len(which), 2)),
             ]
         )
@@ -200,9 +200,9 @@ def _kinematics(
         posed,
         np.ones(len(parameters.intrinsics), dtype=bool),
     )
-    centre = obs.joints.mean(axis=0)
-    chains, _ = fit_kinematics(obs.joints - centre, found, np.random.default_rng(seed))
-    starts = [initial_parameters(chain, found, centre, parameters.intrinsics) for chain in chains]
+    home = obs.joints.mean(axis=0)
+    chains, _ = fit_kinematics(obs.joints - home, found, np.random.default_rng(seed))
+    starts = [initial_parameters(chain, found, home, parameters.intrinsics) for chain in chains]
     at_end = hand & finite_rows(parameters.features)
     pixels = np.where(at_end[:, None], obs.pixels, np.nan)
     # The home pose is new, so the features move with it: the cameras alone stay.
@@ -216,7 +216,7 @@ def _kinematics(
 
 
 def _hand_points(parameters: ModelParameters, joints: np.ndarray, points: np.ndarray) -> np.ndarray:
-    from dense_vs.generative.least_squares.parameters import link_poses
+    from dense_vs.generative.prediction import link_poses
 
     rotation, translation = link_poses(parameters, joints[None])
     return points @ rotation[0, -1].T + translation[0, -1]

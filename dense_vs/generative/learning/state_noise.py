@@ -1,7 +1,10 @@
-"""Stage 4: states that are not exact, eqs. (10), (11) and (14), (15), with their noise estimated from the data.
+"""Stage 4: states that are not exact, with their noise estimated from the data.
+
+Gothoskar (11) is the minimum of Gothoskar (10), over noisy readings; Gothoskar (15) that of Gothoskar (14), over
+actions.
 
 The paper picks lambda on a validation set. It is the ratio of two variances, so here both are estimated: that of the
-pixels from the bundle adjustment, which uses no joints, and that of the joints by expectation maximisation between
+pixels from the bundle adjustment, which uses no joints, and that of the joints by expectation maximization between
 solutions, sigma^2 = mean(deviation^2 + posterior variance).
 """
 
@@ -24,7 +27,7 @@ FIRST_SIGMA = 0.02  # rad
 def fit_noisy_readings(
     problem: PixelProblem | DHProblem, state: State, joints: np.ndarray, pixel_sigma: float, joint_sigma: float | None
 ) -> tuple[Solution, float]:
-    """Joints of the samples and all shared parameters from noisy readings ``(T, n)``; also sigma [rad]."""
+    """Gothoskar (11): joints of the samples and all shared parameters from readings ``(T, n)``; also sigma [rad]."""
 
     def prior(sigma: float) -> JointReadings:
         return JointReadings(joints, (pixel_sigma / sigma) ** 2)
@@ -43,7 +46,7 @@ def fit_noisy_actions(
     action_sigma: float | None,
     proportional: bool = False,
 ) -> tuple[Solution, float]:
-    """As :func:`fit_noisy_readings` from actions ``(T - 1, n)``.
+    """As :func:`fit_noisy_readings` from actions ``(T - 1, n)``, Gothoskar (15).
 
     With ``proportional`` sigma is a share of the commanded step, beside a hundredth of the usual step.
     """
@@ -96,12 +99,12 @@ def _posterior_variance(problem: Any, state: State, pixel_sigma: float, chained:
         inverse = np.linalg.inv(equations.local)
         return pixel_sigma**2 * np.einsum("tii->ti", inverse)
     assert equations.chained is not None
-    own, across = neighbour_covariance(equations.local, equations.chained)
+    own, across = neighbor_covariance(equations.local, equations.chained)
     variance = np.einsum("tii->ti", own)
     return pixel_sigma**2 * (variance[1:] + variance[:-1] - 2 * np.einsum("tii->ti", across))
 
 
-def neighbour_covariance(local: np.ndarray, chained: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def neighbor_covariance(local: np.ndarray, chained: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Blocks of the inverse of a block-tridiagonal matrix: the diagonal, and those below it."""
     inverse = [np.linalg.inv(local[0])]
     for block, below in zip(local[1:], chained, strict=True):

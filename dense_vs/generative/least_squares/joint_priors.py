@@ -1,4 +1,4 @@
-"""What noisy joint readings (10) and joint actions (14) say about the joints of the samples."""
+"""What noisy joint readings and joint actions say about the joints of the samples: Gothoskar (10), Gothoskar (14)."""
 
 import numpy as np
 
@@ -6,7 +6,7 @@ from dense_vs.generative.least_squares.pixel_problem import NormalEquations, Sta
 
 
 class JointReadings:
-    """``sum_t (j_t - j_t^o)^2`` times lambda, eq. (10).
+    """``sum_t (j_t - j_t^o)^2`` times lambda, the second term of Gothoskar (10).
 
     Args:
         joints: ``(T, n)`` read [rad].
@@ -30,7 +30,7 @@ class JointReadings:
 
 
 class JointActions:
-    """``sum_t (j_{t+1} - j_t - a_t)^2`` times lambda, eq. (14).
+    """``sum_t (j_{t+1} - j_t - a_t)^2`` times lambda, the second term of Gothoskar (14).
 
     Args:
         actions: ``(T - 1, n)`` commanded [rad].
@@ -46,7 +46,7 @@ class JointActions:
         return float((self.information * (np.diff(state.joints, axis=0) - self.actions) ** 2).sum())
 
     def add(self, state: State, equations: NormalEquations) -> None:
-        """Add to the samples' blocks and to those between neighbours."""
+        """Add to the samples' blocks and to those between neighbors."""
         assert equations.local is not None
         assert equations.local_gradient is not None
         steps = len(self.actions)

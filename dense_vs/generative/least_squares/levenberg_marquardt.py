@@ -42,7 +42,7 @@ class Solution:
 def minimize(
     problem: PixelProblem | Any, state: State, max_iterations: int = 60, tolerance: float = 1e-7, damping: float = 1e-3
 ) -> Solution:
-    """Minimise ``problem.cost`` from ``state``.
+    """Minimize ``problem.cost`` from ``state``.
 
     Args:
         problem: has ``linearize``, ``cost`` and ``move`` as :class:`PixelProblem`.

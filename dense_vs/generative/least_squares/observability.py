@@ -14,7 +14,7 @@ def describe_unobservable(problem: PixelProblem, state: State, offsets_open: boo
     Args:
         problem: at whose solution.
         state: the solution.
-        offsets_open: constant joint offsets are open by nature, as actions tell differences only.
+        offsets_open: constant joint offsets are always open, as actions give only differences.
         still: joints, counted from 1, that did not move.
 
     The scale of all lengths is always open and is not named.

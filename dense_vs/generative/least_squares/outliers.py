@@ -20,22 +20,22 @@ def robust_sigma(errors: np.ndarray) -> float:
 
 
 def list_outliers(
-    pixels: np.ndarray, modelled: np.ndarray, mask: np.ndarray, sigma: float
+    pixels: np.ndarray, modeled: np.ndarray, mask: np.ndarray, sigma: float
 ) -> tuple[list[Outlier], list[tuple[int, int, int, int]]]:
     """Outliers of the mask and, among them, pairs of one image that fit when exchanged.
 
     Args:
-        pixels, modelled: ``(T, c, m, 2)``.
+        pixels, modeled: ``(T, c, m, 2)``.
         mask: ``(T, c, m)``.
         sigma: noise of a coordinate [px].
     """
     limit = max(SIGMAS * sigma, FLOOR_PX)
     outliers, swapped = [], []
     for t, c, m in np.argwhere(mask):
-        error = float(np.linalg.norm(pixels[t, c, m] - modelled[t, c, m]))
+        error = float(np.linalg.norm(pixels[t, c, m] - modeled[t, c, m]))
         outliers.append(Outlier(int(t), int(c), int(m), error))
         for other in np.flatnonzero(mask[t, c]):
             crossed = [(m, other), (other, m)]
-            if other > m and all(np.linalg.norm(pixels[t, c, a] - modelled[t, c, b]) < limit for a, b in crossed):
+            if other > m and all(np.linalg.norm(pixels[t, c, a] - modeled[t, c, b]) < limit for a, b in crossed):
                 swapped.append((int(t), int(c), int(m), int(other)))
     return outliers, swapped

@@ -1,7 +1,8 @@
 """Least squares over feature pixels: which unknowns are free, their normal equations, and a step along them.
 
-One problem serves every stage: bundle adjustment (2) has a free pose a sample and no joints, end-to-end learning (6)
-the shared parameters alone, noisy states and actions (8), (10), (12), (14) the sample's joints or pose beside them.
+One problem serves every stage. Bundle adjustment, Gothoskar (2), has a free pose a sample and no joints; end-to-end
+learning, Gothoskar (6), the shared parameters alone; noisy states, Gothoskar (8) and Gothoskar (10), and actions,
+Gothoskar (12) and Gothoskar (14), have each sample's joints or pose beside them.
 Unknowns of one sample touch no other one's pixels, so the Schur complement eliminates them
 (``levenberg_marquardt.py``).
 """
@@ -11,7 +12,8 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from dense_vs.generative.least_squares.parameters import ModelParameters, tangents, turn
+from dense_vs.generative.parameters import ModelParameters
+from dense_vs.generative.rotations import rotation_matrices, tangents
 from dense_vs.kernels.arm.kinematics import FeatureProjection
 
 
@@ -89,7 +91,7 @@ class PixelProblem:
     Args:
         pixels: ``(T, c, m, 2)``, NaN where not seen.
         links: ``(m,)`` as :class:`ModelParameters` has them.
-        joints: of the chain.
+        joint_count: of the chain.
         free: the shared unknowns.
         local: the unknowns of each sample: ``"none"``, ``"joints"`` or ``"pose"``.
         prior: on those of the samples.
@@ -101,7 +103,7 @@ class PixelProblem:
         self,
         pixels: np.ndarray,
         links: np.ndarray,
-        joints: int,
+        joint_count: int,
         free: Free,
         local: str = "none",
         prior: Prior | None = None,
@@ -112,12 +114,12 @@ class PixelProblem:
         self.free, self.local, self.prior, self.intrinsics_prior = free, local, prior, intrinsics_prior
         self.seen = ~np.isnan(pixels[..., 0])
         self.links = np.asarray(links)
-        self.columns = _columns(free, joints, features, cameras)
+        self.columns = _columns(free, joint_count, features, cameras)
         self.base_column = self.columns.count
         self.count = self.columns.count + (6 if free.base else 0)
         in_kernel = "pose" if free.base else local
         with_intrinsics = self.columns.intrinsics_count if (self.columns.intrinsics >= 0).any() else 0
-        self.kernel = FeatureProjection(1, samples, self.links, joints, cameras, with_intrinsics, in_kernel)
+        self.kernel = FeatureProjection(1, samples, self.links, joint_count, cameras, with_intrinsics, in_kernel)
         self._places = _places(self.columns, with_intrinsics, self.base_column, free.base)
         self.kernel.set(pixels=np.where(self.seen[..., None], pixels, 0))
         self.reweight(np.ones(self.seen.shape) if weights is None else weights)
@@ -221,7 +223,7 @@ class PixelProblem:
             new.axes, new.points = old.axes.copy(), old.points.copy()
             chosen, step = part(columns.axes, 2)
             new.axes[chosen] = np.einsum(
-                "nij,nj->ni", turn(np.einsum("nk,nki->ni", step, across[chosen])), old.axes[chosen]
+                "nij,nj->ni", rotation_matrices(np.einsum("nk,nki->ni", step, across[chosen])), old.axes[chosen]
             )
             new.axes /= np.linalg.norm(new.axes, axis=1, keepdims=True)
             chosen, step = part(columns.points, 2)
@@ -233,7 +235,7 @@ class PixelProblem:
         chosen, step = part(columns.cameras, 6)
         if chosen.any():
             new.camera_rotation, new.camera_translation = old.camera_rotation.copy(), old.camera_translation.copy()
-            new.camera_rotation[chosen] = turn(step[:, :3]) @ old.camera_rotation[chosen]
+            new.camera_rotation[chosen] = rotation_matrices(step[:, :3]) @ old.camera_rotation[chosen]
             new.camera_translation[chosen] += step[:, 3:]
         chosen, step = part(columns.intrinsics, columns.intrinsics_count)
         if chosen.any():
@@ -241,7 +243,7 @@ class PixelProblem:
             new.intrinsics[chosen, : columns.intrinsics_count] += step
         if self.free.base:
             step = shared[self.base_column :]
-            new.base_rotation = turn(step[:3]) @ old.base_rotation
+            new.base_rotation = rotation_matrices(step[:3]) @ old.base_rotation
             new.base_translation = old.base_translation + step[3:]
         moved = replace(state, parameters=new)
         if local is not None and self.local == "joints":
@@ -249,7 +251,7 @@ class PixelProblem:
         elif local is not None:
             assert state.rotation is not None
             assert state.translation is not None
-            moved.rotation = turn(local[:, :3]) @ state.rotation
+            moved.rotation = rotation_matrices(local[:, :3]) @ state.rotation
             moved.translation = state.translation + local[:, 3:]
         return moved
 
@@ -260,7 +262,7 @@ class PixelProblem:
     def _load(self, state: State) -> None:
         p = state.parameters
         self.kernel.set(
-            joints=state.joints - p.centre,
+            joints=state.joints - p.home,
             axes=p.axes,
             points=p.points,
             tangents=tangents(p.axes),
@@ -285,7 +287,7 @@ class PixelProblem:
                 equations.shared_gradient[places] += weight * difference
 
 
-def _columns(free: Free, joints: int, features: int, cameras: int) -> Columns:
+def _columns(free: Free, joint_count: int, features: int, cameras: int) -> Columns:
     """Columns in the order axes, points, features, cameras, intrinsics."""
     count = 0
 
@@ -298,7 +300,7 @@ def _columns(free: Free, joints: int, features: int, cameras: int) -> Columns:
         return first
 
     width = 4 + free.distortion
-    axes, points = places(free.kinematics, joints, 2), places(free.kinematics, joints, 2)
+    axes, points = places(free.kinematics, joint_count, 2), places(free.kinematics, joint_count, 2)
     at_features, at_cameras = places(free.features, features, 3), places(free.cameras, cameras, 6)
     at_intrinsics = places(free.intrinsics, cameras, width)
     return Columns(axes, points, at_features, at_cameras, at_intrinsics, width, count)

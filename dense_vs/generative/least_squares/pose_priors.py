@@ -1,17 +1,17 @@
-"""What noisy poses (8) and Cartesian actions (12) say about the hand's poses in the samples.
+"""What noisy poses and Cartesian actions say about the hand's poses: Gothoskar (8), Gothoskar (12).
 
 The paper's D_pose is the Frobenius norm of the difference of two matrices; here the rotation vector between them and
-the difference of translations, each divided by its own noise, as metres and radians have no common unit.
+the difference of translations, each divided by its own noise, as meters and radians have no common unit.
 """
 
 import numpy as np
 
-from dense_vs.generative.least_squares.parameters import rotation_vector
 from dense_vs.generative.least_squares.pixel_problem import NormalEquations, State
+from dense_vs.generative.rotations import rotation_vectors
 
 
 class PoseReadings:
-    """Squares of pose deviations times information, eq. (8).
+    """Squares of pose deviations times information, the second term of Gothoskar (8).
 
     Args:
         poses: ``(T, 4, 4)`` read.
@@ -26,7 +26,7 @@ class PoseReadings:
         """Rotation vectors and shifts ``(T, 6)`` from the readings."""
         assert state.rotation is not None
         assert state.translation is not None
-        turned = rotation_vector(state.rotation @ self.poses[:, :3, :3].swapaxes(1, 2))
+        turned = rotation_vectors(state.rotation @ self.poses[:, :3, :3].swapaxes(1, 2))
         return np.hstack([turned, state.translation - self.poses[:, :3, 3]])
 
     def cost(self, state: State) -> float:
@@ -46,7 +46,7 @@ class PoseReadings:
 
 
 class PoseActions:
-    """Squares of ``P_{t+1} P_t^-1`` against ``A_t`` times information, eq. (12).
+    """Squares of ``P_{t+1} P_t^-1`` against ``A_t`` times information, the second term of Gothoskar (12).
 
     Args:
         actions: ``(T - 1, 4, 4)`` commanded.
@@ -61,7 +61,7 @@ class PoseActions:
         """Rotation vectors and shifts ``(T - 1, 6)`` of the moves from the actions."""
         relative, carried = self._moves(state)
         assert state.translation is not None
-        turned = rotation_vector(relative @ self.actions[:, :3, :3].swapaxes(1, 2))
+        turned = rotation_vectors(relative @ self.actions[:, :3, :3].swapaxes(1, 2))
         return np.hstack([turned, state.translation[1:] - carried - self.actions[:, :3, 3]])
 
     def cost(self, state: State) -> float:
@@ -69,7 +69,7 @@ class PoseActions:
         return float((self.information * self.deviations(state) ** 2).sum())
 
     def add(self, state: State, equations: NormalEquations) -> None:
-        """Add to the samples' blocks and to those between neighbours."""
+        """Add to the samples' blocks and to those between neighbors."""
         assert equations.local is not None
         assert equations.local_gradient is not None
         before, after = self._derivatives(state)

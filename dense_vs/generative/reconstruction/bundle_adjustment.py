@@ -1,10 +1,13 @@
-"""Stage 1, refined: bundle adjustment of the hand's poses, the structure and the cameras, eq. (2) and (3)."""
+"""Stage 1, refined: bundle adjustment of the hand's poses, the structure and the cameras.
+
+The loss is Gothoskar (2), its minimum Gothoskar (3).
+"""
 
 import numpy as np
 
 from dense_vs.generative.least_squares.levenberg_marquardt import Solution, minimize
-from dense_vs.generative.least_squares.parameters import ModelParameters, finite_rows
 from dense_vs.generative.least_squares.pixel_problem import Free, PixelProblem, State
+from dense_vs.generative.parameters import ModelParameters, finite_rows
 from dense_vs.generative.reconstruction.pose_reversal import better_poses
 from dense_vs.generative.reconstruction.stereo import Reconstruction
 

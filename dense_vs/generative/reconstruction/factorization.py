@@ -1,4 +1,4 @@
-"""Stage 1 from one camera: structure and motion of the hand by scaled-orthographic factorisation.
+"""Stage 1 from one camera: structure and motion of the hand by scaled-orthographic factorization.
 
 Beyond the paper, which starts from two chosen views (incremental structure from motion) and needs many restarts: all
 frames take part at once. Features x_tk = A_t F_k + b_t are fitted with rank three though many were not seen (damped
@@ -13,7 +13,7 @@ import numpy as np
 from dense_vs.errors import DenseVSError
 from dense_vs.generative.least_squares.levenberg_marquardt import minimize
 from dense_vs.generative.least_squares.pixel_problem import NormalEquations
-from dense_vs.generative.reconstruction.stereo import Reconstruction, centred
+from dense_vs.generative.reconstruction.stereo import Reconstruction, centered
 from dense_vs.generative.reconstruction.triangulation import rays
 
 FRAME_FEATURES = 4  # of a frame that takes part
@@ -191,4 +191,4 @@ def _assemble(
         frames.copy(),
         np.arange(cameras) == camera,
     )
-    return centred(found)
+    return centered(found)

@@ -18,7 +18,7 @@ CERTAIN_BUNDLE = 0.8  # px: above, it may be another minimum than the best, and 
 FACTORIZATIONS = 4
 REPEATED_BUNDLES = 3
 
-FOCAL_SIGMA, CENTRE_SIGMA, DISTORTION_SIGMA = 0.1, 0.03, 0.2  # of given intrinsics: share, share of the width, k1
+FOCAL_SIGMA, CENTER_SIGMA, DISTORTION_SIGMA = 0.1, 0.03, 0.2  # of given intrinsics: share, share of the width, k1
 UNKNOWN_FOCAL_SIGMA = 0.4
 
 
@@ -44,14 +44,14 @@ def guessed_intrinsics(obs: Observations) -> np.ndarray:
 def intrinsics_prior(obs: Observations, guess: np.ndarray, pixel_sigma: float) -> tuple[np.ndarray, np.ndarray]:
     """Mean and information of the intrinsics: as ``obs`` says, else weak enough for guesses that are a third off.
 
-    Beyond the paper: with few samples the pixels hardly tell the principal point, and without this it wanders.
+    Beyond the paper: few samples hardly determine the principal point, and without this prior it drifts.
     """
     widths = np.array([max(size) for size in obs.image_sizes], dtype=float)[:, None]
     share = FOCAL_SIGMA if obs.intrinsics is not None else UNKNOWN_FOCAL_SIGMA
-    centre = CENTRE_SIGMA * np.repeat(widths, 2, axis=1)
+    center = CENTER_SIGMA * np.repeat(widths, 2, axis=1)
     if obs.intrinsics_sigma is not None:
-        share, centre = obs.intrinsics_sigma[0], np.full((len(guess), 2), obs.intrinsics_sigma[1])
-    sigma = np.hstack([share * guess[:, :2], centre])
+        share, center = obs.intrinsics_sigma[0], np.full((len(guess), 2), obs.intrinsics_sigma[1])
+    sigma = np.hstack([share * guess[:, :2], center])
     sigma = np.hstack([sigma, np.full((len(guess), 2), DISTORTION_SIGMA)])
     return guess, (pixel_sigma / sigma) ** 2
 
@@ -119,7 +119,7 @@ def _refuse_a_line(found: list[Candidate]) -> None:
 
 
 def _adjusted(found: Reconstruction, pixels: np.ndarray, guess: np.ndarray) -> Candidate:
-    """Bundle adjustment; where it ends high, samples are posed anew by what it found, and it begins again."""
+    """Bundle adjustment, repeated from samples posed by its own result while the error stays high."""
     best = _adjusted_once(found, pixels, guess)
     for _ in range(REPEATED_BUNDLES):
         if best.rms < CERTAIN_BUNDLE:

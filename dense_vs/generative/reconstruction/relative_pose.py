@@ -11,7 +11,7 @@ import cv2
 import numpy as np
 from scipy.optimize import least_squares
 
-from dense_vs.generative.least_squares.parameters import turn
+from dense_vs.generative.rotations import rotation_matrices
 
 MINIMAL_SETS = 40  # of five matches each
 REFINED = 6
@@ -22,10 +22,10 @@ DISTINCT_RAD = 0.05
 def relative_poses(
     first: np.ndarray, second: np.ndarray, focal: float, rng: np.random.Generator
 ) -> Iterator[tuple[np.ndarray, np.ndarray]]:
-    """Poses of the second camera from matched normalised coordinates ``(k, 2)``.
+    """Poses of the second camera from matched normalized coordinates ``(k, 2)``.
 
-    The first comes from all matches and costs little; those from many small sets follow, most plausible first, for
-    whoever finds that it does not do.
+    The first comes from all matches and costs little. Those from many small sets follow, most plausible first, for a
+    caller whom the first does not satisfy.
 
     Args:
         first, second: matches of the two cameras.
@@ -39,7 +39,7 @@ def relative_poses(
     def implausible(essential: np.ndarray) -> float:
         return float(np.median(np.abs(_sampson(essential, first, second))))
 
-    usual = [_linear_essential(first, second), *_magsac_essentials(first, second, focal)]
+    usual = [*_linear_essential(first, second), *_magsac_essentials(first, second, focal)]
     known = _refined_poses([min(usual, key=implausible)], first, second, focal)
     yield known[0]
     others = sorted([*usual, *_minimal_essentials(first, second, rng)], key=implausible)[:REFINED]
@@ -88,7 +88,7 @@ def _refined(
 
     def pose(x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         moved = translation + x[3:] @ across
-        return turn(x[:3]) @ rotation, moved / np.linalg.norm(moved)
+        return rotation_matrices(x[:3]) @ rotation, moved / np.linalg.norm(moved)
 
     def residuals(x: np.ndarray) -> np.ndarray:
         return focal * _sampson(_essential(*pose(x)), first, second)
@@ -116,20 +116,14 @@ def _apart(pose: tuple[np.ndarray, np.ndarray], other: tuple[np.ndarray, np.ndar
     return float(max(angle, np.arccos(np.clip(pose[1] @ other[1], -1, 1))))
 
 
-def _linear_essential(first: np.ndarray, second: np.ndarray) -> np.ndarray:
-    """Normalised eight-point estimate from all matches (Hartley 1997), singular values made 1, 1, 0."""
-    (x, a), (y, b) = _conditioned(first), _conditioned(second)
-    design = (y[:, :, None] * x[:, None, :]).reshape(-1, 9)
-    matrix = np.linalg.svd(design, full_matrices=False)[2][-1].reshape(3, 3)
-    left, _, right = np.linalg.svd(b.T @ matrix @ a)
-    return left @ np.diag([1.0, 1.0, 0.0]) @ right
-
-
-def _conditioned(points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    middle = points.mean(axis=0)
-    scale = np.sqrt(2) / max(float(np.linalg.norm(points - middle, axis=1).mean()), 1e-12)
-    transform = np.array([[scale, 0, -scale * middle[0]], [0, scale, -scale * middle[1]], [0, 0, 1]])
-    return np.column_stack([(points - middle) * scale, np.ones(len(points))]), transform
+def _linear_essential(first: np.ndarray, second: np.ndarray) -> list[np.ndarray]:
+    """Normalized eight-point estimate from all matches (Hartley 1997), singular values made 1, 1, 0."""
+    found, _ = cv2.findFundamentalMat(first, second, cv2.FM_8POINT)
+    essentials = []
+    for matrix in _split(found):
+        left, _, right = np.linalg.svd(matrix)
+        essentials.append(left @ np.diag([1.0, 1.0, 0.0]) @ right)
+    return essentials
 
 
 def _sampson(essential: np.ndarray, first: np.ndarray, second: np.ndarray) -> np.ndarray:

@@ -3,12 +3,12 @@
 import cv2
 import numpy as np
 
-FITS = 4e-3  # error in normalised coordinates, some pixels: where all are below, none is a mistake
+FITS = 4e-3  # error in normalized coordinates, some pixels: where all are below, none is a mistake
 ENOUGH_TO_DRAW = 8  # points
 
 
 def resect(points: np.ndarray, normalized: np.ndarray) -> tuple[np.ndarray, np.ndarray] | None:
-    """World-to-camera pose from points ``(k, 3)`` and their normalised coordinates ``(k, 2)``; None if there is none.
+    """World-to-camera pose from points ``(k, 3)`` and their normalized coordinates ``(k, 2)``; None if there is none.
 
     SQPnP, then Levenberg-Marquardt of OpenCV on those that fit; from random samples too where some do not.
     """

@@ -20,7 +20,7 @@ def align_samples(
     """Poses of the samples and structure, from the samples in which placed cameras see features together.
 
     Args:
-        flat: ``(T, c, m, 2)`` normalised coordinates.
+        flat: ``(T, c, m, 2)`` normalized coordinates.
         seen: ``(T, c, m)``.
         placed: ``(c,)`` cameras whose pose is known.
         camera_rotation, camera_translation: ``(c, 3, 3)``, ``(c, 3)``.
@@ -62,7 +62,7 @@ class Views:
     """What the placed cameras saw, and the features that they triangulate in each sample.
 
     Args:
-        flat: ``(T, c, m, 2)`` normalised coordinates.
+        flat: ``(T, c, m, 2)`` normalized coordinates.
         seen: ``(T, c, m)``.
         placed: ``(c,)`` cameras whose pose is known.
         rotation, translation: ``(c, 3, 3)``, ``(c, 3)`` world to camera.

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from dense_vs.errors import DenseVSError
-from dense_vs.generative.least_squares.parameters import finite_rows
+from dense_vs.generative.parameters import finite_rows
 from dense_vs.generative.reconstruction.relative_pose import relative_poses
 from dense_vs.generative.reconstruction.resection import resect
 from dense_vs.generative.reconstruction.sample_alignment import Views, align_samples, grow
@@ -29,7 +29,7 @@ class Reconstruction:
         rotation, translation: ``(T, 3, 3)``, ``(T, 3)`` of the hand: structure to world.
         structure: ``(m, 3)`` about its centroid, NaN where a feature could not be placed.
         camera_rotation, camera_translation: ``(c, 3, 3)``, ``(c, 3)`` world to camera.
-        posed: ``(T,)`` samples whose pose is known; the others hold their neighbours' value.
+        posed: ``(T,)`` samples whose pose is known; the others hold their neighbors' value.
         placed_cameras: ``(c,)``.
     """
 
@@ -95,7 +95,7 @@ def complete(found: Reconstruction, pixels: np.ndarray, intrinsics: np.ndarray) 
         views = Views(flat, seen, placed, camera_rotation, camera_translation)
         structure = grow(views, structure, rotation, translation, posed)
     result = Reconstruction(rotation, translation, structure, camera_rotation, camera_translation, posed, placed)
-    return in_first_camera(centred(result))
+    return in_first_camera(centered(result))
 
 
 def best_pair(seen: np.ndarray) -> tuple[int, int, int]:
@@ -105,7 +105,7 @@ def best_pair(seen: np.ndarray) -> tuple[int, int, int]:
     return max(pairs, key=lambda pair: pair[2]) if pairs else (0, 0, 0)
 
 
-def centred(found: Reconstruction) -> Reconstruction:
+def centered(found: Reconstruction) -> Reconstruction:
     """The same with the structure's origin at its centroid."""
     middle = np.nanmean(found.structure, axis=0)
     found.translation = found.translation + found.rotation @ middle

@@ -1,18 +1,17 @@
-"""Points from rays of several cameras, and rigid motions between point sets, for the paper's initialisation."""
+"""Points from rays of several cameras, and rigid motions between point sets, for the paper's initialization."""
 
+import cv2
 import numpy as np
 
 
 def rays(pixels: np.ndarray, intrinsics: np.ndarray) -> np.ndarray:
-    """Normalised image coordinates of pixels ``(T, c, m, 2)``, radial distortion undone."""
-    k = intrinsics[:, None]
-    distorted = (pixels - k[..., 2:4]) / k[..., :2]
-    plain = distorted
-    if np.any(intrinsics[:, 4:]):
-        for _ in range(20):  # fixed point, as OpenCV's undistortPoints
-            r2 = (plain**2).sum(axis=-1)
-            plain = distorted / (1 + r2 * (k[..., 4] + r2 * k[..., 5]))[..., None]
-    return plain
+    """Normalized image coordinates of pixels ``(T, c, m, 2)``, radial distortion undone; NaN stays NaN."""
+    normalized = np.empty_like(pixels)
+    for camera, (fx, fy, cx, cy, k1, k2) in enumerate(intrinsics):
+        matrix, own = np.array([[fx, 0.0, cx], [0.0, fy, cy], [0.0, 0.0, 1.0]]), pixels[:, camera]
+        plain = cv2.undistortPoints(own.reshape(-1, 1, 2), matrix, np.array([k1, k2, 0.0, 0.0]))
+        normalized[:, camera] = plain.reshape(own.shape)
+    return normalized
 
 
 def triangulate(
@@ -22,7 +21,7 @@ def triangulate(
     weights: np.ndarray | None = None,
     max_condition: float = 1e10,
 ) -> np.ndarray:
-    """Points ``(..., 3)`` from normalised coordinates ``(..., v, 2)`` in v views, linear least squares.
+    """Points ``(..., 3)`` from normalized coordinates ``(..., v, 2)`` in v views, linear least squares.
 
     Args:
         normalized: NaN where not seen.

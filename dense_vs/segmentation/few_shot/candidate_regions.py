@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from dense_vs.segmentation.few_shot.color_words import ColourWords
+from dense_vs.segmentation.few_shot.color_words import ColorWords
 from dense_vs.segmentation.few_shot.decision_forest import DecisionForest
 from dense_vs.segmentation.few_shot.pixel_channels import PixelChannels, pixel_channels
 from dense_vs.segmentation.few_shot.pixel_features import PixelFeatures
@@ -18,16 +18,16 @@ from dense_vs.segmentation.few_shot.region_features import (
 from dense_vs.segmentation.few_shot.region_tree import RegionTree, region_tree
 from dense_vs.segmentation.few_shot.superpixels import Superpixels, find_superpixels
 
-# How much colour counts beside the probability where regions merge: one tree that hardly knows the object, so that
-# it holds objects in colours never seen, and one that joins an object's differently coloured parts.
-COLOUR_WEIGHTS = (4.0, 0.5)
+# How much color counts beside the probability where regions merge: one tree that hardly knows the object, so that
+# it holds objects in colors never seen, and one that joins an object's differently colored parts.
+COLOR_WEIGHTS = (4.0, 0.5)
 CELL = 8  # px between the seeds of superpixels
 GRID = 4  # px between the pixels that are classified
 
 
 @dataclass(frozen=True)
 class SeenImage:
-    """An image reduced to superpixels, before anything that was learnt is used."""
+    """An image reduced to superpixels, before anything that was learned is used."""
 
     channels: PixelChannels
     pixels: Superpixels
@@ -55,21 +55,21 @@ def see(image: np.ndarray) -> SeenImage:
 
 
 def candidate_regions(
-    seen: SeenImage, likely: np.ndarray, words: ColourWords, examples: np.ndarray, min_area: float
+    seen: SeenImage, likely: np.ndarray, words: ColorWords, examples: np.ndarray, min_area: float
 ) -> Candidates:
     """Nodes of every tree with at least ``min_area`` pixels [px].
 
     Args:
         seen: the image.
         likely: probability of the object for its superpixels (n,).
-        words: colour vocabulary.
+        words: color vocabulary.
         examples: histograms (m, K) of the annotated objects.
         min_area: smallest candidate.
     """
     histogram = seen.pixels.histogram(words.of(seen.channels.rgb), words.count)
     trees, index, nodes, areas, rows = [], [], [], [], []
-    for number, colour in enumerate(COLOUR_WEIGHTS):
-        tree = region_tree(seen.pixels, merge_features(seen.figures, seen.pixels, likely, colour))
+    for number, color in enumerate(COLOR_WEIGHTS):
+        tree = region_tree(seen.pixels, merge_features(seen.figures, seen.pixels, likely, color))
         features = region_features(seen.figures, seen.pixels, tree, likely, histogram, examples)
         area = tree.node_sums(seen.pixels.area[:, None])[:, 0]
         kept = np.flatnonzero(area >= min_area)

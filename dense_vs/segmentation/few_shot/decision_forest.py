@@ -1,4 +1,4 @@
-"""A forest of extremely randomised trees: grown by scikit-learn, kept as plain arrays, run by a Warp kernel.
+"""A forest of extremely randomized trees: grown by scikit-learn, kept as plain arrays, run by a Warp kernel.
 
 Plain arrays go into a file without pickle and need no scikit-learn to be read; the kernel takes a few milliseconds
 where scikit-learn's own call takes tens.

@@ -1,14 +1,16 @@
-"""Bring a coarse mask to the outlines of the full image: He, Sun and Tang's guided filter with a colour guide (2013).
+"""Bring a coarse mask to the outlines of the full image: He, Sun and Tang's guided filter with a color guide (2013).
 
-The mask is regressed on the image's colours in small windows, (19) to (21) there with sums over windows as box filters,
-so that its edge moves to where the colours change. Only the surroundings of the mask are worked on, and for large
-ones the regression is made on a reduced image and its coefficients enlarged (He and Sun's fast guided filter).
+The mask is regressed on the image's colors in small windows (their equations 19 to 21, sums over windows by box
+filters), so that its edge moves to where the colors change. Only the surroundings of the mask are worked on. For large
+masks the regression is made on a reduced image and its coefficients enlarged (He and Sun's fast guided filter).
 """
 
 import cv2
 import numpy as np
 
-REGULARISATION = 1e-3  # variance of colours of 0 to 1 below which a window counts as flat
+from dense_vs.segmentation.mask_features import mask_sums
+
+REGULARIZATION = 1e-3  # variance of colors of 0 to 1 below which a window counts as flat
 LARGEST_RADIUS = 8  # px of the full image
 LARGEST_AREA = 40_000  # px; more are reduced
 
@@ -23,11 +25,12 @@ def refine_mask(image: np.ndarray, mask: np.ndarray) -> np.ndarray:
     Returns:
         bool (H, W).
     """
-    x, y, width, height = cv2.boundingRect(mask.astype(np.uint8))
+    found = mask_sums(mask)
+    x, y, width, height = found.box.tolist()
     if not width:
         return mask
     # A window larger than a small object sees more background than object.
-    radius = int(np.clip(np.sqrt(np.count_nonzero(mask)) / 5, 2, LARGEST_RADIUS))
+    radius = int(np.clip(np.sqrt(found.area) / 5, 2, LARGEST_RADIUS))
     rows = slice(max(y - 2 * radius, 0), y + height + 2 * radius)
     columns = slice(max(x - 2 * radius, 0), x + width + 2 * radius)
     guide = image[rows, columns].astype(np.float32) / np.float32(255)
@@ -51,13 +54,13 @@ def _coefficients(guide: np.ndarray, mask: np.ndarray, radius: int, factor: int)
     def mean(planes: np.ndarray) -> np.ndarray:
         return cv2.boxFilter(planes, -1, window)
 
-    colour, share = mean(guide), mean(mask)
-    with_mask = mean(guide * mask[..., None]) - colour * share[..., None]
+    color, share = mean(guide), mean(mask)
+    with_mask = mean(guide * mask[..., None]) - color * share[..., None]
     red, green, blue = cv2.split(guide)
-    mean_red, mean_green, mean_blue = cv2.split(colour)
-    rr = mean(red * red) - mean_red**2 + REGULARISATION
-    gg = mean(green * green) - mean_green**2 + REGULARISATION
-    bb = mean(blue * blue) - mean_blue**2 + REGULARISATION
+    mean_red, mean_green, mean_blue = cv2.split(color)
+    rr = mean(red * red) - mean_red**2 + REGULARIZATION
+    gg = mean(green * green) - mean_green**2 + REGULARIZATION
+    bb = mean(blue * blue) - mean_blue**2 + REGULARIZATION
     rg, rb = mean(red * green) - mean_red * mean_green, mean(red * blue) - mean_red * mean_blue
     gb = mean(green * blue) - mean_green * mean_blue
     # Inverse of the symmetric 3 x 3 covariance by its cofactors.
@@ -72,7 +75,7 @@ def _coefficients(guide: np.ndarray, mask: np.ndarray, radius: int, factor: int)
             (c_rb * to_red + c_gb * to_green + c_bb * to_blue) / determinant,
         ]
     )
-    offset = share - np.einsum("ijk,ijk->ij", slope, colour)
+    offset = share - np.einsum("ijk,ijk->ij", slope, color)
     slope, offset = mean(slope), mean(offset)
     if factor > 1:
         slope, offset = (cv2.resize(part, (width, height), interpolation=cv2.INTER_LINEAR) for part in (slope, offset))

@@ -1,4 +1,4 @@
-"""What the few-shot segmenter sees in a pixel: colour, edges and local binary patterns.
+"""What the few-shot segmenter sees in a pixel: color, edges and local binary patterns.
 
 Nothing depends on where in the image a pixel is, and nothing changes when the image turns by a quarter: the same
 object is seen from every side.
@@ -9,9 +9,9 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-COLOURS = 6  # Lab, two chromaticities, saturation
+COLORS = 6  # Lab, two chromaticities, saturation
 TEXTURES = 4
-PATTERNS = 10  # rotation invariant uniform local binary patterns of 8 neighbours
+PATTERNS = 10  # rotation invariant uniform local binary patterns of 8 neighbors
 
 
 @dataclass(frozen=True)
@@ -19,12 +19,12 @@ class PixelChannels:
     """Channels of an image (h, w)."""
 
     rgb: np.ndarray  # (h, w, 3) uint8
-    planes: np.ndarray  # (h, w, COLOURS + TEXTURES) float32, of the order of 1
+    planes: np.ndarray  # (h, w, COLORS + TEXTURES) float32, of the order of 1
     patterns: np.ndarray  # (h, w) uint8 below PATTERNS
 
     @property
     def lab(self) -> np.ndarray:
-        """(h, w, 3) lightness 0 to 1 and the colour opponents, of like weight."""
+        """(h, w, 3) lightness 0 to 1 and the color opponents, of like weight."""
         return self.planes[..., :3]
 
 
@@ -35,14 +35,14 @@ def pixel_channels(image: np.ndarray) -> PixelChannels:
     red, green, blue = cv2.split(rgb)
     total = red + green + blue + np.float32(0.15)  # keeps the noise of dark pixels small
     most, least = np.maximum(np.maximum(red, green), blue), np.minimum(np.minimum(red, green), blue)
-    colours = [(red - green) / total, (2 * blue - red - green) / total, (most - least) / (most + np.float32(0.1))]
+    colors = [(red - green) / total, (2 * blue - red - green) / total, (most - least) / (most + np.float32(0.1))]
     lightness = np.ascontiguousarray(lab[..., 0])
-    planes = cv2.merge([*cv2.split(lab), *colours, *_texture(lightness)])
+    planes = cv2.merge([*cv2.split(lab), *colors, *_texture(lightness)])
     return PixelChannels(image, planes, _patterns(lightness))
 
 
 def _texture(lightness: np.ndarray) -> list[np.ndarray]:
-    """Lengths of the gradient and of the Laplacian at two scales, normalised for the scale."""
+    """Lengths of the gradient and of the Laplacian at two scales, normalized for the scale."""
     channels = []
     for sigma in (0.8, 1.6):
         smooth = cv2.GaussianBlur(lightness, (0, 0), sigma)
@@ -52,7 +52,7 @@ def _texture(lightness: np.ndarray) -> list[np.ndarray]:
 
 
 def _patterns(lightness: np.ndarray) -> np.ndarray:
-    """Local binary patterns of the 8 neighbours at 1 px, Ojala's rotation invariant uniform kinds."""
+    """Local binary patterns of the 8 neighbors at 1 px, Ojala's rotation invariant uniform kinds."""
     height, width = lightness.shape
     padded = cv2.copyMakeBorder(lightness, 1, 1, 1, 1, cv2.BORDER_REFLECT_101)
     ring = ((0, 0), (0, 1), (0, 2), (1, 2), (2, 2), (2, 1), (2, 0), (1, 0))

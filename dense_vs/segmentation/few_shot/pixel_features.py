@@ -1,4 +1,4 @@
-"""What a pixel is told to be the object's by: its channels, and their means and spreads around it at several scales.
+"""Per-pixel features that separate object from background: channels, their means and spreads at several scales.
 
 Wide surroundings are averaged on a grid of cells of 4 px; a pixel reads the cell that it lies in.
 """
@@ -6,13 +6,13 @@ Wide surroundings are averaged on a grid of cells of 4 px; a pixel reads the cel
 import cv2
 import numpy as np
 
-from dense_vs.segmentation.few_shot.pixel_channels import COLOURS, PATTERNS, TEXTURES, PixelChannels
+from dense_vs.segmentation.few_shot.pixel_channels import COLORS, PATTERNS, TEXTURES, PixelChannels
 
 NEAR = (1.0, 2.0)  # standard deviations of the averages [px]
 WIDE = (1.0, 2.0, 4.0)  # the same [cells]
 CELL = 4  # px
 
-_CHANNELS = COLOURS + TEXTURES
+_CHANNELS = COLORS + TEXTURES
 
 
 class PixelFeatures:

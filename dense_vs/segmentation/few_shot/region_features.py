@@ -1,14 +1,14 @@
-"""What a candidate region is told to be the object by: figures that do not change with its place and its turn.
+"""Features of a candidate region that separate the object from other regions, wherever it is and however it is turned.
 
-Its colours and textures, its shape, the probability of its pixels, how it stands out from its neighbours, how like the
-annotated objects it is, and how well it keeps while the tree goes on merging. Only one of them changes with its size.
+Its colors and textures, its shape, the probability of its pixels, how it stands out from its neighbors, how like the
+annotated objects it is, and how far it stays the same while the tree goes on merging. Only one depends on its size.
 """
 
 from dataclasses import dataclass
 
 import numpy as np
 
-from dense_vs.segmentation.few_shot.pixel_channels import COLOURS, PATTERNS, TEXTURES, PixelChannels
+from dense_vs.segmentation.few_shot.pixel_channels import COLORS, PATTERNS, TEXTURES, PixelChannels
 from dense_vs.segmentation.few_shot.region_tree import RegionTree
 from dense_vs.segmentation.few_shot.superpixels import Superpixels
 
@@ -35,10 +35,10 @@ def superpixel_figures(channels: PixelChannels, pixels: Superpixels) -> Superpix
     )
 
 
-def merge_features(figures: SuperpixelFigures, pixels: Superpixels, likely: np.ndarray, colour: float) -> np.ndarray:
-    """What neighbours are compared by when they merge: Lab times ``colour``, and the probability of the object."""
+def merge_features(figures: SuperpixelFigures, pixels: Superpixels, likely: np.ndarray, color: float) -> np.ndarray:
+    """What neighbors are compared by when they merge: Lab times ``color``, and the probability of the object."""
     lab = figures.planes[:, :3] / pixels.area[:, None]
-    return np.concatenate([colour * lab, likely[:, None]], axis=1)
+    return np.concatenate([color * lab, likely[:, None]], axis=1)
 
 
 def region_features(
@@ -49,15 +49,15 @@ def region_features(
     words: np.ndarray,
     examples: np.ndarray,
 ) -> np.ndarray:
-    """Features (N, F) float32 by which a node of the tree is told to be the object.
+    """Features (N, F) float32 that separate the nodes of the tree that are the object from the others.
 
     Args:
         figures: of the superpixels.
         pixels: the superpixels.
         tree: over them.
         likely: probability of the object (n,).
-        words: histogram (n, K) of colour words.
-        examples: normalised histograms (m, K) of the object in the annotated images.
+        words: histogram (n, K) of color words.
+        examples: normalized histograms (m, K) of the object in the annotated images.
     """
     area = pixels.area[:, None]
     doubt = likely[:, None] * area
@@ -95,14 +95,14 @@ def region_features(
     likeness = np.minimum(histogram[:, None], examples).sum(axis=2)
     return np.concatenate(
         [
-            mean[:, :COLOURS],
+            mean[:, :COLORS],
             spread,
             histogram,
             belief,
             belief_spread,
             belief_around,
             belief - belief_around,
-            mean[:, COLOURS : COLOURS + TEXTURES],
+            mean[:, COLORS : COLORS + TEXTURES],
             patterns,
             *_shape(size, place, perimeter),
             rim / perimeter,

@@ -1,8 +1,8 @@
-"""A hierarchy of regions over superpixels: neighbours that look alike merge first, so that objects appear as nodes.
+"""A hierarchy of regions over superpixels: neighbors that look alike merge first, so that objects appear as nodes.
 
 Ward's criterion on the superpixels' features with their adjacency as constraint (scikit-learn). Every node of the tree
 is a candidate region: n superpixels give 2 n - 1. What adds up over superpixels (areas, moments, histograms) is known
-for all nodes from one cumulative sum, as the superpixels under a node are neighbours in depth-first order.
+for all nodes from one cumulative sum, as the superpixels under a node are neighbors in depth-first order.
 """
 
 from dataclasses import dataclass

@@ -2,23 +2,24 @@
 
 The paper fine-tunes a neural network (OSVOS) for every object on a GPU. Here, beyond the paper, an image falls into
 superpixels that merge into a tree of candidate regions, and the candidate that a random forest expects to overlap the
-object best is the object: choosing among some thousand whole regions needs far fewer examples than labelling
+object best is the object: choosing among some thousand whole regions needs far fewer examples than labeling
 pixels one by one, and gives masks with the image's own outlines.
 """
 
 import json
 import os
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass, fields
+from dataclasses import asdict, dataclass
 from typing import Any
 
 import cv2
 import numpy as np
 
+from dense_vs.checks import check_number, check_whole
 from dense_vs.errors import DenseVSError
 from dense_vs.files import atomic_write, read_arrays
 from dense_vs.segmentation.few_shot.candidate_regions import mask_share, overlaps, see
-from dense_vs.segmentation.few_shot.color_words import ColourWords
+from dense_vs.segmentation.few_shot.color_words import ColorWords
 from dense_vs.segmentation.few_shot.decision_forest import DecisionForest
 from dense_vs.segmentation.few_shot.mask_refinement import refine_mask
 from dense_vs.segmentation.few_shot.training import ObjectModel, learn_object
@@ -30,7 +31,7 @@ FORMAT_VERSION = 2
 
 @dataclass(frozen=True, kw_only=True)
 class FewShotOptions:
-    """How an object is learnt and found.
+    """How an object is learned and found.
 
     Attributes:
         size: longer side of the image that is looked at [px]; larger images are reduced to it.
@@ -51,39 +52,43 @@ class FewShotOptions:
 
     def __post_init__(self):
         for name, least in (("size", 32), ("samples", 10), ("min_area", 1), ("seed", 0)):
-            value = getattr(self, name)
-            if isinstance(value, bool) or not isinstance(value, (int, np.integer)) or value < least:
-                raise DenseVSError(f"{name} is {value!r}; expected a whole number of at least {least}")
+            check_whole(name, getattr(self, name), least=least)
         for name in ("min_score", "memory"):
-            value = getattr(self, name)
-            if isinstance(value, bool) or not isinstance(value, (int, float, np.number)) or not 0 <= value < 1:
-                raise DenseVSError(f"{name} is {value!r}; expected a number from 0 to below 1")
+            check_number(name, getattr(self, name), least=0.0, below=1.0)
 
 
 class FewShotSegmenter:
     """Finds one object after having seen it in about ten annotated images.
 
     Args:
-        options: the fields of :class:`FewShotOptions`.
+        size, samples, min_area, min_score, memory, seed: see :class:`FewShotOptions`.
 
     Attributes:
+        options: what it was made with.
         score: predicted overlap of the last mask with the object, 0 where nothing was worth a mask.
 
     Raises:
-        DenseVSError: an option that is unknown or out of range.
+        DenseVSError: an option out of range.
     """
 
-    def __init__(self, **options: Any):
-        known = [field.name for field in fields(FewShotOptions)]
-        for name in options:
-            if name not in known:
-                raise DenseVSError(f"unknown option {name!r}; expected {', '.join(known)}")
-        self.options = FewShotOptions(**options)
+    def __init__(
+        self,
+        *,
+        size: int = 320,
+        samples: int = 1500,
+        min_area: int = 12,
+        min_score: float = 0.5,
+        memory: float = 0.3,
+        seed: int = 0,
+    ):
+        self.options = FewShotOptions(
+            size=size, samples=samples, min_area=min_area, min_score=min_score, memory=memory, seed=seed
+        )
         self._model: ObjectModel | None = None
         self.reset()
 
     def fit(self, images: Sequence[np.ndarray], masks: Sequence[np.ndarray]) -> "FewShotSegmenter":
-        """Learn the object; what was learnt before is forgotten.
+        """Learn the object; what was learned before is forgotten.
 
         Args:
             images: RGB uint8 ``(H, W, 3)``, of any sizes; the object from the sides and at the distances that it
@@ -95,7 +100,7 @@ class FewShotSegmenter:
 
         Raises:
             DenseVSError: no image, another number of masks, sizes that differ, no pixel of the object or of the
-                background at all, or scikit-learn is not installed; what was learnt before stays.
+                background at all, or scikit-learn is not installed; what was learned before stays.
         """
         options = self.options
         pairs = _checked_pairs(images, masks)
@@ -116,9 +121,9 @@ class FewShotSegmenter:
         """The object's mask, bool ``(H, W)``, in an RGB uint8 image ``(H, W, 3)``; all false where it is not found.
 
         Raises:
-            DenseVSError: not such an image, or nothing was learnt yet.
+            DenseVSError: not such an image, or nothing was learned yet.
         """
-        image, model = check_image(image), self._learnt()
+        image, model = check_image(image), self._learned()
         seen = see(self._reduced(image))
         found, score, _ = model.candidates(seen, self.options.min_area)
         gain = np.zeros(len(score))
@@ -136,8 +141,8 @@ class FewShotSegmenter:
         return mask
 
     def probability(self, image: np.ndarray) -> np.ndarray:
-        """Probability of the object (h, w) float32 by colour and texture alone, on the reduced image: to look at."""
-        model = self._learnt()
+        """Probability of the object (h, w) float32 by color and texture alone, on the reduced image: to look at."""
+        model = self._learned()
         seen = see(self._reduced(check_image(image)))
         likely = model.candidates(seen, self.options.min_area)[2]
         return likely[seen.pixels.labels].astype(np.float32)
@@ -148,12 +153,12 @@ class FewShotSegmenter:
         self.score = 0.0
 
     def save(self, path: str | os.PathLike[str]) -> None:
-        """Write options and what was learnt as ``.npz``, without pickle.
+        """Write options and what was learned as ``.npz``, without pickle.
 
         Raises:
-            DenseVSError: nothing was learnt, or the file cannot be written.
+            DenseVSError: nothing was learned, or the file cannot be written.
         """
-        model = self._learnt()
+        model = self._learned()
         header = {"format": FORMAT, "version": FORMAT_VERSION, "options": asdict(self.options)}
         arrays = {
             "words": model.words.table,
@@ -183,9 +188,9 @@ class FewShotSegmenter:
             segmenter = cls(**header["options"])
             examples, table = stored["examples"], stored["words"]
             if examples.ndim != 2 or table.shape != (32768,) or table.max() >= examples.shape[1]:
-                raise DenseVSError("its colour words do not fit together")
+                raise DenseVSError("its color words do not fit together")
             segmenter._model = ObjectModel(
-                ColourWords(examples.shape[1], table),
+                ColorWords(examples.shape[1], table),
                 examples,
                 DecisionForest.from_arrays(stored, "pixel"),
                 DecisionForest.from_arrays(stored, "region"),
@@ -195,9 +200,9 @@ class FewShotSegmenter:
             raise DenseVSError(f"cannot read {path} as {FORMAT}: {error}") from error
         return segmenter
 
-    def _learnt(self) -> ObjectModel:
+    def _learned(self) -> ObjectModel:
         if self._model is None:
-            raise DenseVSError("the segmenter has not learnt an object; call fit(images, masks) or load(path) first")
+            raise DenseVSError("the segmenter has not learned an object; call fit(images, masks) or load(path) first")
         return self._model
 
     def _reduced(self, image: np.ndarray) -> np.ndarray:

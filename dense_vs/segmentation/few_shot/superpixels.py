@@ -19,7 +19,7 @@ BLOB_CONTRAST = 0.03  # least difference of Gaussians of a blob, in Lab of 0 to 
 
 @dataclass(frozen=True)
 class Superpixels:
-    """n superpixels of an image (h, w), with p pairs of neighbours."""
+    """n superpixels of an image (h, w), with p pairs of neighbors."""
 
     labels: np.ndarray  # (h, w) int32, 0 .. n - 1
     members: sparse.csr_matrix  # (n, h w) ones: times pixels gives sums over superpixels
@@ -27,7 +27,7 @@ class Superpixels:
     first: np.ndarray  # (p,) lower index of the pair
     second: np.ndarray  # (p,) higher index
     length: np.ndarray  # (p,) length of the common border [px]
-    strength: np.ndarray  # (p,) colour gradient summed along it
+    strength: np.ndarray  # (p,) color gradient summed along it
     rim: np.ndarray  # (n,) pixels at the image's border
 
     @property
@@ -98,7 +98,7 @@ def _add_blobs(markers: np.ndarray, lab: np.ndarray) -> None:
 
 
 def _without_lines(markers: np.ndarray) -> np.ndarray:
-    """The watershed's dividing lines (-1) given to a neighbour."""
+    """The watershed's dividing lines (-1) given to a neighbor."""
     labels = np.maximum(markers, 0).astype(np.float32)  # exact below 2^24; OpenCV dilates no int32
     for _ in range(3):  # lines are one pixel wide, their crossings and the image's border two
         gaps = labels == 0
@@ -111,7 +111,7 @@ def _without_lines(markers: np.ndarray) -> np.ndarray:
 def _borders(
     labels: np.ndarray, gradient: np.ndarray, count: int
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Pairs of neighbours, the length of their common border, the gradient along it."""
+    """Pairs of neighbors, the length of their common border, the gradient along it."""
     one = np.concatenate([labels[:, :-1].ravel(), labels[:-1].ravel()])
     other = np.concatenate([labels[:, 1:].ravel(), labels[1:].ravel()])
     steep = np.concatenate(

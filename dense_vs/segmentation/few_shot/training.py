@@ -1,4 +1,4 @@
-"""What the few-shot segmenter learns from annotated images: a colour vocabulary, a forest for pixels, one for regions.
+"""What the few-shot segmenter learns from annotated images: a color vocabulary, a forest for pixels, one for regions.
 
 The second forest predicts how well a candidate region overlaps the object. It must learn with probabilities as
 unsure as new images will have, so each annotated image's come from a first forest that has not seen that image. What
@@ -20,7 +20,7 @@ from dense_vs.segmentation.few_shot.candidate_regions import (
     overlaps,
     see,
 )
-from dense_vs.segmentation.few_shot.color_words import ColourWords
+from dense_vs.segmentation.few_shot.color_words import ColorWords
 from dense_vs.segmentation.few_shot.decision_forest import DecisionForest
 
 WORDS = 18
@@ -38,8 +38,8 @@ GOOD_WEIGHT = 150.0  # of an image's good candidates together; a poor one has 1
 class ObjectModel:
     """What is known of an object."""
 
-    words: ColourWords
-    examples: np.ndarray  # (m, K) histograms of colour words, one an annotated image that shows the object
+    words: ColorWords
+    examples: np.ndarray  # (m, K) histograms of color words, one an annotated image that shows the object
     pixel_forest: DecisionForest  # probability of a pixel
     region_forest: DecisionForest  # overlap of a candidate region with the object
     expected_score: float  # median answer of such a forest for the best candidate of an image that it has not seen
@@ -118,7 +118,7 @@ def _draw_pixels(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Features of pixels drawn inside, around and anywhere outside the object, and which are inside.
 
-    As many of each image whatever the object's size, or the nearest view would be all that is learnt.
+    As many of each image whatever the object's size, or the nearest view would be all that is learned.
     """
     inside, outside = share > 0.75, share < 0.25
     around = outside & (cv2.dilate((share > 0.25).astype(np.uint8), np.ones((15, 15), np.uint8)) > 0)
@@ -135,19 +135,19 @@ def _draw_pixels(
 
 def _vocabulary(
     images: Sequence[np.ndarray], masks: Sequence[np.ndarray], rng: np.random.Generator, seed: int
-) -> ColourWords:
-    """Colour words from the same number of pixels of every image, inside and outside."""
-    colours: tuple[list, list] = ([], [])
+) -> ColorWords:
+    """Color words from the same number of pixels of every image, inside and outside."""
+    colors: tuple[list, list] = ([], [])
     for image, mask in zip(images, masks, strict=True):
-        for side, where in zip(colours, (mask > 0.5, mask <= 0.5), strict=True):
+        for side, where in zip(colors, (mask > 0.5, mask <= 0.5), strict=True):
             found = np.flatnonzero(where)
             if found.size:
                 side.append(image.reshape(-1, 3)[rng.choice(found, 500)])
-    return ColourWords.fit(np.concatenate(colours[0]), np.concatenate(colours[1]), words=WORDS, seed=seed)
+    return ColorWords.fit(np.concatenate(colors[0]), np.concatenate(colors[1]), words=WORDS, seed=seed)
 
 
-def _histogram(words: ColourWords, image: np.ndarray, mask: np.ndarray) -> np.ndarray | None:
-    """Normalised histogram (K,) of the object's colour words; None where it is not in the image."""
+def _histogram(words: ColorWords, image: np.ndarray, mask: np.ndarray) -> np.ndarray | None:
+    """Normalized histogram (K,) of the object's color words; None where it is not in the image."""
     inside = mask > 0.5
     if not inside.any():
         return None

@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING, Any
 import cv2
 import numpy as np
 
-from dense_vs.errors import DenseVSError
 from dense_vs.files import atomic_write
+from dense_vs.view.canvas import new_figure, save_figure
 from dense_vs.view.panels import GREEN, RED, WHITE, label, tile
 
 if TYPE_CHECKING:
@@ -98,8 +98,7 @@ def plot_leak(runs: Sequence["LeakRun"], methods: Mapping[str, str], path: Path)
     figure.legend(handles, titles, loc="outside lower center", ncols=len(titles), fontsize="small")
     for axis in axes:
         axis.grid(alpha=0.3)
-    with atomic_write(path) as stream:
-        figure.savefig(stream, format="png", dpi=110)
+    save_figure(figure, path)
 
 
 def write_image(path: Path, image: np.ndarray) -> None:
@@ -112,11 +111,5 @@ def write_image(path: Path, image: np.ndarray) -> None:
 
 
 def _figure(rows: int) -> tuple[Any, Any]:
-    try:
-        from matplotlib.backends.backend_agg import FigureCanvasAgg
-        from matplotlib.figure import Figure
-    except ImportError as error:
-        raise DenseVSError("plots need Matplotlib, which is not installed; pip install 'dense-vs[viz]'") from error
-    figure = Figure(figsize=(9, 6), layout="constrained")
-    FigureCanvasAgg(figure)
+    figure = new_figure(9, 6)
     return figure, figure.subplots(rows, 1, sharex=True)

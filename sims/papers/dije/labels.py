@@ -16,7 +16,6 @@ from dense_vs.sims.papers.rows import Row
 if TYPE_CHECKING:
     from dense_vs.sims.papers.dije.labeling import Labeller, View
 
-HELP = "Fig. 2: every stage of self-recognition as one picture"
 FLOW_SCALE = 4.0  # px at full brightness
 
 

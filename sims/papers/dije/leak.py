@@ -18,7 +18,6 @@ from dense_vs.sims.papers.rows import Row
 if TYPE_CHECKING:
     from dense_vs.sims.papers.dije.leak_run import LeakRun
 
-HELP = "Fig. 4: the label leaks into a walker, with (13), with (14) and by default"
 WARM_UP = 4.0  # s of learning before labels are scored
 SCORE_EVERY = 5  # frames
 TRANSPORT_FROM, TRANSPORT_FRAMES = 8.0, 100  # s; frames

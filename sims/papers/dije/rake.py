@@ -10,7 +10,6 @@ from dense_vs.sims.papers.dije.servo_run import ServoTask
 from dense_vs.sims.papers.dije.servo_task import add_task_arguments, run_task
 from dense_vs.sims.papers.rows import Row
 
-HELP = "Fig. 8: the tip of a rake held with both hands"
 TASK = ServoTask(
     figure="Fig. 8",
     robot="upper-body-rake",

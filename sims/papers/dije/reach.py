@@ -9,7 +9,6 @@ from dense_vs.sims.papers.dije.servo_run import ServoTask
 from dense_vs.sims.papers.dije.servo_task import add_task_arguments, run_task
 from dense_vs.sims.papers.rows import Row
 
-HELP = "Fig. 6, 7: reaching, with the point redefined from wrist to elbow"
 TASK = ServoTask(
     figure="Fig. 7",
     robot="upper-body",

@@ -5,9 +5,9 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from dense_vs.errors import DenseVSError
 from dense_vs.files import atomic_write
 from dense_vs.sims.papers.dije.servo_run import ServoTask, TaskRun
+from dense_vs.view.canvas import new_figure, save_figure
 from dense_vs.view.panels import RED, draw_point, label, tile, vectors_to_rgb
 
 _SCALE = 2  # of the camera images
@@ -52,18 +52,12 @@ def _jacobians(task: ServoTask, run: TaskRun) -> np.ndarray:
 
 def _over_time(task: ServoTask, run: TaskRun, path: Path) -> None:
     """Point and target over time, as Fig. 7 to 9, and the true distance between them."""
-    try:
-        from matplotlib.backends.backend_agg import FigureCanvasAgg
-        from matplotlib.figure import Figure
-    except ImportError as error:
-        raise DenseVSError("plots need Matplotlib, which is not installed; pip install 'dense-vs[viz]'") from error
     begin = run.reaches[0].path[0]
     times = np.array(run.trace.times[begin:])
     points, true, targets = (
         np.array(values[begin:]) for values in (run.trace.points, run.trace.true_points, run.trace.targets)
     )
-    figure = Figure(figsize=(9, 7.5), layout="constrained")
-    FigureCanvasAgg(figure)
+    figure = new_figure(9, 7.5)
     axes = figure.subplots(3, 1, sharex=True)
     for column, name in enumerate(("horizontal", "vertical")):
         axes[column].plot(times, points[:, column], color="tab:red", label="p_self")
@@ -87,8 +81,7 @@ def _over_time(task: ServoTask, run: TaskRun, path: Path) -> None:
         shown = reach.point
     for axis in axes:
         axis.grid(alpha=0.3)
-    with atomic_write(path) as stream:
-        figure.savefig(stream, format="png", dpi=110)
+    save_figure(figure, path)
 
 
 def _write(path: Path, image: np.ndarray) -> None:

@@ -9,7 +9,6 @@ from dense_vs.sims.papers.dije.servo_run import ServoTask
 from dense_vs.sims.papers.dije.servo_task import add_task_arguments, run_task
 from dense_vs.sims.papers.rows import Row
 
-HELP = "Fig. 9: the head of a vacuum cleaner, which rolls along one line"
 TASK = ServoTask(
     figure="Fig. 9",
     robot="upper-body-vacuum",

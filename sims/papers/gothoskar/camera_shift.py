@@ -1,21 +1,21 @@
 """Table 7: the norm of the gradients as a buffer of 50 fills with observations made after a camera was shifted.
 
-Gradients of the loss (6) by all parameters; their size is a matter of units and of the shift, which the paper does not
-give, so compare how they grow. Before the shift the buffer holds samples that were not learnt from: those that were
-give no gradient at the minimum. Beyond the table: after how many samples the camera is named, and false alarms.
+Gradients of the loss, Gothoskar (6), by all parameters; their size is a matter of units and of the shift, which the
+paper does not give, so compare how they grow. Before the shift the buffer holds samples that were not learned from:
+those that were give no gradient at the minimum. Beyond the table: after how many samples the camera is named, and false
+alarms.
 """
 
 import argparse
 
 import numpy as np
 
-from dense_vs.errors import DenseVSError
-from dense_vs.sims.papers.gothoskar.chart import draw_lines
-from dense_vs.sims.papers.gothoskar.protocol import add_protocol_arguments, trials
+from dense_vs.checks import check_whole
+from dense_vs.sims.papers.gothoskar.arm_trials import add_trial_arguments, trials
+from dense_vs.sims.papers.gothoskar.figures import draw_lines
 from dense_vs.sims.papers.rows import Row
 from dense_vs.view.progress import progress
 
-HELP = "Table 7: gradient norm when a camera is shifted; which camera, after how many samples"
 PAPER = (40.618, 945.384, 1788.127, 2666.490, 3404.664, 4287.491, 5127.693, 5930.182, 6762.114, 7630.604, 8403.353)
 BUFFER = 50
 
@@ -24,7 +24,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the experiment's arguments."""
     parser.add_argument("--metres", type=float, default=0.02, help="the shift of the camera (default: 0.02)")
     parser.add_argument("--radians", type=float, default=0.02, help="and its turn (default: 0.02)")
-    add_protocol_arguments(parser)
+    add_trial_arguments(parser)
 
 
 def run(arguments: argparse.Namespace) -> list[Row]:
@@ -34,8 +34,7 @@ def run(arguments: argparse.Namespace) -> list[Row]:
     from dense_vs.generative import GenerativeModel
     from dense_vs.sims.marked_arm.evidence import draw_joints, observe
 
-    if arguments.cameras < 2:
-        raise DenseVSError(f"--cameras is {arguments.cameras}; expected at least 2, so that one can stay")
+    check_whole("--cameras", arguments.cameras, least=2)  # so that one can stay
     runs = trials(arguments)
     norms = np.zeros((len(runs), len(PAPER)))
     named = np.full(len(runs), np.inf)

@@ -1,6 +1,6 @@
 """Fig. 12: grasping a block anywhere on a table with an arm whose joint controller is inaccurate.
 
-The arm is learnt from 50 postures by encoders and rendered images, the block's structure from 5 postures with the
+The arm is learned from 50 postures by encoders and rendered images, the block's structure from 5 postures with the
 block in the gripper. Each try puts the block elsewhere. As in the paper: 4 motions to where the hand stands off the
 block by a stretch factor of 1.4, one each to 1.3, 1.2, 1.1 and 1.0, then the gripper closes and the arm lifts. A try
 succeeds when the block then hangs in the gripper, by the simulator's truth. Contact and friction are simulated.
@@ -15,11 +15,11 @@ from typing import Any
 
 import numpy as np
 
+from dense_vs.checks import check_whole
 from dense_vs.errors import DenseVSError
 from dense_vs.sims.papers.rows import Row
 from dense_vs.view.progress import progress
 
-HELP = "Fig. 12: grasp a block with an inaccurate arm"
 FACTORS = (1.3, 1.2, 1.1, 1.0)
 FIRST_FACTOR, FIRST_ATTEMPTS = 1.4, 4
 LIFTED = 0.03  # m
@@ -32,7 +32,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def add_cell_arguments(parser: argparse.ArgumentParser) -> None:
-    """Which arm, how it was learnt and how it errs."""
+    """Which arm, how it was learned and how it errs."""
     parser.add_argument(
         "--arm", default="baxter", choices=("ur5", "baxter"), help="ur5 or baxter (default: baxter, as the paper)"
     )
@@ -51,16 +51,16 @@ def make_cell(arguments: argparse.Namespace, seed: int, *, peg: bool) -> Any:
     from dense_vs.device import resolve_threads
     from dense_vs.sims.workcell.cell import Inaccuracy, Workcell
 
-    if arguments.tries < 1 or arguments.samples < 1:
-        raise DenseVSError("--tries and --samples are whole numbers of at least 1")
+    check_whole("--tries", arguments.tries, least=1)
+    check_whole("--samples", arguments.samples, least=1)
     errs = Inaccuracy(independent=arguments.independent)
     return Workcell(arguments.arm, peg=peg, seed=seed, inaccuracy=errs, threads=resolve_threads(arguments.threads))
 
 
 def run(arguments: argparse.Namespace) -> list[Row]:
     """Run the experiment."""
-    from dense_vs.sims.papers.gothoskar.chart import draw_images
-    from dense_vs.sims.papers.gothoskar.hand_eye_work import learn_arm, learn_structure
+    from dense_vs.sims.papers.gothoskar.figures import draw_images
+    from dense_vs.sims.papers.gothoskar.guided_motion import learn_arm, learn_structure
     from dense_vs.sims.workcell.cell import PART_MARKERS
 
     rows, lifted, fit = [], [], []
@@ -89,14 +89,14 @@ def run(arguments: argparse.Namespace) -> list[Row]:
         rows.append(Row(f"{arguments.arm}: grasped of {arguments.tries}", None, float(successes), "", (seed,)))
     share = float(np.mean(lifted)) / arguments.tries
     rows.append(Row(f"{arguments.arm}: share grasped", None, share, "", tuple(arguments.seeds)))
-    rows.append(Row("error of the learnt arm, worst", None, float(np.max(fit)), "px", tuple(arguments.seeds)))
+    rows.append(Row("error of the learned arm, worst", None, float(np.max(fit)), "px", tuple(arguments.seeds)))
     return rows
 
 
 def grasp(guide: Any, structure: np.ndarray, rng: np.random.Generator, frames: list | None = None) -> bool:
     """One try with the block in a new place; whether it hangs in the gripper at the end, by the truth."""
-    from dense_vs.sims.papers.gothoskar.chart import close_up
-    from dense_vs.sims.papers.gothoskar.hand_eye_work import approach, average_sight, joints_for, stand_off
+    from dense_vs.sims.papers.gothoskar.figures import close_up
+    from dense_vs.sims.papers.gothoskar.guided_motion import approach, average_sight, joints_for, stand_off
     from dense_vs.sims.workcell.cell import PART_MARKERS
 
     cell = guide.cell
@@ -126,5 +126,9 @@ def grasp(guide: Any, structure: np.ndarray, rng: np.random.Generator, frames: l
         shoot()
     except DenseVSError:  # something needed was not seen
         return False
-    raised = cell.true_part_position() - before
-    return bool(raised[2] > LIFTED and np.linalg.norm(cell.true_part_in_hand()) < LIFTED)
+    return is_grasped(cell.true_part_position() - before, cell.true_part_in_hand())
+
+
+def is_grasped(raised: np.ndarray, in_hand: np.ndarray) -> bool:
+    """Whether a block moved by ``raised`` (3,) [m], now ``in_hand`` (3,) [m] from the fingers' middle, hangs there."""
+    return bool(raised[2] > LIFTED and np.linalg.norm(in_hand) < LIFTED)

@@ -1,9 +1,9 @@
 """Fig. 13: inserting a held peg of 24 mm into a hole of 25 mm with an arm whose joint controller is inaccurate.
 
-The arm is learnt as for grasping. Part and fixture are learnt from 5 postures each with the fixture held onto the peg;
-the target is marked by two markers beside the hole. In each try the part lies otherwise in the gripper (up to 3 mm and
-3 degrees), is learnt anew from 5 postures, and the fixture stands elsewhere. Nothing is chamfered. A try succeeds when
-at least 35 of the peg's 40 mm are in the hole, by the simulator's truth. The arm's errors are those of ``grasp``.
+The arm is learned as for grasping. Part and fixture are learned from 5 postures each with the fixture held onto the
+peg; the target is marked by two markers beside the hole. In each try the part lies otherwise in the gripper (up to 3 mm
+and 3 degrees), is relearned from 5 postures, and the fixture stands elsewhere. Nothing is chamfered. A try succeeds
+when at least 35 of the peg's 40 mm are in the hole, by the simulator's truth. The arm's errors are those of ``grasp``.
 
 The hand comes down along the part's sides, which its markers show, as the stretch factor falls. Before the peg enters,
 motions are repeated while the hand's corners are seen off their place; inside, two to four motions a factor.
@@ -19,7 +19,6 @@ from dense_vs.sims.papers.gothoskar.grasp import add_cell_arguments, make_cell
 from dense_vs.sims.papers.rows import Row
 from dense_vs.view.progress import progress
 
-HELP = "Fig. 13: insert a peg with 1 mm clearance with an inaccurate arm"
 # Stretch factors and motions at most. The peg's end is level with the hole's edge at a factor of 1.284. There the steps
 # are short, as a motion errs by a share of its length: one of 3.5 mm may end 1 mm to the side.
 ABOVE = ((1.4, 4), (1.32, 8), (1.295, 8), (1.289, 6))
@@ -41,8 +40,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> list[Row]:
     """Run the experiment."""
-    from dense_vs.sims.papers.gothoskar.chart import draw_images
-    from dense_vs.sims.papers.gothoskar.hand_eye_work import learn_arm, learn_structure
+    from dense_vs.sims.papers.gothoskar.figures import draw_images
+    from dense_vs.sims.papers.gothoskar.guided_motion import learn_arm, learn_structure
     from dense_vs.sims.workcell.cell import FIXTURE_MARKERS, PART_MARKERS
 
     seeds = tuple(arguments.seeds)
@@ -66,7 +65,7 @@ def run(arguments: argparse.Namespace) -> list[Row]:
             for number in range(arguments.tries):
                 frames = [] if seed == seeds[0] and number == 0 else None
                 depths.append(insert(guide, part, fixture, rng, frames))
-                successes = sum(depth >= INSERTED for depth in depths[-number - 1 :])
+                successes += is_inserted(depths[-1])
                 bar.set_description(f"seed {seed}: {successes} of {number + 1} inserted")
                 bar.update()
                 if frames:
@@ -86,8 +85,8 @@ def insert(
     guide: Any, part: np.ndarray, fixture: np.ndarray, rng: np.random.Generator, frames: list | None = None
 ) -> float:
     """One try with part and fixture in new places; the depth [m] that the peg ends at, by the truth."""
-    from dense_vs.sims.papers.gothoskar.chart import close_up
-    from dense_vs.sims.papers.gothoskar.hand_eye_work import (
+    from dense_vs.sims.papers.gothoskar.figures import close_up
+    from dense_vs.sims.papers.gothoskar.guided_motion import (
         approach,
         average_sight,
         joints_for,
@@ -128,6 +127,11 @@ def insert(
     except DenseVSError:  # something needed was not seen
         return 0.0
     return cell.true_insertion_depth()
+
+
+def is_inserted(depth: float) -> bool:
+    """Whether the peg's end is deep [m] enough in the hole to count."""
+    return depth >= INSERTED
 
 
 def sides(part: np.ndarray) -> np.ndarray:

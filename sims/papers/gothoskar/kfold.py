@@ -7,12 +7,12 @@ import argparse
 
 import numpy as np
 
-from dense_vs.sims.papers.gothoskar.chart import draw_bars
-from dense_vs.sims.papers.gothoskar.protocol import add_protocol_arguments, held_out_error, spread_rows, trials
+from dense_vs.sims.papers.gothoskar.arm_trials import add_trial_arguments, trials
+from dense_vs.sims.papers.gothoskar.figures import draw_bars
+from dense_vs.sims.papers.gothoskar.scores import held_out_error, spread_rows
 from dense_vs.sims.papers.rows import Row
 from dense_vs.view.progress import progress
 
-HELP = "Table 4: k-fold cross validation"
 PAPER = {2: (0.5600, 0.0205), 3: (0.5502, 0.0417), 4: (0.5577, 0.0663), 5: (0.6368, 0.2268), 6: (0.5445, 0.0667)}
 
 
@@ -20,7 +20,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the experiment's arguments."""
     parser.add_argument("--samples", type=int, default=200, help="of the data set (default: 200)")
     parser.add_argument("--folds", type=int, nargs="+", default=list(PAPER), metavar="K", help="default: 2 3 4 5 6")
-    add_protocol_arguments(parser)
+    add_trial_arguments(parser)
 
 
 def run(arguments: argparse.Namespace) -> list[Row]:

@@ -1,8 +1,8 @@
-"""Fig. 10 and 11: learning from the actions sent to a noisy controller and images alone, then servoing with it.
+"""Figs. 10 and 11: learning from the actions sent to a noisy controller and images alone, then servoing with it.
 
 The state is never read, neither for learning (50 samples) nor for servoing. Fig. 10: a Cartesian controller, noise in m
-and rad. Fig. 11: a joint controller, noise in rad. Both laws of sims/generative/noise.py: with independent noise on
-every move, the paper's, no servo can end below what one move's noise makes, and that floor is given beside.
+and rad. Fig. 11: a joint controller, noise in rad. Both laws of ``sims/marked_arm/noise.py`` are run. With independent
+noise on every move, the paper's law, no servo can end closer than one move's noise allows; that floor is given too.
 
 The joint model's own error is that on exact pixels of other postures, once its joints' constant offsets, which actions
 leave open, are taken out. Beside it stand that of a model which takes the actions for exact, and under independent
@@ -15,14 +15,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from dense_vs.sims.papers.gothoskar.chart import draw_lines
-from dense_vs.sims.papers.gothoskar.protocol import (
-    TEST_SAMPLES,
-    Trial,
-    add_protocol_arguments,
-    pixel_error,
-    trials,
-)
+from dense_vs.sims.papers.gothoskar.arm_trials import TEST_SAMPLES, Trial, add_trial_arguments, trials
+from dense_vs.sims.papers.gothoskar.figures import draw_lines
+from dense_vs.sims.papers.gothoskar.scores import pixel_error
 from dense_vs.sims.papers.rows import Row
 from dense_vs.view.progress import progress
 
@@ -31,7 +26,6 @@ if TYPE_CHECKING:
     from dense_vs.sims.marked_arm.evidence import Evidence
     from dense_vs.sims.marked_arm.noise import NoisyController
 
-HELP = "Fig. 10, 11: learn from actions of a noisy controller, joint or Cartesian, and servo with it"
 CONTROLLERS = {"cartesian": "Fig. 10", "joint": "Fig. 11"}
 # Fig. 10 in words: "pixel accuracy" at 0.01, "approximately 5 pixel accuracy" at 0.02.
 PAPER_FINAL_PX = {("cartesian", 0.02): 5.0}
@@ -48,7 +42,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--controller", nargs="+", default=list(CONTROLLERS), choices=list(CONTROLLERS), help="default: both"
     )
-    add_protocol_arguments(parser)
+    add_trial_arguments(parser)
 
 
 def run(arguments: argparse.Namespace) -> list[Row]:
@@ -73,7 +67,7 @@ def run(arguments: argparse.Namespace) -> list[Row]:
                 draw_lines(
                     arguments.out / f"{controller}_{law}.png",
                     {f"noise {name}": (moves, np.median(table, axis=0)[None]) for name, table in curves.items()},
-                    title=f"{controller} controller, noise {law}, learnt from actions ({CONTROLLERS[controller]})",
+                    title=f"{controller} controller, noise {law}, learned from actions ({CONTROLLERS[controller]})",
                     x_label="servo moves",
                     y_label="true pixel error, median [px]",
                 )
@@ -87,7 +81,7 @@ class _Servo:
     errors: np.ndarray  # (targets, moves + 1)
     floor: float  # that a perfect move leaves
     model: float = np.nan
-    unmodelled: float = np.nan
+    unmodeled: float = np.nan
     perfect: float = np.nan
 
 
@@ -96,7 +90,7 @@ def _servo(trial: Trial, controller: str, law: str, sigma: float, arguments: arg
     from dense_vs.sims.marked_arm.cramer_rao import cramer_rao
     from dense_vs.sims.marked_arm.evidence import act, act_cartesian
     from dense_vs.sims.marked_arm.noise import NoisyController
-    from dense_vs.sims.papers.gothoskar.servoing import (
+    from dense_vs.sims.papers.gothoskar.servo_runs import (
         cartesian_tasks,
         joint_tasks,
         servo_model,
@@ -112,26 +106,26 @@ def _servo(trial: Trial, controller: str, law: str, sigma: float, arguments: arg
         tasks = cartesian_tasks(arm, arguments.targets, rng)
         errors = servo_model_cartesian(model, arm, tasks, arguments.moves, rng, noisy)
         return _Servo(errors, _floor(trial, noisy, controller, rng))
-    learnt_from = act(arm, arguments.samples, noisy, rng, trial.postures)
-    model = GenerativeModel.fit(learnt_from.observations, state="actions", seed=trial.seed)
+    learned_from = act(arm, arguments.samples, noisy, rng, trial.postures)
+    model = GenerativeModel.fit(learned_from.observations, state="actions", seed=trial.seed)
     tasks = joint_tasks(arm, arguments.targets, rng, trial.postures)
     errors = servo_model(model, arm, tasks, arguments.moves, rng, noisy, None)
     held_out = trial.evidence(TEST_SAMPLES, 1)
-    done = _Servo(errors, _floor(trial, noisy, controller, rng), _aligned_error(model, learnt_from, held_out))
-    added = np.cumsum(learnt_from.observations.actions, axis=0)
-    believed = replace(learnt_from.observations, joints=np.concatenate([np.zeros((1, added.shape[1])), added]))
-    done.unmodelled = _aligned_error(GenerativeModel.fit(believed, seed=trial.seed), learnt_from, held_out)
+    done = _Servo(errors, _floor(trial, noisy, controller, rng), _aligned_error(model, learned_from, held_out))
+    added = np.cumsum(learned_from.observations.actions, axis=0)
+    believed = replace(learned_from.observations, joints=np.concatenate([np.zeros((1, added.shape[1])), added]))
+    done.unmodeled = _aligned_error(GenerativeModel.fit(believed, seed=trial.seed), learned_from, held_out)
     if law == "independent" and sigma > 0:
-        perfect = cramer_rao(learnt_from, held_out, trial.rng(4), state="actions", sigma=sigma)
+        perfect = cramer_rao(learned_from, held_out, trial.rng(4), state="actions", sigma=sigma)
         done.perfect = float(np.mean(perfect.exact))
     return done
 
 
-def _aligned_error(model: "GenerativeModel", learnt_from: "Evidence", held_out: "Evidence") -> float:
+def _aligned_error(model: "GenerativeModel", learned_from: "Evidence", held_out: "Evidence") -> float:
     """Error [px] on exact postures and pixels, the mean offset of each joint from the true one taken out."""
-    assert learnt_from.truth.joints is not None
+    assert learned_from.truth.joints is not None
     assert held_out.truth.joints is not None
-    offset = np.mean(learnt_from.truth.joints - model.postures, axis=0)
+    offset = np.mean(learned_from.truth.joints - model.postures, axis=0)
     return pixel_error(model.pixels(held_out.truth.joints - offset), held_out.truth.pixels)
 
 
@@ -152,7 +146,7 @@ def _floor(trial: Trial, noisy: "NoisyController", controller: str, rng: np.rand
 
 
 def _rows(controller: str, law: str, sigma: float, done: list[_Servo], seeds: tuple[int, ...]) -> list[Row]:
-    from dense_vs.sims.papers.gothoskar.servoing import moves_needed
+    from dense_vs.sims.papers.gothoskar.servo_runs import moves_needed
 
     errors = np.concatenate([servo.errors for servo in done])
     needed = moves_needed(errors)
@@ -166,7 +160,7 @@ def _rows(controller: str, law: str, sigma: float, done: list[_Servo], seeds: tu
     if controller == "joint":
         for name, values in (
             ("", [servo.model for servo in done]),
-            (" that takes actions for exact", [servo.unmodelled for servo in done]),
+            (" that takes actions for exact", [servo.unmodeled for servo in done]),
             (", bound (Cramer-Rao)", [servo.perfect for servo in done]),
         ):
             if np.isfinite(values).all():

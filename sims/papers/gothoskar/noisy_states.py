@@ -1,9 +1,9 @@
-"""Table 8: joint readings with noise of 0.01 to 0.03 rad, learnt with and without a model of that noise.
+"""Table 8: joint readings with noise of 0.01 to 0.03 rad, learned with and without a model of that noise.
 
 Noise law: every reading is off by N(0, sigma) in every joint, independently. Training on noisy readings; test postures
 are exact, as in the paper. Lambda is the variance of the pixels over that of the joints, both estimated by the fit.
-How large an arm is in its images decides how many pixels a radian is: so the error that the readings alone would make
-with a perfect model stands beside, and the Cramer-Rao bound, the error of a perfect fit to the same samples.
+How many pixels a radian moves a feature depends on the arm's size in the images. So two more errors are given: that of
+the readings alone with a perfect model, and the Cramer-Rao bound, the error of a perfect fit to the same samples.
 
 Beyond the table, as the paper has it in words: readings of the hand's pose, off by N(0, sigma) in m and in rad.
 """
@@ -13,24 +13,15 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from dense_vs.sims.papers.gothoskar.chart import draw_lines
-from dense_vs.sims.papers.gothoskar.protocol import (
-    TEST_SAMPLES,
-    Trial,
-    add_protocol_arguments,
-    bound_rows,
-    pixel_error,
-    reading_error,
-    spread_rows,
-    trials,
-)
+from dense_vs.sims.papers.gothoskar.arm_trials import TEST_SAMPLES, Trial, add_trial_arguments, trials
+from dense_vs.sims.papers.gothoskar.figures import draw_lines
+from dense_vs.sims.papers.gothoskar.scores import bound_rows, pixel_error, reading_error, spread_rows
 from dense_vs.sims.papers.rows import Row
 from dense_vs.view.progress import progress
 
 if TYPE_CHECKING:
     from dense_vs.sims.marked_arm.evidence import Evidence
 
-HELP = "Table 8: noisy readings of joints or poses, with and without a model of the noise"
 PAPER = {
     (0.01, "observed"): (1.715, 0.086),
     (0.01, "noisy"): (1.394, 0.109),
@@ -40,7 +31,7 @@ PAPER = {
     (0.03, "noisy"): (4.434, 0.635),
 }
 READINGS = {"joint": "rad", "cartesian": "m and rad"}  # what is read of the state, in which unit
-NAMES = {"observed": "noise not modelled", "noisy": "noise modelled"}
+NAMES = {"observed": "noise not modeled", "noisy": "noise modeled"}
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -56,7 +47,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         choices=list(READINGS),
         help="default: both",
     )
-    add_protocol_arguments(parser)
+    add_trial_arguments(parser)
 
 
 def run(arguments: argparse.Namespace) -> list[Row]:
@@ -97,11 +88,13 @@ def run(arguments: argparse.Namespace) -> list[Row]:
 
 
 def _error(trial: Trial, controller: str, state: str, sigma: float, samples: int, held_out: "Evidence") -> float:
-    """Error [px] on exact postures of a model learnt from noisy readings."""
+    """Error [px] on exact postures of a model learned from noisy readings."""
     from dense_vs.generative import GenerativeModel
 
-    noise = {"joint_noise": sigma} if controller == "joint" else {"pose_noise": sigma}
-    observations = trial.evidence(samples, 0, **noise).observations
+    if controller == "joint":
+        observations = trial.evidence(samples, joint_noise=sigma).observations
+    else:
+        observations = trial.evidence(samples, pose_noise=sigma).observations
     model = GenerativeModel.fit(observations, state=state, controller=controller, seed=trial.seed)
     exact = held_out.truth.joints if controller == "joint" else held_out.truth.poses
     return pixel_error(model.pixels(exact), held_out.observations.pixels)

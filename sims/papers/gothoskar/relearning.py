@@ -1,10 +1,11 @@
-"""Fig. 4 to 7: a part of a learnt model learnt anew from few samples, the rest kept.
+"""Figs. 4 to 7: one part of a learned model relearned from few samples, the rest kept.
 
 Fig. 4: one of two cameras was moved elsewhere, or a third was added. Fig. 5: the hand carries other features. Fig. 6:
-the base was moved by centimetres and degrees. Fig. 7: the kinematics are learnt again. The error is that on 100 samples
-of the new setup that were not learnt from; of a new structure, over the features that the samples showed. The paper's
-figures are drawn only, so no numbers stand beside. A sample counts for a camera if that camera sees 4 features in it;
-beside its errors stands the Cramer-Rao bound, what a perfect fit of its pose to the same samples would have.
+the base was moved by centimeters and degrees. Fig. 7: the kinematics are learned again. The error is that on 100
+samples of the new setup that were not learned from; of a new structure, over the features that the samples showed.
+The paper only draws its figures, so it gives no numbers to compare with. A sample counts for a camera if that camera
+sees 4 features in it; beside its errors stands the Cramer-Rao bound, what a perfect fit of its pose to the same samples
+would have.
 """
 
 import argparse
@@ -15,17 +16,9 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from dense_vs.errors import DenseVSError
-from dense_vs.sims.papers.gothoskar.chart import draw_lines
-from dense_vs.sims.papers.gothoskar.protocol import (
-    TEST_SAMPLES,
-    Trial,
-    add_protocol_arguments,
-    bound_rows,
-    pixel_error,
-    share_rows,
-    spread_rows,
-    trials,
-)
+from dense_vs.sims.papers.gothoskar.arm_trials import TEST_SAMPLES, Trial, add_trial_arguments, trials
+from dense_vs.sims.papers.gothoskar.figures import draw_lines
+from dense_vs.sims.papers.gothoskar.scores import bound_rows, pixel_error, share_rows, spread_rows
 from dense_vs.sims.papers.rows import Row
 from dense_vs.view.progress import progress
 
@@ -33,7 +26,6 @@ if TYPE_CHECKING:
     from dense_vs.generative import GenerativeModel, Observations
     from dense_vs.sims.marked_arm.evidence import Evidence
 
-HELP = "Fig. 4-7: relearn a camera, the structure, the base or the kinematics from few samples"
 PARTS = {
     "moved camera": "camera:1",
     "added camera": "camera:2",
@@ -56,7 +48,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="T",
         help="samples of the new setup (default: 2 3 4 5 7 10 15 20 30)",
     )
-    add_protocol_arguments(parser)
+    add_trial_arguments(parser)
 
 
 def run(arguments: argparse.Namespace) -> list[Row]:
@@ -75,7 +67,7 @@ def run(arguments: argparse.Namespace) -> list[Row]:
             model = GenerativeModel.fit(observations, seed=trial.seed)
             for p, part in enumerate(PARTS):
                 seen, held_out = new_setup(trial, part, observations.intrinsics[:, :4], max(counts))
-                errors[p, r] = relearnt_errors(model, part, seen.observations, held_out.observations, counts)
+                errors[p, r] = relearned_errors(model, part, seen.observations, held_out.observations, counts)
                 for samples in counts if part in CAMERAS else ():
                     bound = cramer_rao(seen.first(samples), held_out, trial.rng(4), camera=CAMERAS[part]).noisy
                     perfect.setdefault((part, samples), []).append(bound)
@@ -96,7 +88,7 @@ def run(arguments: argparse.Namespace) -> list[Row]:
     draw_lines(
         arguments.out / "relearning.png",
         {part: (counts, errors[p]) for p, part in enumerate(PARTS)},
-        title=f"Parts learnt anew (Fig. 4-7), median and range over {len(runs)} models",
+        title=f"Parts relearned (Figs. 4-7), median and range over {len(runs)} models",
         x_label="samples of the new setup",
         y_label="error on other samples of it [px]",
         levels={"noise of the pixels": 0.627},
@@ -123,7 +115,7 @@ def new_setup(trial: Trial, part: str, intrinsics: np.ndarray, samples: int) -> 
     return seen, observe(arm, draw_joints(arm, TEST_SAMPLES, rng, trial.postures), rng, intrinsics=intrinsics)
 
 
-def relearnt_errors(
+def relearned_errors(
     model: "GenerativeModel", part: str, seen: "Observations", held_out: "Observations", counts: list[int]
 ) -> list[float]:
     """Error [px] after relearning from each number of samples; infinite where the samples were refused."""

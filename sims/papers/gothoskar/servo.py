@@ -1,20 +1,19 @@
-"""Fig. 8 and 9: pixel error against servo moves, the learnt model against classical IBVS with the true Jacobian.
+"""Fig. 8 and 9: pixel error against servo moves, the learned model against classical IBVS with the true Jacobian.
 
 Classical IBVS is given the true kinematics, cameras and depths, and is shown at every gain asked for, as its speed is a
 matter of gain. The model is given 50 samples. In Fig. 9 joint readings and actions have noise of --sigma, under both
-laws of sims/generative/noise.py: independent on every move, as the paper, and proportional to the move.
+laws of ``sims/marked_arm/noise.py``: independent on every move, as the paper, and proportional to the move.
 """
 
 import argparse
 
 import numpy as np
 
-from dense_vs.sims.papers.gothoskar.chart import draw_lines
-from dense_vs.sims.papers.gothoskar.protocol import Trial, add_protocol_arguments, trials
+from dense_vs.sims.papers.gothoskar.arm_trials import Trial, add_trial_arguments, trials
+from dense_vs.sims.papers.gothoskar.figures import draw_lines
 from dense_vs.sims.papers.rows import Row
 from dense_vs.view.progress import progress
 
-HELP = "Fig. 8, 9: servo moves against classical IBVS with the true Jacobian, over its gains"
 LAWS = ("exact", "independent", "proportional")
 
 
@@ -29,7 +28,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--sigma", type=float, default=0.02, help="noise of joint readings and actions in Fig. 9 [rad] (default: 0.02)"
     )
-    add_protocol_arguments(parser)
+    add_trial_arguments(parser)
 
 
 def run(arguments: argparse.Namespace) -> list[Row]:
@@ -60,7 +59,7 @@ def run(arguments: argparse.Namespace) -> list[Row]:
 def _curves(trial: Trial, law: str, arguments: argparse.Namespace, bar) -> list[tuple[str, np.ndarray]]:
     from dense_vs.generative import GenerativeModel
     from dense_vs.sims.marked_arm.noise import NoisyController
-    from dense_vs.sims.papers.gothoskar.servoing import joint_tasks, servo_ibvs, servo_model
+    from dense_vs.sims.papers.gothoskar.servo_runs import joint_tasks, servo_ibvs, servo_model
 
     sigma = 0.0 if law == "exact" else arguments.sigma
     arm, rng = trial.observed_arm(), trial.rng(40 + LAWS.index(law))
@@ -81,7 +80,7 @@ def _curves(trial: Trial, law: str, arguments: argparse.Namespace, bar) -> list[
 
 
 def _rows(law: str, tables: dict[str, np.ndarray], arguments: argparse.Namespace) -> list[Row]:
-    from dense_vs.sims.papers.gothoskar.servoing import moves_needed
+    from dense_vs.sims.papers.gothoskar.servo_runs import moves_needed
 
     noise = law if law == "exact" else f"{law} noise {arguments.sigma:g}"
     seeds, rows = tuple(arguments.seeds), []

@@ -2,10 +2,10 @@
 
 Table 6: a model of two cameras infers joints from the images of both or of one; the reprojection error is that of the
 model's pixels at the inferred joints in both cameras, also in the one that was not used. Joints are inferred without
-any reading, as in the paper; seven joints are not unique, so there only the reprojection can be right. How well one
-image tells the depth of a hand is a matter of its size there, so beside stand the errors of perfect inference with a
-perfect model (Cramer-Rao), and the reprojection in the camera that was used. Learning: models of the first camera
-alone.
+any reading, as in the paper; for seven joints they are not unique, so only the reprojection can be right. How well one
+image determines the hand's depth depends on the hand's size in it, so two more errors are given: that of perfect
+inference with a perfect model (Cramer-Rao), and the reprojection in the camera that was used. Learning: models of the
+first camera alone.
 """
 
 import argparse
@@ -14,15 +14,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from dense_vs.sims.papers.gothoskar.chart import draw_bars
-from dense_vs.sims.papers.gothoskar.protocol import (
-    TEST_SAMPLES,
-    Trial,
-    add_protocol_arguments,
-    pixel_error,
-    spread_rows,
-    trials,
-)
+from dense_vs.sims.papers.gothoskar.arm_trials import TEST_SAMPLES, Trial, add_trial_arguments, trials
+from dense_vs.sims.papers.gothoskar.figures import draw_bars
+from dense_vs.sims.papers.gothoskar.scores import pixel_error, spread_rows
 from dense_vs.sims.papers.rows import Row
 from dense_vs.view.progress import progress
 
@@ -30,14 +24,13 @@ if TYPE_CHECKING:
     from dense_vs.generative import GenerativeModel
     from dense_vs.sims.marked_arm.evidence import Evidence
 
-HELP = "Table 6: inference from both images or one; learning from one camera"
 PAPER = {
     "both cameras: joints": (0.0536, 0.0134),
     "one camera: joints": (0.0519, 0.0095),
     "both cameras: reprojection": (1.1441, 0.1450),
     "one camera: reprojection": (1.6608, 0.2262),
 }
-PAPER_LEARNT = (1.231, 0.705)  # real robot, initialised by structure from motion
+PAPER_LEARNED = (1.231, 0.705)  # real robot, initialized by structure from motion
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -51,7 +44,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="T",
         help="samples of one camera (default: 20 30 50)",
     )
-    add_protocol_arguments(parser)
+    add_trial_arguments(parser)
 
 
 def run(arguments: argparse.Namespace) -> list[Row]:
@@ -60,17 +53,17 @@ def run(arguments: argparse.Namespace) -> list[Row]:
 
     runs = trials(arguments)
     found: dict[str, dict[str, list[np.ndarray]]] = {arm: {} for arm in arguments.arm}
-    learnt: dict[int, list[float]] = {samples: [] for samples in arguments.learn_from}
-    with progress("models", len(runs) * (1 + len(learnt)), "model") as bar:
+    learned: dict[int, list[float]] = {samples: [] for samples in arguments.learn_from}
+    with progress("models", len(runs) * (1 + len(learned)), "model") as bar:
         for trial in runs:
-            seen = trial.evidence(max([arguments.samples, *learnt])).observations
+            seen = trial.evidence(max([arguments.samples, *learned])).observations
             model = GenerativeModel.fit(seen[: arguments.samples], seed=trial.seed)
             held_out = trial.evidence(TEST_SAMPLES, 1)
             errors_by_name = _inferred(model, held_out) | _perfect(trial, held_out)
             for name, values in errors_by_name.items():
                 found[trial.arm].setdefault(name, []).append(values)
             bar.update()
-            for samples, errors in learnt.items():
+            for samples, errors in learned.items():
                 few = seen[:samples]
                 one = replace(
                     few, pixels=few.pixels[:, :1], image_sizes=few.image_sizes[:1], intrinsics=few.intrinsics[:1]
@@ -92,9 +85,9 @@ def run(arguments: argparse.Namespace) -> list[Row]:
         bars[f"{arm}, perfect, mean"] = [
             float(np.mean(np.concatenate(figures.get(f"{name}, perfect", [np.array([np.nan])])))) for name in PAPER
         ]
-    for samples, errors in learnt.items():
-        paper = PAPER_LEARNT if samples == 50 else (None, None)
-        rows += spread_rows(f"learnt from one camera, {samples} samples", paper, errors, "px", arguments.seeds)
+    for samples, errors in learned.items():
+        paper = PAPER_LEARNED if samples == 50 else (None, None)
+        rows += spread_rows(f"learned from one camera, {samples} samples", paper, errors, "px", arguments.seeds)
     title = f"Inference from both images or one (Table 6), {TEST_SAMPLES} images a model"
     draw_bars(arguments.out / "single_camera.png", list(PAPER), bars, title=title, y_label="rad or px")
     return rows

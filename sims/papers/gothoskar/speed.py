@@ -1,7 +1,8 @@
 """Table 3: time of queries with 2 cameras, 12 features and the 6 joints of the UR5.
 
-Medians of wall time in this process, on what else the machine does; profiling/generative.py compares implementations.
-The paper does not say how many samples its gradients stand on; ours are residuals and Jacobian of T = 50.
+Medians of wall time in this process, which other work on the machine lengthens; profiling/generative.py compares
+implementations. The paper does not say over how many samples it takes its gradients; ours are residuals and Jacobian of
+T = 50.
 """
 
 import argparse
@@ -10,13 +11,12 @@ from collections.abc import Callable
 
 import numpy as np
 
-from dense_vs.errors import DenseVSError
-from dense_vs.sims.papers.gothoskar.chart import draw_bars
-from dense_vs.sims.papers.gothoskar.protocol import Trial
+from dense_vs.checks import check_whole
+from dense_vs.sims.papers.gothoskar.arm_trials import Trial
+from dense_vs.sims.papers.gothoskar.figures import draw_bars
 from dense_vs.sims.papers.rows import Row
 from dense_vs.view.progress import progress
 
-HELP = "Table 3: time of queries"
 PAPER = {
     "forward kinematics": 1.27,
     "forward cameras and features": 1.43,
@@ -38,8 +38,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> list[Row]:
     """Run the experiment."""
-    if arguments.repeats < 1:
-        raise DenseVSError(f"--repeats is {arguments.repeats}; expected a whole number of at least 1")
+    check_whole("--repeats", arguments.repeats, least=1)
     times: dict[str, list[float]] = {name: [] for name in PAPER}
     with progress("queries", len(PAPER) * len(arguments.seeds), "query") as bar:
         for seed in arguments.seeds:
@@ -61,10 +60,9 @@ def run(arguments: argparse.Namespace) -> list[Row]:
 
 def _queries(seed: int) -> dict[str, Callable[[], object]]:
     from dense_vs.generative import GenerativeModel
-    from dense_vs.generative.inference.joint_inference import project_points
     from dense_vs.generative.learning.end_to_end import all_shared
-    from dense_vs.generative.least_squares.parameters import link_poses
     from dense_vs.generative.least_squares.pixel_problem import PixelProblem, State
+    from dense_vs.generative.prediction import link_poses, project_points
 
     trial = Trial("ur5", seed, 2, "normal")
     observations = trial.evidence(50).observations

@@ -1,4 +1,4 @@
-"""Tables 1 and 2: what learning end to end brings, and what comes of leaving out stages before it.
+"""Tables 1 and 2: what learning end to end gains, and what is lost without the stages before it.
 
 Table 1: errors of the stages composed, before and after learning end to end; the paper's numbers are its loss, which
 with noise of half a pixel is about the mean squared distance, so that is given beside the mean distance. Table 2: all
@@ -12,15 +12,15 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from dense_vs.sims.papers.gothoskar.chart import draw_bars
-from dense_vs.sims.papers.gothoskar.protocol import Trial, add_protocol_arguments, pixel_error, trials
+from dense_vs.sims.papers.gothoskar.arm_trials import Trial, add_trial_arguments, trials
+from dense_vs.sims.papers.gothoskar.figures import draw_bars
+from dense_vs.sims.papers.gothoskar.scores import pixel_error
 from dense_vs.sims.papers.rows import Row
 from dense_vs.view.progress import progress
 
 if TYPE_CHECKING:
     from dense_vs.generative import Observations
 
-HELP = "Tables 1, 2: before and after learning end to end; orders of the stages"
 PAPER_BEFORE, PAPER_AFTER = 414.21, 0.47
 PAPER_ALL, PAPER_CAMERA_ALL = 549.4, 27077.9
 STARTS = 100
@@ -30,7 +30,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the experiment's arguments."""
     parser.add_argument("--samples", type=int, default=50, help="training samples (default: 50)")
     parser.add_argument("--published", action="store_true", help="also the L-BFGS stages of the paper")
-    add_protocol_arguments(parser)
+    add_trial_arguments(parser)
 
 
 def run(arguments: argparse.Namespace) -> list[Row]:
@@ -98,7 +98,7 @@ def _from_random(trial: Trial, observations: "Observations", *, reconstructed: b
     Starts are drawn until every feature is before the cameras; no loss is finite elsewhere.
 
     Args:
-        reconstructed: whether cameras and structure are learnt first; random too if not.
+        reconstructed: whether cameras and structure are learned first; random too if not.
     """
     from dense_vs.generative.learning.end_to_end import all_shared, fit_pixels
     from dense_vs.generative.least_squares.pixel_problem import PixelProblem
@@ -124,24 +124,24 @@ def _random_start(
     found: Any, joints: np.ndarray, intrinsics: np.ndarray, rng: np.random.Generator, reconstructed: bool
 ) -> Any:
     from dense_vs.generative.learning.end_to_end import KinematicFit, initial_parameters
-    from dense_vs.generative.least_squares.parameters import turn
+    from dense_vs.generative.rotations import rotation_matrices
 
     count = joints.shape[1]
     axes = rng.normal(size=(count, 3))
     axes /= np.linalg.norm(axes, axis=1, keepdims=True)
     # The unit is the reconstruction's; with nothing reconstructed any will do, so the arm is put 2 before camera 0.
-    centre = np.nanmean(found.translation, axis=0) if reconstructed else np.array([0.0, 0.0, 2.0])
-    points = centre + rng.normal(0.0, 0.3, (count, 3))
+    center = np.nanmean(found.translation, axis=0) if reconstructed else np.array([0.0, 0.0, 2.0])
+    points = center + rng.normal(0.0, 0.3, (count, 3))
     start = initial_parameters(
-        KinematicFit(axes, points, np.eye(3), centre, np.nan), found, joints.mean(axis=0), intrinsics
+        KinematicFit(axes, points, np.eye(3), center, np.nan), found, joints.mean(axis=0), intrinsics
     )
     if not reconstructed:
-        start.features = centre + rng.normal(0.0, 0.05, start.features.shape)
+        start.features = center + rng.normal(0.0, 0.05, start.features.shape)
         others = range(1, len(start.intrinsics))
         start.camera_rotation = start.camera_rotation.copy()
         start.camera_translation = start.camera_translation.copy()
         for camera in others:  # a camera somewhere that has the hand before it
-            start.camera_rotation[camera] = turn(rng.normal(0.0, 0.6, 3))
-            ahead = np.array([0.0, 0.0, np.linalg.norm(centre)]) + rng.normal(0.0, 0.1, 3)
-            start.camera_translation[camera] = ahead - start.camera_rotation[camera] @ centre
+            start.camera_rotation[camera] = rotation_matrices(rng.normal(0.0, 0.6, 3))
+            ahead = np.array([0.0, 0.0, np.linalg.norm(center)]) + rng.normal(0.0, 0.1, 3)
+            start.camera_translation[camera] = ahead - start.camera_rotation[camera] @ center
     return start

@@ -8,8 +8,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-CENTRE = (320.0, 240.0)  # s* of all configurations but one
-GRASP_CENTRE = (220.0, 240.0)  # s* of H_base grasp: where the gripper's axis meets the object
+CENTER = (320.0, 240.0)  # s* of all configurations but one
+GRASP_CENTER = (220.0, 240.0)  # s* of H_base grasp: where the gripper's axis meets the object
 
 
 @dataclass(frozen=True)
@@ -21,7 +21,7 @@ class Configuration:
         camera: ``"head"`` or ``"grasp"``.
         along_x, along_y: joints that answer for s_x and for s_y.
         posture: of the robot at the start, see :mod:`dense_vs.sims.mobile_manipulator.postures`.
-        learnt: what the paper's robot learnt for each joint [rad/px, m/px]; None where it printed none.
+        learned: what the paper's robot learned for each joint [rad/px, m/px]; None where it printed none.
         target: s* [px].
     """
 
@@ -30,8 +30,8 @@ class Configuration:
     along_x: tuple[str, ...]
     along_y: tuple[str, ...]
     posture: str
-    learnt: tuple[float | None, ...]
-    target: tuple[float, float] = CENTRE
+    learned: tuple[float | None, ...]
+    target: tuple[float, float] = CENTER
 
     @property
     def joints(self) -> tuple[str, ...]:
@@ -40,7 +40,7 @@ class Configuration:
 
     @property
     def coupling(self) -> np.ndarray:
-        """H ``(n, 2)``."""
+        """H ``(n, 2)``: which elements of J+, VOS-VS (13), are in use."""
         rows = [(1.0, 0.0)] * len(self.along_x) + [(0.0, 1.0)] * len(self.along_y)
         return np.array(rows)
 
@@ -54,7 +54,7 @@ CONFIGURATIONS = (
     ),
     Configuration("base", "grasp", ("base_forward",), ("base_lateral",), "above", (-0.00179, 0.00173)),
     Configuration(
-        "base grasp", "grasp", ("base_forward",), ("base_lateral",), "low", (-0.0004, 0.0004), target=GRASP_CENTRE
+        "base grasp", "grasp", ("base_forward",), ("base_lateral",), "low", (-0.0004, 0.0004), target=GRASP_CENTER
     ),
     Configuration("base head", "head", ("base_lateral",), ("head_tilt",), "gaze", (None, None)),
 )

@@ -1,7 +1,7 @@
 """``dense-vs reproduce vosvs depth-log``: VOS-DE (20) on the recorded approach to the sugar box (VOS-VS, Fig. 6).
 
 The log is a CSV file with the columns mask_area_px and camera_z_m, a row a view. The figure shows the estimate after
-every view, and the linear relation (18) between camera height and the inverse square root of the area.
+every view, and the linear relation VOS-VS (18) between camera height and the inverse square root of the area.
 """
 
 import argparse
@@ -13,9 +13,9 @@ import numpy as np
 from dense_vs.depth import DepthEstimate, DepthUnobservableError, depth_from_areas
 from dense_vs.errors import DenseVSError
 from dense_vs.sims.papers.rows import Row
+from dense_vs.view.canvas import new_figure, save_figure
 from dense_vs.view.progress import progress
 
-HELP = "depth of the sugar box from the recorded log of one approach (Fig. 6)"
 LOG = Path("../shared/data/sugar_box_approach.csv")
 COLUMNS = ("mask_area_px", "camera_z_m")
 PUBLISHED_Z = 0.17978791  # m, the authors' least-squares answer after the last view of this log
@@ -78,13 +78,9 @@ def _estimate(areas: np.ndarray, camera_z: np.ndarray) -> DepthEstimate | None:
 
 
 def _draw(areas: np.ndarray, camera_z: np.ndarray, estimates: list[DepthEstimate | None], path: Path) -> None:
-    import matplotlib
-
-    matplotlib.use("Agg")
-    import matplotlib.pyplot as plt
-
     final: Any = estimates[-1]
-    figure, (left, right) = plt.subplots(1, 2, figsize=(10, 4), layout="constrained")
+    figure = new_figure(10, 4)
+    left, right = figure.subplots(1, 2)
     shown = [(k, e.z_object, e.distance_std) for k, e in enumerate(estimates, 1) if e is not None]
     views, z, spread = (np.array(column) for column in zip(*shown, strict=True))
     bounded = np.isfinite(spread)
@@ -101,5 +97,4 @@ def _draw(areas: np.ndarray, camera_z: np.ndarray, estimates: list[DepthEstimate
     right.set(xlabel="1 / sqrt(mask area) [1/px]", ylabel="z camera [m]", title="Linear relation (18)")
     right.locator_params(axis="x", nbins=5)
     right.legend()
-    figure.savefig(path, dpi=110)
-    plt.close(figure)
+    save_figure(figure, path)

@@ -1,21 +1,25 @@
-"""VOS-VS Table 1, Figs. 8, 9, 18: learn J+ of seven configurations from 0.001 H by (11), beside Broyden's update.
+"""VOS-VS Table 1, Figs. 8, 9, 18: learn J+ of seven configurations from 0.001 H by VOS-VS (11) and by Broyden.
 
-Masks come from few-shot segmenters that learnt from ten images each, annotated by the simulator's ids.
+The rows say whether VOS-VS (11) is as printed, has its denominator held away from zero, or is applied a feature at a
+time; the two changes are beyond the paper, and so is the trust region that bounds the motions of all. Masks come from
+few-shot segmenters that learned from ten images each, annotated by the simulator's ids.
 """
 
 import argparse
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
-if TYPE_CHECKING:
-    import numpy as np
+import numpy as np
 
-    from dense_vs.sims.papers.rows import Row
-    from dense_vs.sims.papers.vosvs.configurations import Configuration
-    from dense_vs.sims.papers.vosvs.learning import Learning
+from dense_vs.sims.mobile_manipulator.annotations import learn_segmenter
+from dense_vs.sims.mobile_manipulator.world import MobileWorld
+from dense_vs.sims.papers.rows import Row
+from dense_vs.sims.papers.vosvs.configurations import CONFIGURATIONS, Configuration
+from dense_vs.sims.papers.vosvs.jacobian_learning import Learning, Update, learn_configuration
+from dense_vs.sims.papers.vosvs.learned_setup import TEACHER, TEACHERS, require_cpu
+from dense_vs.sims.papers.vosvs.learning_figures import draw_learning
+from dense_vs.view.progress import progress
 
-HELP = "Table 1, Figs. 8, 9, 18: seven configurations learnt from 0.001 H, with Broyden's original update beside"
-LABELS = {"hadamard": "(11)", "featurewise": "(11) a feature at a time", "original": "original Broyden"}
+CHOSEN = (Update.PRINTED, Update.GUARDED, Update.FEATUREWISE)  # all that use H
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -25,53 +29,39 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 @dataclass
-class Learnt:
+class Learned:
     """All updates' outcomes for one configuration and seed, beside the truth of J+ where they ended, its median."""
 
-    one: "Configuration"
+    one: Configuration
     seed: int
-    outcomes: "dict[str, Learning]"
-    true: "np.ndarray"
+    outcomes: dict[Update, Learning]
+    true: np.ndarray
 
 
-def run(arguments: argparse.Namespace) -> "list[Row]":
+def run(arguments: argparse.Namespace) -> list[Row]:
     """Run the experiment."""
-    from dense_vs.sims.papers.vosvs.configurations import CONFIGURATIONS
-    from dense_vs.sims.papers.vosvs.learn_figure import draw_learning
-    from dense_vs.sims.papers.vosvs.learning import UPDATES
-    from dense_vs.sims.papers.vosvs.preparation import require_cpu
-    from dense_vs.view.progress import progress
-
     require_cpu(arguments.device)
-    learnt: list[Learnt] = []
-    with progress("learn", len(arguments.seeds) * len(CONFIGURATIONS) * len(UPDATES), "run") as bar:
+    learned: list[Learned] = []
+    with progress("learn", len(arguments.seeds) * len(CONFIGURATIONS) * len(Update), "run") as bar:
         for seed in arguments.seeds:
-            learnt += learn_all(seed, arguments.responses, arguments.looks, arguments.threads, bar)
-    draw_learning([one for one in learnt if one.seed == arguments.seeds[0]], arguments.out)
-    return table_rows(learnt, tuple(arguments.seeds))
+            learned += learn_all(seed, arguments.responses, arguments.looks, arguments.threads, bar)
+    draw_learning([one for one in learned if one.seed == arguments.seeds[0]], arguments.out)
+    return table_rows(learned, tuple(arguments.seeds))
 
 
-def learn_all(seed: int, responses: int, looks: int, threads: int | None, bar) -> list[Learnt]:
-    """The seven configurations with all three updates."""
-    import numpy as np
-
-    from dense_vs.sims.mobile_manipulator.annotations import learn_segmenter
-    from dense_vs.sims.mobile_manipulator.world import MobileWorld
-    from dense_vs.sims.papers.vosvs.configurations import CONFIGURATIONS
-    from dense_vs.sims.papers.vosvs.learning import UPDATES, learn
-    from dense_vs.sims.papers.vosvs.preparation import TEACHER, TEACHERS
-
+def learn_all(seed: int, responses: int, looks: int, threads: int | None, bar) -> list[Learned]:
+    """The seven configurations with every update."""
     names = [*dict.fromkeys([*TEACHERS.values(), TEACHER])]
     world = MobileWorld(names, seed=seed, threads=threads)
     segmenters = {name: learn_segmenter(world, name, seed) for name in names}
-    learnt = []
+    learned = []
     for number, one in enumerate(CONFIGURATIONS):
         name = TEACHERS.get(one.name, TEACHER)
         outcomes = {}
-        for update in UPDATES:
+        for update in Update:
             bar.set_description(f"seed {seed}, {one.name}, {update}")
             world.store()
-            outcomes[update] = learn(
+            outcomes[update] = learn_configuration(
                 world,
                 one,
                 name,
@@ -80,65 +70,67 @@ def learn_all(seed: int, responses: int, looks: int, threads: int | None, bar) -
                 update=update,
                 responses=responses,
                 looks=looks,
-                keep_images=one.name == "base" and update == "hadamard",
+                keep_images=one.name == "base" and update is Update.GUARDED,
             )
             bar.update()
         truths = [true for outcome in outcomes.values() for true in outcome.true]
         true = np.median(truths, axis=0) if truths else np.full(one.coupling.shape, np.nan)
-        learnt.append(Learnt(one, seed, outcomes, true))
-    return learnt
+        learned.append(Learned(one, seed, outcomes, true))
+    return learned
 
 
-def table_rows(learnt: list[Learnt], seeds: tuple[int, ...]) -> "list[Row]":
-    """Table 1: every learnt element beside the paper's and the truth; how many of the seven converged."""
-    import numpy as np
-
-    from dense_vs.sims.papers.rows import Row
-
+def table_rows(learned: list[Learned], seeds: tuple[int, ...]) -> list[Row]:
+    """Table 1: every learned element beside the paper's and the truth; how many of the seven converged."""
     rows = []
     for seed in seeds:
-        mine = [one for one in learnt if one.seed == seed]
-        for update, label in LABELS.items():
+        mine = [one for one in learned if one.seed == seed]
+        for update in Update:
             count = sum(one.outcomes[update].converged for one in mine)
-            rows.append(Row(f"converged of 7, {label}", 7 if update == "hadamard" else None, count, "", (seed,)))
-        for update, label in LABELS.items():
+            rows.append(
+                Row(
+                    f"converged of 7, {update}",
+                    7 if update in (Update.PRINTED, Update.GUARDED) else None,
+                    count,
+                    "",
+                    (seed,),
+                )
+            )
+        for update in Update:
             lost = sum(one.outcomes[update].restarts for one in mine)
             back = sum(one.outcomes[update].retreats for one in mine)
             seen = sum(one.outcomes[update].looks for one in mine)
-            rows.append(Row(f"times put back, {label}", None, lost, "", (seed,)))
-            rows.append(Row(f"steps taken back, {label}", None, back, "", (seed,)))
-            rows.append(Row(f"looks until s*, all seven, {label}", None, seen, "", (seed,)))
-    for one in learnt[:7]:
-        same = [other for other in learnt if other.one.name == one.one.name]
-        for update in ("hadamard", "featurewise"):
+            rows.append(Row(f"times put back, {update}", None, lost, "", (seed,)))
+            rows.append(Row(f"steps taken back, {update}", None, back, "", (seed,)))
+            rows.append(Row(f"looks until s*, all seven, {update}", None, seen, "", (seed,)))
+    for one in learned[:7]:
+        same = [other for other in learned if other.one.name == one.one.name]
+        for update in CHOSEN:
             known = [count for other in same if (count := other.outcomes[update].updates) is not None]
-            paper = 14 if (one.one.name, update) == ("base", "hadamard") else None
+            paper = 14 if (one.one.name, update) == ("base", Update.GUARDED) else None
             count = float(np.median(known)) if known else float("nan")
-            rows.append(Row(f"{one.one.name}: updates until s*, {LABELS[update]}", paper, count, "", seeds))
-        for update in ("hadamard", "featurewise"):
+            rows.append(Row(f"{one.one.name}: updates until s*, {update}", paper, count, "", seeds))
+        for update in CHOSEN:
             parts = np.median([removed(other, update) for other in same], axis=0)
             for feature, part in zip("xy", parts, strict=True):
-                name = f"{one.one.name}: part of the error in s_{feature} that a step (10) removes, {LABELS[update]}"
+                name = f"{one.one.name}: part of the error in s_{feature} that a step by (10) removes, {update}"
                 rows.append(Row(name, None, float(part), "", seeds))
         for row, joint in enumerate(one.one.joints):
             feature = int(np.argmax(one.one.coupling[row]))
-            by = {u: np.median([other.outcomes[u].pinv[row, feature] for other in same]) for u in LABELS}
+            by = {u: np.median([other.outcomes[u].pinv[row, feature] for other in same]) for u in Update}
             true = np.median([other.true[row, feature] for other in same])
             unit = "m/px" if joint in ("arm_lift", "base_forward", "base_lateral") else "rad/px"
             element = f"{one.one.name}: d{joint}/ds_{'xy'[feature]}"
-            rows.append(Row(f"{element}, {LABELS['hadamard']}", one.one.learnt[row], by["hadamard"], unit, seeds))
-            rows.append(Row(f"  {LABELS['featurewise']}", None, by["featurewise"], unit, seeds))
+            rows.append(Row(f"{element}, {Update.GUARDED}", one.one.learned[row], by[Update.GUARDED], unit, seeds))
+            rows.append(Row(f"  {Update.FEATUREWISE}", None, by[Update.FEATUREWISE], unit, seeds))
             rows.append(Row("  by the simulator, the joint alone", None, true, unit, seeds))
     return rows
 
 
-def removed(one: Learnt, update: str) -> "np.ndarray":
-    """Part ``(2,)`` of the error in s_x and s_y that a step (10) of gain 1 truly removes: 1 where J+ has its true size.
+def removed(one: Learned, update: Update) -> np.ndarray:
+    """Part ``(2,)`` of the error in s_x and s_y that a step by VOS-VS (10) of gain 1 truly removes; 1 for the true J+.
 
     That of a feature's joints together: which share each of several takes is free.
     """
-    import numpy as np
-
     coupled = one.one.coupling > 0
     shares = np.divide(one.outcomes[update].pinv, one.true, out=np.zeros_like(one.true), where=coupled)
     return shares.sum(axis=0)

@@ -1,19 +1,25 @@
-"""VOS-VS Figs. 10 to 12: step responses of all configurations with the J+ that they learnt, on four objects each.
+"""VOS-VS Figs. 10 to 12: step responses of all configurations with the J+ that they learned, on four objects each.
 
-Masks come from few-shot segmenters that learnt from ten images each, annotated by the simulator's ids.
+Masks come from few-shot segmenters that learned from ten images each, annotated by the simulator's ids.
 """
 
 import argparse
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
-if TYPE_CHECKING:
-    import numpy as np
+import numpy as np
 
-    from dense_vs.mask_servo.loop import ServoRun
-    from dense_vs.sims.papers.rows import Row
+from dense_vs.mask_servo.loop import MaskServo, ServoEnd, ServoRun
+from dense_vs.segmentation.segmenter import forget_images
+from dense_vs.sims.mobile_manipulator.adapters import ManipulatorCamera, ManipulatorRobot
+from dense_vs.sims.papers.rows import Row
+from dense_vs.sims.papers.vosvs.configurations import CONFIGURATIONS, configuration
+from dense_vs.sims.papers.vosvs.jacobian_learning import MAX_STEP
+from dense_vs.sims.papers.vosvs.learned_setup import TEACHER, TEACHERS, LearnedSetup, require_cpu
+from dense_vs.sims.papers.vosvs.object_placement import put_in_view, start_posture
+from dense_vs.sims.papers.vosvs.true_jacobian import true_centroid
+from dense_vs.view.canvas import new_figure, save_figure
+from dense_vs.view.progress import progress
 
-HELP = "Figs. 10-12: step responses of all configurations with learnt J+"
 OBJECTS = ("Mug", "Tuna", "Potted Meat", "Gelatin")
 FLAT = ("Tuna", "Gelatin", "Padlock", "Washer")  # for H_base grasp, whose camera starts 0.2 m above the floor
 
@@ -29,17 +35,13 @@ class Response:
     config: str
     name: str
     seed: int
-    run: "ServoRun"
-    image: "np.ndarray"
+    run: ServoRun
+    image: np.ndarray
     true_error: float
 
 
-def run(arguments: argparse.Namespace) -> "list[Row]":
+def run(arguments: argparse.Namespace) -> list[Row]:
     """Run the experiment."""
-    from dense_vs.sims.papers.vosvs.configurations import CONFIGURATIONS
-    from dense_vs.sims.papers.vosvs.preparation import require_cpu
-    from dense_vs.view.progress import progress
-
     require_cpu(arguments.device)
     responses: list[Response] = []
     with progress("step response", len(arguments.seeds) * len(CONFIGURATIONS) * len(OBJECTS), "run") as bar:
@@ -51,17 +53,7 @@ def run(arguments: argparse.Namespace) -> "list[Row]":
 
 def respond_all(seed: int, threads: int | None, bar) -> list[Response]:
     """All configurations and objects of one seed."""
-    import numpy as np
-
-    from dense_vs.mask_servo.loop import MaskServo
-    from dense_vs.sims.mobile_manipulator.adapters import ManipulatorCamera, ManipulatorRobot
-    from dense_vs.sims.papers.vosvs.configurations import CONFIGURATIONS
-    from dense_vs.sims.papers.vosvs.learning import MAX_STEP
-    from dense_vs.sims.papers.vosvs.preparation import TEACHER, TEACHERS, Preparation
-    from dense_vs.sims.papers.vosvs.staging import put_in_view, start_posture
-    from dense_vs.sims.papers.vosvs.true_jacobian import true_centroid
-
-    ready = Preparation([*dict.fromkeys([*OBJECTS, *FLAT, *TEACHERS.values(), TEACHER])], seed, threads)
+    ready = LearnedSetup([*dict.fromkeys([*OBJECTS, *FLAT, *TEACHERS.values(), TEACHER])], seed, threads)
     world, responses = ready.world, []
     for number, one in enumerate(CONFIGURATIONS):
         bar.set_description(f"seed {seed}, {one.name}")
@@ -72,7 +64,7 @@ def respond_all(seed: int, threads: int | None, bar) -> list[Response]:
             world.set_posture(start_posture(one))
             put_in_view(world, one, name, np.random.default_rng([seed, 55, number, index]))
             image = world.image(one.camera)
-            getattr(segmenter, "reset", lambda: None)()
+            forget_images(segmenter)
             servo = MaskServo(
                 ManipulatorCamera(world, one.camera),
                 ManipulatorRobot(world),
@@ -89,39 +81,26 @@ def respond_all(seed: int, threads: int | None, bar) -> list[Response]:
     return responses
 
 
-def table_rows(responses: list[Response], seeds: tuple[int, ...]) -> "list[Row]":
+def table_rows(responses: list[Response], seeds: tuple[int, ...]) -> list[Row]:
     """How many converged, in how many looks, and how exactly."""
-    import numpy as np
-
-    from dense_vs.mask_servo.loop import ServoEnd
-    from dense_vs.sims.papers.rows import Row
-
     rows = []
     for config in dict.fromkeys(one.config for one in responses):
         mine = [one for one in responses if one.config == config]
         reached = [one for one in mine if one.run.end is ServoEnd.CONVERGED]
-        # Fig. 11 shows H_arm wrist centring on the four objects that can be reached.
+        # Fig. 11 shows H_arm wrist centering on the four objects that can be reached.
         paper = 4 * len(seeds) if config == "arm wrist" else None
-        rows.append(Row(f"{config}: centred of {len(mine)}", paper, len(reached), "", seeds))
+        rows.append(Row(f"{config}: centered of {len(mine)}", paper, len(reached), "", seeds))
         looks = np.median([len(one.run.looks) for one in reached]) if reached else np.nan
         error = np.median([one.true_error for one in reached]) if reached else np.nan
-        rows.append(Row(f"{config}: looks until centred, median", None, looks, "", seeds))
+        rows.append(Row(f"{config}: looks until centered, median", None, looks, "", seeds))
         rows.append(Row(f"{config}: true error then, median", None, error, "px", seeds))
     return rows
 
 
 def draw_responses(responses: list[Response], path) -> None:
     """Ways of the centroids through the image, over the first object's view, a panel a configuration."""
-    import numpy as np
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from matplotlib.figure import Figure
-
-    from dense_vs.files import atomic_write
-    from dense_vs.sims.papers.vosvs.configurations import configuration
-
     configs = list(dict.fromkeys(one.config for one in responses))
-    figure = Figure(figsize=(16, 7), layout="constrained")
-    FigureCanvasAgg(figure)
+    figure = new_figure(16, 7)
     panels = figure.subplots(2, 4).ravel()
     for panel, config in zip(panels, configs, strict=False):
         mine = [one for one in responses if one.config == config]
@@ -134,5 +113,4 @@ def draw_responses(responses: list[Response], path) -> None:
         panel.legend(fontsize=7)
     for panel in panels[len(configs) :]:
         panel.axis("off")
-    with atomic_write(path) as stream:
-        figure.savefig(stream, format="png", dpi=90)
+    save_figure(figure, path, 90)

@@ -1,19 +1,26 @@
 """VOS-VS Fig. 13: follow a moving articulated object, a chain that is dragged and jerked, by the base and by the head.
 
-Masks come from a few-shot segmenter that learnt from ten images, annotated by the simulator's ids.
+Masks come from a few-shot segmenter that learned from ten images, annotated by the simulator's ids.
 """
 
 import argparse
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
-if TYPE_CHECKING:
-    import numpy as np
+import numpy as np
 
-    from dense_vs.sims.papers.rows import Row
-    from dense_vs.sims.papers.vosvs.preparation import Preparation
+from dense_vs.mask_servo.loop import MaskServo, ServoEnd
+from dense_vs.mask_servo.object_search import search_object
+from dense_vs.sims.mobile_manipulator.adapters import ManipulatorCamera, ManipulatorRobot
+from dense_vs.sims.papers.rows import Row
+from dense_vs.sims.papers.vosvs.configurations import configuration
+from dense_vs.sims.papers.vosvs.dragging_hand import DraggingHand
+from dense_vs.sims.papers.vosvs.finite_percentile import finite_percentile
+from dense_vs.sims.papers.vosvs.image_tiles import outlined, write_tiles
+from dense_vs.sims.papers.vosvs.learned_setup import TEACHER, LearnedSetup, require_cpu
+from dense_vs.sims.papers.vosvs.object_placement import floor_point, start_posture
+from dense_vs.sims.papers.vosvs.true_jacobian import true_centroid
+from dense_vs.view.progress import progress
 
-HELP = "Fig. 13: a moving articulated object followed by the base and by the head gimbal"
 NAME = "Plastic Chain"
 SPEED = {"base": 0.2, "head": 0.25}  # m/s, of the hand that drags the chain
 SETTLE = 3  # frames from the end of a motion to the next image
@@ -30,43 +37,28 @@ class Track:
 
     config: str
     seed: int
-    centroids: "np.ndarray"
-    target: "np.ndarray"
+    centroids: np.ndarray
+    target: np.ndarray
     lost: int
-    travelled: float
-    tiles: "list[tuple[str, np.ndarray]]"
+    traveled: float
+    tiles: list[tuple[str, np.ndarray]]
 
 
-def run(arguments: argparse.Namespace) -> "list[Row]":
+def run(arguments: argparse.Namespace) -> list[Row]:
     """Run the experiment."""
-    from dense_vs.sims.papers.vosvs.pictures import write_tiles
-    from dense_vs.sims.papers.vosvs.preparation import TEACHER, Preparation, require_cpu
-    from dense_vs.view.progress import progress
-
     require_cpu(arguments.device)
     tracks: list[Track] = []
     with progress("track", len(arguments.seeds) * len(SPEED) * arguments.looks) as bar:
         for seed in arguments.seeds:
-            ready = Preparation([NAME, TEACHER], seed, arguments.threads)
+            ready = LearnedSetup([NAME, TEACHER], seed, arguments.threads)
             tracks += [follow(ready, config, arguments.looks, bar) for config in SPEED]
     shown = [tile for one in tracks if one.seed == arguments.seeds[0] for tile in one.tiles]
     write_tiles(shown, arguments.out / "track.png", columns=6)
     return table_rows(tracks, tuple(arguments.seeds))
 
 
-def follow(ready: "Preparation", config: str, looks: int, bar) -> Track:
+def follow(ready: LearnedSetup, config: str, looks: int, bar) -> Track:
     """Servo without end while the chain is dragged about and jerked."""
-    import numpy as np
-
-    from dense_vs.mask_servo.loop import MaskServo, ServoEnd
-    from dense_vs.mask_servo.object_search import search_object
-    from dense_vs.sims.mobile_manipulator.adapters import ManipulatorCamera, ManipulatorRobot
-    from dense_vs.sims.papers.vosvs.configurations import configuration
-    from dense_vs.sims.papers.vosvs.dragging import DraggingHand
-    from dense_vs.sims.papers.vosvs.pictures import outlined
-    from dense_vs.sims.papers.vosvs.staging import floor_point, start_posture
-    from dense_vs.sims.papers.vosvs.true_jacobian import true_centroid
-
     one, world = configuration(config), ready.world
     bar.set_description(f"seed {ready.seed}, {config}")
     segmenter, pinv = ready.segmenter(NAME), ready.pinv(config)
@@ -119,13 +111,8 @@ def follow(ready: "Preparation", config: str, looks: int, bar) -> Track:
     return Track(config, ready.seed, np.array(centroids), np.array(one.target), lost, way, tiles)
 
 
-def table_rows(tracks: list[Track], seeds: tuple[int, ...]) -> "list[Row]":
+def table_rows(tracks: list[Track], seeds: tuple[int, ...]) -> list[Row]:
     """How well the object was kept in view."""
-    import numpy as np
-
-    from dense_vs.sims.papers.rows import Row
-    from dense_vs.sims.papers.vosvs.summary import finite_percentile
-
     rows = []
     for config in SPEED:
         mine = [one for one in tracks if one.config == config]
@@ -136,6 +123,6 @@ def table_rows(tracks: list[Track], seeds: tuple[int, ...]) -> "list[Row]":
         rows.append(Row(f"{config}: true error, median", None, finite_percentile(errors), "px", seeds))
         rows.append(Row(f"{config}: true error, 90th percentile", None, finite_percentile(errors, 90), "px", seeds))
         rows.append(Row(f"{config}: times lost", None, sum(one.lost for one in mine), "", seeds))
-        way = float(np.mean([one.travelled for one in mine]))
+        way = float(np.mean([one.traveled for one in mine]))
         rows.append(Row(f"{config}: the object's way", None, way, "m", seeds))
     return rows

@@ -1,10 +1,11 @@
-"""What a learnt J+ should be: joints of a simulated robot moved a little, centroids by the renderer's ids.
+"""The true J+ by finite differences: each joint of the simulated robot moves a little, the renderer tells the centroid.
 
 Truth for scores; nothing of it reaches the robot.
 """
 
 import numpy as np
 
+from dense_vs.segmentation.mask_features import mask_sums
 from dense_vs.sims.mobile_manipulator.model import JOINTS
 from dense_vs.sims.mobile_manipulator.world import MobileWorld
 from dense_vs.sims.papers.vosvs.configurations import Configuration
@@ -13,7 +14,7 @@ _STEP = {"arm_lift": 0.01, "base_forward": 0.01, "base_lateral": 0.01}  # m; oth
 
 
 def true_pinv(world: MobileWorld, one: Configuration, name: str) -> np.ndarray:
-    """dq_i/ds_j ``(n, 2)`` where H is 1 and 0 elsewhere, of the joint alone, at the present posture [rad/px, m/px].
+    """VOS-VS (13): dq_i/ds_j ``(n, 2)`` of each joint alone at the present posture [rad/px, m/px], 0 where H is 0.
 
     ``nan`` where the object is not seen.
     """
@@ -35,7 +36,4 @@ def true_pinv(world: MobileWorld, one: Configuration, name: str) -> np.ndarray:
 
 def true_centroid(world: MobileWorld, camera: str, name: str) -> np.ndarray:
     """Centroid ``(2,)`` of the object's pixels [px]; nan where none is seen."""
-    rows, columns = np.nonzero(world.true_mask(camera, name))
-    if not rows.size:
-        return np.full(2, np.nan)
-    return np.array([columns.mean(), rows.mean()])
+    return mask_sums(world.true_mask(camera, name)).centroid

@@ -58,9 +58,18 @@ def test_object_never_seen():
     assert len(result.areas) == 3
 
 
-@pytest.mark.parametrize("options", [{"near": 0.0}, {"steps": (0.1, 0.01)}, {"views": 1}])
-def test_bad_options(options):
-    with pytest.raises(DenseVSError, match="expected above 0"):
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"near": 0.0}, "near is 0.0; expected a finite number above 0"),
+        ({"steps": (0.1, 0.01)}, "largest of steps is 0.01; expected a finite number of at least 0.1"),
+        ({"steps": (0.01, np.inf)}, "largest of steps is inf"),
+        ({"views": 1}, "views is 1; expected a whole number of at least 2"),
+        ({"method": "guess"}, "method is 'guess'; expected one of vos-de, robust, learned"),
+    ],
+)
+def test_bad_options(options, message):
+    with pytest.raises(DenseVSError, match=message):
         DepthApproach(FlatRoom(None), FlatRoom(None), FlatRoom(None), joint="lift", **options)
 
 

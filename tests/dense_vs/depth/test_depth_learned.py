@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from dense_vs import DenseVSError
+from dense_vs.depth.evidence import gather_evidence
 from dense_vs.depth.learned_depth import WEIGHTS, LearnedDepth, depth_features
-from dense_vs.depth.mask_fit import gather_evidence
 from dense_vs.depth.region_shape import mask_regions
 from dense_vs.sims.depth_training.mask_sequences import simulate_masks
 
@@ -44,6 +44,7 @@ def test_another_file_is_refused(tmp_path):
         LearnedDepth.load(tmp_path / "half.npz")
 
 
+@pytest.mark.slow
 def test_on_new_simulated_sequences_it_is_no_worse_than_what_it_corrects():
     """Sequences of another seed than those of the training."""
     learned, robust, inside = [], [], []
@@ -68,6 +69,6 @@ def test_on_new_simulated_sequences_it_is_no_worse_than_what_it_corrects():
 def test_features_do_not_depend_on_the_unit_of_length():
     sequence = simulate_masks(np.random.default_rng([77, 3]))
     regions, size = mask_regions(sequence.masks), sequence.masks.shape[1:]
-    metres, _ = depth_features(gather_evidence(regions, sequence.camera_back, size))
+    meters, _ = depth_features(gather_evidence(regions, sequence.camera_back, size))
     feet, _ = depth_features(gather_evidence(regions, 3.28 * sequence.camera_back, size))
-    np.testing.assert_allclose(feet, metres, rtol=1e-6, atol=1e-6)
+    np.testing.assert_allclose(feet, meters, rtol=1e-6, atol=1e-6)

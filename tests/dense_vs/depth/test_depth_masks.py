@@ -11,9 +11,9 @@ FOCAL = 600.0
 BACK = np.linspace(0.0, 0.5, 10)
 
 
-def draw(mask, corners, distance, back, centre=(319.5, 239.5), grown=0):
+def draw(mask, corners, distance, back, center=(319.5, 239.5), grown=0):
     """Add a flat polygon, corners (n, 2) [m] about the optical axis, seen from ``distance + back``."""
-    points = np.array(centre) + FOCAL * np.asarray(corners) / (distance + back)
+    points = np.array(center) + FOCAL * np.asarray(corners) / (distance + back)
     one = np.zeros_like(mask)
     cv2.fillPoly(one, [np.round(points * 16).astype(np.int32)], 1, shift=4)
     if grown:

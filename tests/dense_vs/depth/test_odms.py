@@ -82,6 +82,7 @@ def test_bad_folders_and_names_are_refused(tmp_path, capsys):
         list(read_sequences(tmp_path / "normal.npz"))
 
 
+@pytest.mark.slow
 @recorded
 def test_the_paper_s_method_has_its_published_score():
     """8.49 % on the set of clean simulated masks, as the data's description says."""
@@ -90,6 +91,7 @@ def test_the_paper_s_method_has_its_published_score():
     assert 100 * np.mean([example.relative_error for example in examples]) == pytest.approx(8.49, abs=0.02)
 
 
+@pytest.mark.slow
 @recorded
 def test_the_object_is_followed_through_real_clutter():
     """Four of the 32 robot sequences, as the whole set takes too long here."""

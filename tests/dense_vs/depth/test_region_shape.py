@@ -46,7 +46,7 @@ def test_regions_against_pixel_sums(blobs):
 
 
 def _nearest(labels, region):
-    """Index, among the labelled pixels, of one whose region has this area and is closest to its centroid."""
+    """Index, among the labeled pixels, of one whose region has this area and is closest to its centroid."""
     places = np.argwhere(labels > 0)
     areas = np.bincount(labels.ravel())[labels[tuple(places.T)]]
     distance = np.linalg.norm(places[:, ::-1] - region.centroid, axis=1)

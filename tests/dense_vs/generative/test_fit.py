@@ -1,4 +1,4 @@
-"""Learning from read joints, against pixels of postures that were not learnt from."""
+"""Learning from read joints, against pixels of postures that were not learned from."""
 
 import numpy as np
 import pytest
@@ -55,7 +55,7 @@ def test_denavit_hartenberg(ur5):
     assert ur5.validation_error(model) < 0.7
     dh = model.denavit_hartenberg
     hand = dh.frames(ur5.unseen_joints)[:, -1]
-    at_home = dh.frames(model.parameters.centre[None])[0, -1]
+    at_home = dh.frames(model.parameters.home[None])[0, -1]
     motions = hand @ np.linalg.inv(at_home)
     world = np.einsum("tij,mj->tmi", motions[:, :3, :3], model.parameters.features) + motions[:, None, :3, 3]
     p = np.einsum("cij,tmj->tcmi", model.parameters.camera_rotation, world)

@@ -48,12 +48,17 @@ def test_half_a_coordinate_and_infinity(ur5):
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        ({"kinematics": "screw"}, "'poe', 'dh'"),
-        ({"state": "seen"}, "'observed', 'noisy', 'actions'"),
-        ({"controller": "arm"}, "'joint', 'cartesian'"),
-        ({"method": "adam"}, "'lm', 'paper'"),
-        ({"noise": "white"}, "'constant', 'proportional'"),
+        ({"kinematics": "screw"}, "expected one of poe, dh"),
+        ({"state": "seen"}, "expected one of observed, noisy, actions"),
+        ({"controller": "arm"}, "expected one of joint, cartesian"),
+        ({"method": "adam"}, "expected one of lm, paper"),
+        ({"noise": "white"}, "expected one of constant, proportional"),
         ({"distortion": 3}, "distortion is 3"),
+        ({"distortion": True}, "distortion is True"),
+        ({"seed": -1}, "seed is -1"),
+        ({"pixel_sigma": float("nan")}, "pixel_sigma is nan"),
+        ({"controller": "cartesian", "state_sigma": (0.1, 0.0)}, r"state_sigma\[1\] is 0.0"),
+        ({"controller": "cartesian", "state_sigma": 0.1}, "expected 2 numbers"),
         ({"state_sigma": -1.0}, "state_sigma"),
         ({"method": "paper"}, "published for kinematics 'dh'"),
         ({"state": "actions"}, "needs actions"),
@@ -84,6 +89,7 @@ def test_features_never_seen_together(ur5):
     assert_refused("camera 1 saw too few features", lambda: GenerativeModel.fit(ur5.observations(pixels=pixels)))
 
 
+@pytest.mark.slow
 def test_features_on_a_line(ur5):
     arm = record("ur5", 0).arm
     arm.features = np.linspace(-0.08, 0.08, 12)[:, None] * [0.6, 0.0, 0.8] + [0.0, 0.0, 0.06]
@@ -134,4 +140,5 @@ def test_use_of_a_model(ur5, model):
     for what in ("camera:5", "camera:x", "tool", "structure:99"):
         assert_refused("expected", lambda what=what: model.relearn(ur5.observations(), what))
     assert_refused("capacity", lambda: model.online(0))
+    assert_refused("relearn_after", lambda: model.online(relearn_after=-1))
     assert_refused("expected finite", lambda: model.online().add(np.zeros(5), ur5.pixels[0]))

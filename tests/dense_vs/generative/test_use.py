@@ -1,4 +1,4 @@
-"""A learnt model in use: inference, commands, relearning, watching for changes, files."""
+"""A learned model in use: inference, commands, relearning, watching for changes, files."""
 
 import copy
 
@@ -112,7 +112,7 @@ def test_a_new_camera_and_new_features(ur5, copied):
     assert error_px(copied, unseen, truth) < 1.2
 
 
-def test_a_shifted_camera_is_named_and_relearnt(ur5, copied):
+def test_a_shifted_camera_is_named_and_relearned(ur5, copied):
     watch = copied.online(capacity=40, relearn_after=4)
     quiet = [watch.add(q, x) for q, x in zip(ur5.unseen_joints[:15], ur5.unseen_pixels[:15], strict=True)]
     assert not any(change.moved_cameras or change.everything_moved for change in quiet)

@@ -8,10 +8,10 @@ from dense_vs.errors import DenseVSError
 from dense_vs.grasp import GraspOutcome, GripperModel
 from dense_vs.grasp.loop import GraspLoop, HandGeometry
 
-CENTRE = ((WIDTH - 1) / 2, (HEIGHT - 1) / 2)
+CENTER = ((WIDTH - 1) / 2, (HEIGHT - 1) / 2)
 GRIP = 0.17
 BEHIND = 0.03
-INTRINSICS = np.array([[FOCAL, 0, CENTRE[0]], [0, FOCAL, CENTRE[1]], [0, 0, 1]])
+INTRINSICS = np.array([[FOCAL, 0, CENTER[0]], [0, FOCAL, CENTER[1]], [0, 0, 1]])
 
 
 def room(**options):
@@ -23,8 +23,8 @@ def room(**options):
 def loop(world, bite=0.0):
     pose = np.array([[0, -1, 0, -BEHIND], [1, 0, 0, 0], [0, 0, 1, GRIP], [0, 0, 0, 1]], dtype=float)
     model = GripperModel(opening=0.135, width=0.02, thickness=0.01, length=0.03, T_camera_hand=pose)
-    target = (CENTRE[0] - FOCAL * BEHIND / GRIP, CENTRE[1])
-    hand = HandGeometry(GRIP, target, CENTRE, INTRINSICS, model, bite=bite)
+    target = (CENTER[0] - FOCAL * BEHIND / GRIP, CENTER[1])
+    hand = HandGeometry(GRIP, target, CENTER, INTRINSICS, model, bite=bite)
     pinv = np.diag([-0.2 / FOCAL, -0.2 / FOCAL])
     return GraspLoop(world, world, world, world, hand, lift="lift", wrist="wrist", base=("forward", "right"), pinv=pinv)
 
@@ -51,6 +51,30 @@ def test_gives_up_in_the_end():
     assert not run.held
     assert len(run.attempts) == 3
     assert world.q[2] == pytest.approx(0.31, abs=0.02)
+
+
+def test_attempts_after_misses_go_deeper_and_turn():
+    world = room()
+    world.slack = -1.0
+    grasp = loop(world)
+    lifts, wrists = [], []
+    close = world.close
+
+    def closing():
+        lifts.append(world.q[2])
+        wrists.append(world.q[3])
+        return close()
+
+    world.close = closing
+    run = grasp.run(0.1)
+    turns = [one.angle for one in run.attempts]
+    assert turns[1] == turns[0]
+    assert abs(turns[2] - turns[0]) >= np.deg2rad(175) / 4
+    np.testing.assert_allclose(wrists[::2], turns, atol=1e-12)
+    stops = lifts[::2]  # the gripper closes once at the object and once more, raised, to be asked how far
+    np.testing.assert_allclose(np.diff(stops), [-0.008, -0.008], atol=1e-9)
+    assert stops[0] == pytest.approx(0.1 + GRIP)
+    assert world.q[3] == pytest.approx(0.0)  # the wrist is back
 
 
 def test_jam_is_reported_and_bounded():

@@ -54,7 +54,7 @@ def test_servoing_converges_whatever_the_first_sign(signs):
             learner.observe(q, e)
             step = np.clip(-learner.pinv @ e, -0.1, 0.1)
             q, e = q + step, e + pixels_per_joint * step
-            if np.abs(e).max() > 320:  # out of view: the robot goes back and goes on with what it learnt
+            if np.abs(e).max() > 320:  # out of view: the robot goes back and goes on with what it learned
                 learner.forget_observation()
                 e = rng.uniform(-200, 200, 2)
             if np.abs(e).max() < 5:
@@ -72,7 +72,7 @@ def test_the_denominator_is_held_away_from_zero():
     assert np.abs(step.pinv - pinv).max() < 0.1 * np.abs(pinv).max() * (1 / 0.05 + 1)
 
 
-def test_nothing_is_learnt_from_what_tells_nothing():
+def test_nothing_is_learned_from_what_tells_nothing():
     learner = HadamardBroyden(0.001 * np.eye(2), np.eye(2))
     assert learner.update([0.01, 0.01], [5.0, 5.0]).outcome == "too little motion"
     assert learner.update([0.1, 0.1], [0.0, 0.0]).outcome == "no change of features"
@@ -91,7 +91,7 @@ def test_small_motions_add_up_until_there_are_enough():
     np.testing.assert_allclose(parts.pinv, whole.pinv, rtol=1e-12)
 
 
-def test_alpha_zero_keeps_what_was_learnt():
+def test_alpha_zero_keeps_what_was_learned():
     learner = HadamardBroyden(0.001 * np.eye(2), alpha=0.0)
     learner.update([0.1, 0.1], [50.0, 20.0])
     np.testing.assert_array_equal(learner.pinv, 0.001 * np.eye(2))

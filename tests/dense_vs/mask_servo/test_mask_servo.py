@@ -11,17 +11,17 @@ from dense_vs.errors import DenseVSError
 from dense_vs.mask_servo.featurewise_broyden import FeaturewiseBroyden
 from dense_vs.mask_servo.loop import MaskServo, ServoEnd
 
-CENTRE = ((WIDTH - 1) / 2, (HEIGHT - 1) / 2)
+CENTER = ((WIDTH - 1) / 2, (HEIGHT - 1) / 2)
 TRUE = np.diag([-0.8 / FOCAL, -0.8 / FOCAL])  # d(joint)/d(feature): forward motion moves the disc back
 H = np.eye(2)
 
 
 def servo(room: FlatRoom, pinv: Any = TRUE, **options: Any) -> MaskServo:
-    options = {"joints": ("forward", "right"), "target": CENTRE, "tolerance": 2.0, **options}
+    options = {"joints": ("forward", "right"), "target": CENTER, "tolerance": 2.0, **options}
     return MaskServo(room, room, room, pinv=pinv, **options)
 
 
-def test_centres_the_object():
+def test_centers_the_object():
     room = FlatRoom(Disc(np.array([0.2, -0.15])))
     run = servo(room, gain=0.7).run()
     assert run.end is ServoEnd.CONVERGED
@@ -69,8 +69,8 @@ def test_joint_limits_end_the_run():
 
 
 @pytest.mark.parametrize("learner", [HadamardBroyden, FeaturewiseBroyden])
-def test_wrong_signs_are_learnt_at_the_border(learner):
-    """The first steps push the object over the border before anything is learnt; the robot itself finds its way."""
+def test_wrong_signs_are_learned_at_the_border(learner):
+    """The first steps push the object over the border before anything is learned; the robot itself finds its way."""
     room = FlatRoom(Disc(np.array([0.4, 0.0]), radius=0.12))
     wrong = servo(room, learner(0.001 * H, H, 0.1))
     assert wrong.run(80).end is ServoEnd.CONVERGED
@@ -86,7 +86,7 @@ def test_learning_ends_where_only_a_part_is_seen():
     assert room.commands == []
 
 
-def test_joint_that_does_not_follow_is_not_learnt_from():
+def test_joint_that_does_not_follow_is_not_learned_from():
     room = FlatRoom(Disc(np.array([0.1, -0.1])))
     move = room.command
     room.command = lambda delta: move(np.where([True, False, True, True], delta, 0.0))
@@ -101,7 +101,7 @@ def test_masks_of_the_whole_image_do_not_move_the_robot():
     assert room.commands == []
 
 
-def test_object_nearer_than_when_j_was_learnt():
+def test_object_nearer_than_when_j_was_learned():
     """J+ is 2.6 times too large: with its gain alone the object would swing from side to side and out of view."""
     room = FlatRoom(Disc(np.array([0.1, -0.08]), height=0.49))
     assert servo(room, gain=0.9).run(20).end is ServoEnd.CONVERGED

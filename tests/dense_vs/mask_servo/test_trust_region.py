@@ -27,7 +27,7 @@ def look(trust: TrustRegion, mask: np.ndarray, positions: Any, before: Any = Non
     view = trust.judge(assess_mask(mask), np.asarray(positions), before)
     if view in (View.WHOLE, View.ANEW):
         error = np.array(assess_mask(mask).centroid) - [160.0, 120.0]
-        trust.advance(view, np.asarray(positions), error, mask)
+        trust.advance(view, np.asarray(positions), error, assess_mask(mask))
     return view
 
 
@@ -61,7 +61,7 @@ def test_lost_step_is_taken_back_and_made_the_other_way():
     cut = square(-15, 140)  # x, wrong, was driven over the border; y was not
     assert look(trust, cut, [0.02, 0.02]) is View.PART
     error = np.array(assess_mask(cut).centroid) - [160.0, 120.0]
-    back = trust.retreat(np.array([0.02, 0.02]), error, cut)
+    back = trust.retreat(np.array([0.02, 0.02]), error, assess_mask(cut), SHAPE)
     assert back is not None
     assert back[1] == pytest.approx(-0.02)
     assert -0.02 * (1 + FARTHER) <= back[0] < -0.04
@@ -77,12 +77,12 @@ def test_what_is_in_the_way_of_one_feature_lets_the_other_go_first():
     trust = region()
     look(trust, square(20, 60), [0.0, 0.0])
     nothing, empty = np.full(2, np.nan), np.zeros(SHAPE, dtype=bool)
-    back = trust.retreat(np.array([0.001, 0.02]), nothing, empty)
+    back = trust.retreat(np.array([0.001, 0.02]), nothing, assess_mask(empty), SHAPE)
     assert back is not None
     np.testing.assert_allclose(back, [-0.001, -0.02])
     np.testing.assert_array_equal(trust.active(np.ones((2, 2))), [[1, 1], [0, 0]])
-    trust.retreat(np.zeros(2), nothing, empty)
-    assert trust.retreat(np.zeros(2), nothing, empty) is None
+    trust.retreat(np.zeros(2), nothing, assess_mask(empty), SHAPE)
+    assert trust.retreat(np.zeros(2), nothing, assess_mask(empty), SHAPE) is None
     assert trust.retreats == 2
     assert trust.step >= LEAST_STEP
 
@@ -92,7 +92,7 @@ def test_without_coupling_the_whole_step_is_turned_round():
     look(trust, square(5, 100), [0.0, 0.0])
     cut = square(-15, 110)
     error = np.array(assess_mask(cut).centroid) - [160.0, 120.0]
-    back = trust.retreat(np.array([0.02, 0.02]), error, cut)
+    back = trust.retreat(np.array([0.02, 0.02]), error, assess_mask(cut), SHAPE)
     assert back is not None
     assert back[0] == back[1] < -0.02
     np.testing.assert_array_equal(trust.active(np.ones((2, 2))), np.ones((2, 2)))
@@ -111,8 +111,8 @@ def test_a_stopped_joint_goes_the_other_way_alone(command):
     trust.command(np.array([command, 0.002]))
     assert look(trust, square(60, 50), [0.0, 0.002], np.zeros(2)) is View.BLOCKED
     error = np.array(assess_mask(square(60, 50)).centroid) - [160.0, 120.0]
-    step = trust.retreat(np.array([0.0, 0.002]), error, square(60, 50))
+    step = trust.retreat(np.array([0.0, 0.002]), error, assess_mask(square(60, 50)), SHAPE)
     assert step is not None
-    assert step[0] < -0.02  # more than min_motion, so that it is learnt from
+    assert step[0] < -0.02  # more than min_motion, so that it is learned from
     assert step[1] == pytest.approx(-0.002)  # back
     np.testing.assert_array_equal(trust.active(np.ones((2, 2))), [[1, 1], [0, 0]])

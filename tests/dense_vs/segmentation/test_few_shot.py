@@ -12,8 +12,8 @@ from dense_vs.segmentation.few_shot.superpixels import find_superpixels
 HEIGHT, WIDTH = 160, 200
 
 
-def drawn(rng, size=None, colour=(200, 60, 40)):
-    """An image of an ellipse among others of other colours on a mottled ground, and its mask."""
+def drawn(rng, size=None, color=(200, 60, 40)):
+    """An image of an ellipse among others of other colors on a mottled ground, and its mask."""
     ground = cv2.GaussianBlur(rng.standard_normal((HEIGHT, WIDTH)), (0, 0), 4)
     image = np.full((HEIGHT, WIDTH, 3), (120, 125, 110), np.float32) + 150 * ground[..., None]
     mask = np.zeros((HEIGHT, WIDTH), np.uint8)
@@ -22,7 +22,7 @@ def drawn(rng, size=None, colour=(200, 60, 40)):
     if size != 0:
         axes = (size, size) if size else (int(rng.integers(12, 26)), int(rng.integers(8, 16)))
         cv2.ellipse(mask, _place(rng), axes, int(rng.integers(180)), 0, 360, 1, -1)
-        image[mask > 0] = colour
+        image[mask > 0] = color
     image += 3 * rng.standard_normal(image.shape)
     return np.clip(image, 0, 255).astype(np.uint8), mask.astype(bool)
 
@@ -38,6 +38,7 @@ def segmenter():
     return FewShotSegmenter(samples=300, size=WIDTH).fit(*zip(*pairs, strict=True))
 
 
+@pytest.mark.slow
 def test_finds_the_object_in_new_images(segmenter):
     rng = np.random.default_rng(1)
     for _ in range(4):
@@ -47,6 +48,7 @@ def test_finds_the_object_in_new_images(segmenter):
         assert (found & mask).sum() > 0.8 * (found | mask).sum()
 
 
+@pytest.mark.slow
 def test_finds_an_object_smaller_than_a_cell_of_superpixels(segmenter):
     rng = np.random.default_rng(2)
     for _ in range(3):
@@ -56,13 +58,15 @@ def test_finds_an_object_smaller_than_a_cell_of_superpixels(segmenter):
         assert (found & mask).sum() > 0.5 * (found | mask).sum()
 
 
+@pytest.mark.slow
 def test_says_when_the_object_is_not_there(segmenter):
     segmenter.reset()
     assert not segmenter.segment(drawn(np.random.default_rng(3), 0)[0]).any()
     assert segmenter.score == 0.0
 
 
-def test_file_keeps_what_was_learnt(segmenter, tmp_path):
+@pytest.mark.slow
+def test_file_keeps_what_was_learned(segmenter, tmp_path):
     segmenter.save(tmp_path / "object.npz")
     again = FewShotSegmenter.load(tmp_path / "object.npz")
     image, _ = drawn(np.random.default_rng(4))
@@ -82,16 +86,16 @@ def test_small_blob_is_a_superpixel_wherever_it_lies():
 
 @pytest.mark.parametrize(
     ("options", "message"),
-    [({"size": 8}, "size is 8"), ({"min_score": 1.5}, "min_score is 1.5"), ({"zoom": 2}, "unknown option 'zoom'")],
+    [({"size": 8}, "size is 8"), ({"min_score": 1.5}, "min_score is 1.5"), ({"seed": -1}, "seed is -1")],
 )
 def test_options_out_of_range(options, message):
     with pytest.raises(DenseVSError, match=message):
         FewShotSegmenter(**options)
 
 
-def test_nothing_learnt_and_nothing_to_learn():
+def test_nothing_learned_and_nothing_to_learn():
     image, mask = drawn(np.random.default_rng(5))
-    with pytest.raises(DenseVSError, match="has not learnt"):
+    with pytest.raises(DenseVSError, match="has not learned"):
         FewShotSegmenter().segment(image)
     with pytest.raises(DenseVSError, match="expected both"):
         FewShotSegmenter().fit([image], [np.zeros_like(mask)])

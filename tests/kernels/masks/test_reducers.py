@@ -1,12 +1,14 @@
-"""Masks and labelled images reduced in one pass, against NumPy in float64 and against OpenCV."""
+"""Masks and labeled images reduced in one pass, against NumPy in float64 and against OpenCV."""
 
 import cv2
 import numpy as np
 import pytest
 import warp as wp
 
+from dense_vs.kernels.masks.label_reducer import LabelReducer
 from dense_vs.kernels.masks.mask_overlap import OverlapReducer
-from dense_vs.kernels.masks.reducers import BOTTOM, LEFT, RIGHT, TOP, LabelReducer, MaskReducer
+from dense_vs.kernels.masks.mask_reducer import MaskReducer
+from dense_vs.kernels.masks.region_sums import BOTTOM, LEFT, RIGHT, TOP
 
 # A row of whole words, one that is not, one shorter than a word; several worlds.
 SHAPES = [(2, 24, 64), (3, 37, 53), (1, 5, 3)]
@@ -76,14 +78,14 @@ def test_masks_against_opencv():
 @pytest.mark.parametrize("shape", SHAPES[:2])
 def test_labels_against_opencv(shape, device):
     masks = blobs(shape)
-    labelled, stats, centroids = [], [], []
+    labeled, stats, centroids = [], [], []
     for mask in masks:
         _, labels, of_labels, of_centroids = cv2.connectedComponentsWithStats(mask)
-        labelled.append(labels)
+        labeled.append(labels)
         stats.append(of_labels)
         centroids.append(of_centroids)
     most = max(len(of_labels) for of_labels in stats)
-    found = LabelReducer(*shape, most + 1, device, threads=2)(np.stack(labelled))
+    found = LabelReducer(*shape, most + 1, device, threads=2)(np.stack(labeled))
     for world, (of_labels, of_centroids) in enumerate(zip(stats, centroids, strict=True)):
         present = len(of_labels)
         assert present > 2
@@ -92,7 +94,7 @@ def test_labels_against_opencv(shape, device):
         np.testing.assert_allclose(found.centroid[world, :present], of_centroids, rtol=1e-12)
         for label in range(most + 1):  # the last is of no region
             found_one = type(found)(found.sums[world], found.box[world], found.border[world])
-            assert_region(found_one, label, labelled[world] == label)
+            assert_region(found_one, label, labeled[world] == label)
 
 
 def test_labels_out_of_range_are_not_counted():

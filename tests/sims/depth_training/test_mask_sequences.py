@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from dense_vs.depth import depth_from_masks
-from dense_vs.sims.cli.depth_train import train
 from dense_vs.sims.depth_training.mask_sequences import simulate_masks
+from dense_vs.sims.depth_training.training import train
 
 
 @pytest.fixture(scope="module")
@@ -13,6 +13,7 @@ def sequences():
     return [simulate_masks(np.random.default_rng([5, index])) for index in range(40)]
 
 
+@pytest.mark.slow
 def test_sequences_are_as_described(sequences):
     for sequence in sequences:
         views = len(sequence.camera_back)
@@ -25,12 +26,14 @@ def test_sequences_are_as_described(sequences):
     assert any(not mask.any() for sequence in sequences for mask in sequence.masks)
 
 
+@pytest.mark.slow
 def test_the_same_seed_gives_the_same_sequence(sequences):
     again = simulate_masks(np.random.default_rng([5, 0]))
     np.testing.assert_array_equal(again.masks, sequences[0].masks)
     assert again.distance == sequences[0].distance
 
 
+@pytest.mark.slow
 def test_the_truth_is_the_one_of_the_masks(sequences):
     """Were the perspective or its truth off, no method could come near in half of the sequences."""
     errors = [
@@ -41,7 +44,8 @@ def test_the_truth_is_the_one_of_the_masks(sequences):
     assert np.median(errors) < 0.1
 
 
-def test_training_learns_what_can_be_learnt():
+@pytest.mark.slow
+def test_training_learns_what_can_be_learned():
     """A ratio that two of the features tell, and noise."""
     rng = np.random.default_rng(0)
     features = rng.normal(size=(1500, 6))

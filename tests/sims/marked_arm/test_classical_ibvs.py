@@ -5,7 +5,7 @@ from dense_vs.errors import DenseVSError
 from dense_vs.sims.marked_arm.classical_ibvs import ibvs_step, image_jacobian, interaction_matrix
 from dense_vs.sims.marked_arm.noise import NoisyController
 from dense_vs.sims.marked_arm.observed_arm import make_observed_arm
-from dense_vs.sims.papers.gothoskar.servoing import Tasks, moves_needed, servo_ibvs
+from dense_vs.sims.papers.gothoskar.servo_runs import Tasks, moves_needed, servo_ibvs
 
 INTRINSICS = np.array([620.0, 613.0, 318.0, 242.0])
 
@@ -13,9 +13,9 @@ INTRINSICS = np.array([620.0, 613.0, 318.0, 242.0])
 @pytest.mark.parametrize("name", ["ur5", "baxter"])
 def test_image_jacobian_is_the_derivative_of_the_pixels(name):
     arm = make_observed_arm(name, seed=1)
-    joints = arm.chain.home + np.random.default_rng(0).normal(0, 0.2, arm.chain.joints)
+    joints = arm.chain.home + np.random.default_rng(0).normal(0, 0.2, arm.chain.joint_count)
     jacobian, step = image_jacobian(arm, joints), 1e-6
-    for i, direction in enumerate(np.eye(arm.chain.joints)):
+    for i, direction in enumerate(np.eye(arm.chain.joint_count)):
         ends = [arm.projections(arm.chain.flange_pose(joints + sign * step * direction)[None])[0] for sign in (1, -1)]
         np.testing.assert_allclose(jacobian[..., i], (ends[0] - ends[1]) / (2 * step), atol=1e-5)
 

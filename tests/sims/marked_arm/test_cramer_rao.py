@@ -3,12 +3,13 @@ import pytest
 
 from dense_vs.errors import DenseVSError
 from dense_vs.generative import GenerativeModel
-from dense_vs.generative.inference.joint_inference import predict
+from dense_vs.generative.prediction import predict
 from dense_vs.generative.report import FitReport
 from dense_vs.sims.marked_arm.cramer_rao import cramer_rao, perfect_inference, true_parameters
 from dense_vs.sims.marked_arm.evidence import act_cartesian
 from dense_vs.sims.marked_arm.noise import NoisyController
-from dense_vs.sims.papers.gothoskar.protocol import Trial, held_out_error
+from dense_vs.sims.papers.gothoskar.arm_trials import Trial
+from dense_vs.sims.papers.gothoskar.scores import held_out_error
 
 
 @pytest.mark.parametrize("arm", ["ur5", "baxter"])
@@ -20,6 +21,7 @@ def test_true_parameters_make_the_true_pixels(arm):
     np.testing.assert_allclose(generated[seen], truth.pixels[seen], atol=1e-8)
 
 
+@pytest.mark.slow
 def test_fits_reach_the_bound_and_do_not_undercut_it():
     errors, bounds = [], []
     for seed in range(6):
@@ -55,7 +57,7 @@ def test_inference_with_the_true_model_is_perfect():
     model = GenerativeModel(true_parameters(truth.arm, truth.joints.mean(axis=0)), truth.joints, FitReport())
     found = model.infer_joints(test.observations.pixels, near=truth.joints)
     off = np.linalg.norm(found - truth.joints, axis=1)
-    # Linearised or not makes some percent where an image tells a joint to a tenth of a radian.
+    # Linearized or not makes some percent where an image tells a joint to a tenth of a radian.
     assert np.median(off) == pytest.approx(np.median(joints), rel=0.1)
     distance = np.linalg.norm(model.pixels(found) - test.observations.pixels, axis=-1)
     assert np.nanmean(distance) == pytest.approx(np.mean(pixels), rel=0.05)

@@ -43,7 +43,7 @@ def test_a_feature_outside_the_image_is_hidden(arm):
 
 
 def test_too_little_to_see_is_refused():
-    with pytest.raises(DenseVSError, match="0 cameras and 12 features"):
+    with pytest.raises(DenseVSError, match="cameras is 0"):
         make_observed_arm("ur5", seed=0, cameras=0)
-    with pytest.raises(DenseVSError, match="2 cameras and 3 features"):
+    with pytest.raises(DenseVSError, match="features is 3"):
         make_observed_arm("ur5", seed=0, features=3)

@@ -11,8 +11,8 @@ from dense_vs.sims.mobile_manipulator.objects import household_objects
 from dense_vs.sims.mobile_manipulator.postures import GRIPPER_BEHIND, Z_GRIPPER, above, posture
 from dense_vs.sims.mobile_manipulator.world import JOINTS, OPENING, MobileWorld
 from dense_vs.sims.papers.vosvs.configurations import CONFIGURATIONS, configuration
-from dense_vs.sims.papers.vosvs.staging import floor_point, put_in_view, start_posture
-from dense_vs.sims.papers.vosvs.trials import PLACES, TRIALS, place_objects
+from dense_vs.sims.papers.vosvs.object_placement import floor_point, put_in_view, start_posture
+from dense_vs.sims.papers.vosvs.object_trial import PLACES, TRIALS, place_objects
 from dense_vs.sims.papers.vosvs.true_jacobian import true_centroid, true_pinv
 
 
@@ -34,13 +34,14 @@ def extent(world, name):
     model, state = world.model, world.state
     low, high = np.full(3, np.inf), np.full(3, -np.inf)
     for geom in world.geoms(name):
-        centre, half = model.geom_aabb[geom, :3], model.geom_aabb[geom, 3:]
+        center, half = model.geom_aabb[geom, :3], model.geom_aabb[geom, 3:]
         turn = state.geom_xmat[geom].reshape(3, 3)
-        middle, reach = state.geom_xpos[geom] + turn @ centre, np.abs(turn) @ half
+        middle, reach = state.geom_xpos[geom] + turn @ center, np.abs(turn) @ half
         low, high = np.minimum(low, middle - reach), np.maximum(high, middle + reach)
     return high - low
 
 
+@pytest.mark.slow
 def test_objects_have_their_published_dimensions():
     everything = MobileWorld(seed=0, device="cpu")
     published = {
@@ -70,18 +71,19 @@ def test_objects_have_their_published_dimensions():
             assert everything.object_position(name)[2] == pytest.approx(height, abs=0.015)
 
 
+@pytest.mark.slow
 def test_signs_and_sizes_of_table_1(room):
-    """The paper's robot learnt these elements; this robot's true ones have their signs and, about, their sizes."""
+    """The paper's robot learned these elements; this robot's true ones have their signs and, about, their sizes."""
     for one in CONFIGURATIONS[:6]:
         room.store()
         room.set_posture(start_posture(one))
         put_in_view(room, one, "Tuna", np.random.default_rng(4), least=20.0)
         true = true_pinv(room, one, "Tuna")
-        for row, learnt in enumerate(one.learnt):
+        for row, learned in enumerate(one.learned):
             value = true[row, np.argmax(one.coupling[row])]
-            assert np.sign(value) == np.sign(learnt), (one.name, one.joints[row])
+            assert np.sign(value) == np.sign(learned), (one.name, one.joints[row])
             if one.name != "arm both":  # where two joints share the work
-                assert 0.4 < value / learnt < 2.5, (one.name, one.joints[row])
+                assert 0.4 < value / learned < 2.5, (one.name, one.joints[row])
 
 
 def test_lift_carries_the_camera_along_its_axis(room):
@@ -137,6 +139,7 @@ def take(world, name, offset, height):
     return world.object_position(name)[2] - before, opening
 
 
+@pytest.mark.slow
 def test_a_grasp_holds_and_can_fail(room):
     room.place("Potted Meat", (0.5, 2.0, 0.0))
     came, opening = take(room, "Potted Meat", 0.0, 0.06)
@@ -164,14 +167,15 @@ def test_a_gripper_that_cannot_open_says_so(room):
     assert room.opening() == pytest.approx(OPENING, abs=2e-3)
 
 
+@pytest.mark.slow
 def test_annotations_show_the_object(world):
     seen = annotate(world, "Tuna", np.random.default_rng(5), count=4)
     assert all(mask.sum() > 300 for mask in seen.masks)
-    colours = [
+    colors = [
         image[mask].mean(axis=0) - image[~mask].mean(axis=0)
         for image, mask in zip(seen.images, seen.masks, strict=True)
     ]
-    assert np.abs(colours).max() > 20
+    assert np.abs(colors).max() > 20
     areas = [mask.sum() for mask in seen.masks]
     assert max(areas) > 8 * min(areas)  # from near and far
 
@@ -187,6 +191,7 @@ def test_unknown_names():
     assert next(iter(household_objects())) == "Power Drill"
 
 
+@pytest.mark.slow
 def test_dropped_chain_does_not_burst():
     """Links that began inside one another made the engine's state infinite in one of some hundred heaps."""
     world = MobileWorld(["Plastic Chain"], seed=0, device="cpu")

@@ -3,7 +3,8 @@
 import pytest
 
 from dense_vs.generative import GenerativeModel
-from dense_vs.sims.papers.gothoskar.protocol import Trial, held_out_error
+from dense_vs.sims.papers.gothoskar.arm_trials import Trial
+from dense_vs.sims.papers.gothoskar.scores import held_out_error
 
 
 @pytest.mark.parametrize(("arm", "seed"), [("ur5", 17), ("ur5", 3), ("baxter", 2)])

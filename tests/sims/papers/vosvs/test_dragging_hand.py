@@ -5,7 +5,7 @@ import pytest
 
 from dense_vs.errors import DenseVSError
 from dense_vs.sims.mobile_manipulator.world import MobileWorld
-from dense_vs.sims.papers.vosvs.dragging import ROOM, DraggingHand
+from dense_vs.sims.papers.vosvs.dragging_hand import ROOM, DraggingHand
 
 NAME = "Plastic Chain"
 
@@ -15,6 +15,7 @@ def world():
     return MobileWorld([NAME], seed=3, device="cpu")
 
 
+@pytest.mark.slow
 def test_chain_is_dragged_about(world):
     rng = np.random.default_rng(5)
     world.lay_chain(NAME, (1.5, 1.5, 0.0), rng)

@@ -1,0 +1,97 @@
+"""The tables of docs/papers, from what ``dense-vs reproduce --json`` wrote: the paper's figure beside ours, all rows.
+
+python profiling/paper_pages.py            # rewrites the tables between their markers
+python profiling/paper_pages.py --check    # fails where a page is not what the results say
+"""
+
+import argparse
+import json
+import math
+import sys
+from collections import defaultdict
+from pathlib import Path
+from typing import Any
+
+RESULTS = Path(__file__).parent / "results" / "experiments.json"
+PAGES = Path(__file__).parent.parent / "docs" / "papers"
+NAMES = {"dije": "dije", "vosvs": "vosvs", "generative": "gothoskar"}
+BEGIN, END = "<!-- tables: begin -->", "<!-- tables: end -->"
+
+
+def page_tables(runs: list[dict[str, Any]]) -> str:
+    """Markdown of all experiments of a paper: a section an experiment, a column a run."""
+    grouped: dict[tuple[str, str], list[dict[str, Any]]] = defaultdict(list)
+    for run in runs:
+        grouped[run["experiment"], _told(run)].append(run)
+    return "\n".join(_section(experiment, told, members) for (experiment, told), members in sorted(grouped.items()))
+
+
+def _section(experiment: str, told: str, runs: list[dict[str, Any]]) -> str:
+    runs = sorted(runs, key=lambda run: run["seeds"])
+    seeds = ["seeds " + _range(run["seeds"]) if len(run["seeds"]) > 1 else f"seed {run['seeds'][0]}" for run in runs]
+    lines = [
+        f"### {experiment}{': ' + told if told else ''}",
+        "",
+        f"`dense-vs reproduce {runs[0]['paper']} {experiment}`; {_made(runs)}.",
+        "",
+        f"| | paper | {' | '.join(seeds)} | |",
+        f"|---|---|{'---|' * (len(runs) + 1)}",
+    ]
+    for index, row in enumerate(runs[0]["rows"]):
+        ours = [_shown(run["rows"][index]["ours"]) for run in runs]
+        paper = "" if row["paper"] is None else _shown(row["paper"])
+        lines.append(f"| {row['name'].strip()} | {paper} | {' | '.join(ours)} | {row['unit']} |")
+    return "\n".join([*lines, ""])
+
+
+def _told(run: dict[str, Any]) -> str:
+    """What tells runs of one experiment apart."""
+    return {"normal": "postures normal", "uniform": "postures uniform"}.get(
+        (run.get("arguments") or {}).get("postures"), ""
+    )
+
+
+def _made(runs: list[dict[str, Any]]) -> str:
+    """When and with which commit, where the run says so."""
+    dates = sorted({run["date"][:10] for run in runs if "date" in run})
+    commits = sorted({run["commit"][:7] for run in runs if run.get("commit")})
+    when = " to ".join(dict.fromkeys((dates[0], dates[-1]))) if dates else "date not recorded"
+    return f"{when}, commit {', '.join(commits)}" if commits else when
+
+
+def _range(seeds: list[int]) -> str:
+    return f"{seeds[0]}-{seeds[-1]}" if seeds == list(range(seeds[0], seeds[-1] + 1)) else ", ".join(map(str, seeds))
+
+
+def _shown(value: float | None) -> str:
+    if value is None or not math.isfinite(value):
+        return "none"
+    return f"{value:.0f}" if value == round(value) and abs(value) < 1e6 else f"{value:.3g}"
+
+
+def main() -> int:
+    """Run the command."""
+    parser = argparse.ArgumentParser(description="Write the papers' tables into docs/papers.")
+    parser.add_argument("--check", action="store_true", help="write nothing; fail where a page differs")
+    check = parser.parse_args().check
+    runs = json.loads(RESULTS.read_text(encoding="utf-8"))["runs"]
+    stale = []
+    for paper, name in NAMES.items():
+        page = PAGES / f"{name}.md"
+        text = page.read_text(encoding="utf-8")
+        before, rest = text.split(BEGIN)
+        after = rest.split(END)[1]
+        tables = page_tables([run for run in runs if run["paper"] == paper])
+        whole = f"{before}{BEGIN}\n\n{tables}\n{END}{after}"
+        if whole != text:
+            stale.append(page.name)
+            if not check:
+                page.write_text(whole, encoding="utf-8")
+    if check and stale:
+        print(f"not what the results say: {', '.join(stale)}; run python profiling/paper_pages.py", file=sys.stderr)
+        return 1
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,46 @@
+"""Committed results as the tables read them: values by name, and where they come from in words."""
+
+import json
+from pathlib import Path
+from typing import Any
+
+RESULTS = Path(__file__).parent / "results"
+
+
+class Result:
+    """A result file that ``metrics.py`` wrote.
+
+    Args:
+        name: of the file in ``profiling/results``, without its ending.
+    """
+
+    def __init__(self, name: str):
+        content = json.loads((RESULTS / f"{name}.json").read_text(encoding="utf-8"))
+        self.values: dict[str, float] = {metric["name"]: metric["value"] for metric in content["metrics"]}
+        self.content = content
+
+    def __getitem__(self, name: str) -> float:
+        return self.values[name]
+
+    def origin(self) -> str:
+        """Machine, date, commit and Warp's version."""
+        return origin(self.content)
+
+
+def origin(content: dict[str, Any]) -> str:
+    """Where a result was measured, when, and from which commit, as far as its file says."""
+    machine = content.get("machine", {})
+    words = [*machine.get("gpus", [])] or [f"{machine.get('cores', '?')} cores of {machine.get('cpu', 'unknown')}"]
+    caches = machine.get("caches", {})
+    if caches and not machine.get("gpus"):
+        words.append(", ".join(f"{name} {size}" for name, size in caches.items()))
+    words.append(content.get("date", "no date")[:10])
+    if content.get("commit"):
+        words.append(f"commit {content['commit'][:10]}")
+    words.append(f"Warp {content['versions']['warp-lang']}")
+    return ", ".join(words)
+
+
+def runs() -> list[dict[str, Any]]:
+    """Runs of experiments, as ``dense-vs reproduce --json`` wrote them."""
+    return json.loads((RESULTS / "experiments.json").read_text(encoding="utf-8"))["runs"]

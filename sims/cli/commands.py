@@ -1,0 +1,15 @@
+"""Names and help lines of the commands that need a simulator; ``dense-vs`` finds them by their entry point."""
+
+from dense_vs.cli.commands import Command
+
+COMMANDS = {
+    "arms": Command("dense_vs.sims.cli.arms", "build the scene of a commercial arm with its own meshes"),
+    "depth-train": Command(
+        "dense_vs.sims.cli.depth_train", "train the learned depth from masks on simulated sequences"
+    ),
+    "reach": Command(
+        "dense_vs.sims.cli.reach", "learn J on a simulated robot and bring a point of it to image targets"
+    ),
+    "record": Command("dense_vs.sims.cli.record", "record a simulated robot: video, joint log and the true Jacobians"),
+    "reproduce": Command("dense_vs.sims.cli.reproduce", "repeat a paper's experiment on a simulated robot"),
+}

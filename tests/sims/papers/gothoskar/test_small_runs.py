@@ -1,0 +1,63 @@
+"""Experiments on the generative model, run small: what their figures must be, whatever the seed."""
+
+import json
+
+import numpy as np
+import pytest
+
+from dense_vs.cli.main import main
+
+PERFECT_PX = 0.627  # mean distance that the pixels' noise alone makes
+
+
+@pytest.fixture
+def reproduce(tmp_path):
+    """The values of an experiment run from the command line, by row."""
+
+    def run(name, *options):
+        file = tmp_path / "rows.json"
+        assert main(["reproduce", "generative", name, "--out", str(tmp_path), "--json", str(file), *options]) == 0
+        return {row["name"]: row["ours"] for row in json.loads(file.read_text())["rows"]}
+
+    return run
+
+
+def test_folds_are_scored_on_what_was_left_out(reproduce):
+    values = reproduce("kfold", "--arm", "ur5", "--samples", "40", "--folds", "2", "--seed", "2")
+    assert PERFECT_PX < values["k = 2: mean"] < 1.0
+    assert values["k = 2: worst"] >= values["k = 2: mean"]
+
+
+@pytest.mark.slow
+def test_learning_end_to_end_lowers_the_error_to_the_noise(reproduce):
+    values = reproduce("stages", "--arm", "ur5", "--samples", "30", "--seed", "2")
+    before = values["before end-to-end: mean squared distance, median"]
+    after = values["after end-to-end: mean squared distance, median"]
+    assert after < 0.6 < before  # noise of half a pixel makes 0.5 px^2
+
+
+@pytest.mark.slow
+def test_the_model_servoes_in_fewer_moves_than_a_careful_gain(reproduce):
+    options = ["--arm", "ur5", "--samples", "30", "--targets", "5", "--moves", "4", "--gains", "0.2", "--seed", "2"]
+    values = reproduce("servo", *options)
+    assert values["exact: model: moves to below 1 px, median"] <= 2
+    assert values["exact: model: final error, median"] < 1.0
+    assert values["exact: model: share ever below 1 px"] == 1.0
+    # Four moves of a fifth each leave 0.8^4 of a hundred pixels.
+    assert values["exact: IBVS, gain 0.2: share ever below 1 px"] == 0.0
+    assert values["exact: IBVS, gain 0.2: moves to below 1 px, median"] is None  # JSON's infinity
+
+
+def test_two_cameras_reproject_better_than_one(reproduce):
+    values = reproduce("single-camera", "--arm", "ur5", "--samples", "30", "--learn-from", "30", "--seed", "2")
+    both, one = (values[f"ur5: {name}: reprojection: median"] for name in ("both cameras", "one camera"))
+    assert both < one
+    assert values["learned from one camera, 30 samples: mean"] > PERFECT_PX
+
+
+@pytest.mark.slow
+def test_every_query_takes_time(reproduce):
+    values = reproduce("speed", "--repeats", "1")
+    assert len(values) == 10
+    assert all(0 < value < np.inf for value in values.values())
+    assert values["learning from 50 samples"] > values["forward end-to-end"]

@@ -1,0 +1,179 @@
+"""What the program promises: its commands and their options, quick help, and a clean end whatever happens to it."""
+
+import argparse
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+from dense_vs.cli.main import build_parser, main
+
+DEVICE = "--device --threads"
+WORLD = f"--robot --joints --camera --height --width --distractor --compliance --seed {DEVICE}"
+EXPERIMENT = f"--seed --out --json {DEVICE}"
+SERVO_TASK = (
+    f"{EXPERIMENT} --targets --babble --period --gain --commands --compliance --prediction --distractor --halve"
+)
+ARM = f"{EXPERIMENT} --arm --postures --cameras"
+HAND = f"{EXPERIMENT} --tries --arm --samples --independent"
+
+OPTIONS = {
+    "depth-eval": "folder --methods --sets --json",
+    "depth-train": "--sequences --seed --out --processes",
+    "estimate": "video joints --out --joints --time-offset --scale --every --flow --covariance --prediction --no-video "
+    f"--truth {DEVICE}",
+    "learn-model": "recording --out --json --state --controller --kinematics --method --noise --distortion --holdout "
+    "--seed",
+    "reach": f"--out --targets --babble --point --max-frames --gain --flow --tracker --no-video {WORLD}",
+    "record": f"--out --seconds --log-rate --jitter --time-offset --truth-every {WORLD}",
+    "reproduce": "",
+    "reproduce dije": "",
+    "reproduce dije labels": f"{EXPERIMENT} --seconds --period --distractor",
+    "reproduce dije leak": f"{EXPERIMENT} --seconds --period --distractor",
+    "reproduce dije rake": SERVO_TASK,
+    "reproduce dije reach": SERVO_TASK,
+    "reproduce dije vacuum": SERVO_TASK,
+    "reproduce generative": "",
+    "reproduce generative camera-shift": f"{ARM} --metres --radians",
+    "reproduce generative few-samples": f"{ARM} --samples --tolerances --kinematics",
+    "reproduce generative grasp": HAND,
+    "reproduce generative insertion": HAND,
+    "reproduce generative kfold": f"{ARM} --samples --folds",
+    "reproduce generative noisy-control": f"{ARM} --samples --targets --moves --sigma --controller",
+    "reproduce generative noisy-states": f"{ARM} --samples --sigma --controller",
+    "reproduce generative relearning": f"{ARM} --samples --relearn-from",
+    "reproduce generative servo": f"{ARM} --samples --targets --moves --gains --sigma",
+    "reproduce generative single-camera": f"{ARM} --samples --learn-from",
+    "reproduce generative speed": f"{EXPERIMENT} --repeats",
+    "reproduce generative stages": f"{ARM} --samples --published",
+    "reproduce vosvs": "",
+    "reproduce vosvs depth-log": f"{EXPERIMENT} --log",
+    "reproduce vosvs learn": f"{EXPERIMENT} --responses --looks",
+    "reproduce vosvs pick-place": f"{EXPERIMENT} --method",
+    "reproduce vosvs step-response": EXPERIMENT,
+    "reproduce vosvs track": f"{EXPERIMENT} --looks",
+    "reproduce vosvs trial": f"{EXPERIMENT} --method",
+    "segment": "input --model --out --layout --size --mean --std --activation --mask-input --first-mask",
+    "segment-train": "folder --out --negatives --seed --folds",
+}
+# Modules that take longer to import than a list of commands may take.
+HEAVY = {"numpy", "warp", "cv2", "scipy", "mujoco", "rich"}
+
+
+def parsers(parser, name=""):
+    """Every parser below a parser by its words."""
+    parser.complete()
+    for action in parser._actions:
+        if isinstance(action, argparse._SubParsersAction):
+            for word, below in action.choices.items():
+                whole = f"{name} {word}".strip()
+                yield whole, below
+                yield from parsers(below, whole)
+
+
+def options_of(parser):
+    for action in parser._actions:
+        if not isinstance(action, argparse._SubParsersAction | argparse._HelpAction):
+            yield from action.option_strings or [action.dest]
+
+
+@pytest.fixture(scope="module")
+def all_parsers():
+    return dict(parsers(build_parser()))
+
+
+def test_every_command_is_there(all_parsers):
+    assert set(OPTIONS) <= set(all_parsers)
+
+
+@pytest.mark.parametrize("name", OPTIONS)
+def test_options_of_a_command(name, all_parsers):
+    found = set(options_of(all_parsers[name]))
+    assert set(OPTIONS[name].split()) <= found, "an option that users have written down is gone"
+
+
+def test_every_option_is_described(all_parsers):
+    for name, parser in all_parsers.items():
+        assert parser.description, name
+        for action in parser._actions:
+            known = isinstance(action, argparse._SubParsersAction) or action.help
+            assert known, f"{name} {action.option_strings or action.dest}"
+
+
+def program(*arguments):
+    return [sys.executable, "-m", "dense_vs", *map(str, arguments)]
+
+
+@pytest.mark.parametrize("words", [[], ["reproduce"], ["reproduce", "vosvs"]], ids=" ".join)
+def test_lists_need_no_heavy_import(words, tmp_path):
+    code = (
+        "import sys; from dense_vs.cli.main import main\n"
+        f"try: main([*{words}, '--help'])\n"
+        "except SystemExit: pass\n"
+        "print('\\n' + ' '.join(sys.modules))"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True, cwd=tmp_path)
+    assert not set(done.stdout.splitlines()[-1].split()) & HEAVY
+
+
+def test_unknown_command_names_the_known_ones(capsys):
+    with pytest.raises(SystemExit) as stopped:
+        main(["dance"])
+    assert stopped.value.code == 2
+    assert "'reach'" in capsys.readouterr().err
+
+
+def shell(line, folder):
+    """Run a line of shell in which ``$DENSE_VS`` is the program."""
+    environment = {**os.environ, "DENSE_VS": " ".join(program())}
+    return subprocess.run(
+        ["bash", "-o", "pipefail", "-c", line], capture_output=True, text=True, check=False, cwd=folder, env=environment
+    )
+
+
+def no_traceback(done):
+    return "Traceback" not in done.stderr and "Exception ignored" not in done.stderr
+
+
+def test_a_reader_that_left_ends_it_quietly(tmp_path):
+    done = shell("$DENSE_VS reproduce generative --help | true", tmp_path)
+    assert done.returncode in (0, 141)  # 0 where all was written before the reader left
+    assert done.stderr == ""
+
+
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="needs a device that is always full")
+def test_a_full_disk_is_one_line(tmp_path):
+    done = shell("$DENSE_VS --help > /dev/full", tmp_path)
+    assert done.returncode == 2
+    assert done.stderr == "dense-vs: cannot write the output: No space left on device\n"
+    done = shell("$DENSE_VS dance 2> /dev/full", tmp_path)
+    assert done.returncode == 2
+
+
+@pytest.mark.parametrize("closed", [">&-", "2>&-", "<&-", ">&- 2>&- <&-"])
+def test_closed_streams(closed, tmp_path):
+    done = shell(f"$DENSE_VS --help {closed}", tmp_path)
+    assert done.returncode == 0
+    assert no_traceback(done)
+    done = shell(f"$DENSE_VS depth-eval nowhere {closed}", tmp_path)
+    assert done.returncode == 2
+    assert no_traceback(done)
+
+
+@pytest.mark.parametrize("delay", [0.0, 0.1, 0.3, 1.0])
+def test_an_interrupt_leaves_no_traceback(delay, tmp_path):
+    # What the interpreter does before it comes to us is not ours to answer for.
+    begin = "import runpy, signal, sys; signal.signal(signal.SIGINT, signal.SIG_DFL); print('begun', flush=True)"
+    code = f"{begin}; sys.argv[1:] = ['reach', '--out', 'out']; runpy.run_module('dense_vs', run_name='__main__')"
+    pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "text": True}
+    started = subprocess.Popen([sys.executable, "-c", code], cwd=tmp_path, **pipes)
+    assert started.stdout.readline() == "begun\n"
+    time.sleep(delay)
+    started.send_signal(signal.SIGINT)
+    said = started.communicate(timeout=120)[1]
+    assert started.returncode in (130, -signal.SIGINT)
+    assert "Traceback" not in said
