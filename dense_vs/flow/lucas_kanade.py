@@ -13,6 +13,8 @@ Beside dense inverse search J gets better from it on plain arms with seams and e
 plain; where there is texture all over, search is sharper at outlines.
 """
 
+from typing import Any
+
 import cv2
 import numpy as np
 
@@ -38,12 +40,13 @@ class LucasKanade:
         for _ in range(levels):
             before.append(cv2.pyrDown(before[-1]))
             now.append(cv2.pyrDown(now[-1]))
-        flow = np.zeros((*now[-1].shape, 2), dtype=np.float32)
+        flow: Any = np.zeros((*now[-1].shape, 2), dtype=np.float32)
         slopes = _gradient(now[-1])
         for level in range(levels, -1, -1):
             height, width = now[level].shape
             if flow.shape[:2] != (height, width):
-                scale = np.array([width / flow.shape[1], height / flow.shape[0]], dtype=np.float32)
+                before_height, before_width = flow.shape[:2]
+                scale = np.array([width / before_width, height / before_height], dtype=np.float32)
                 flow = cv2.resize(flow, (width, height), interpolation=cv2.INTER_LINEAR) * scale
                 slopes = _gradient(now[level])
             flow += self._step(before[level], now[level], slopes, flow, WIDE, WIDE_WEIGHT)

@@ -1,5 +1,6 @@
 """What a real camera and a real robot add to a simulated one: noise, compression, flicker, late joint readings."""
 
+from collections.abc import Callable
 from dataclasses import dataclass, fields
 from typing import Any
 
@@ -41,6 +42,10 @@ class Realism:
             if not number or not np.isfinite(value) or not low <= value <= high:
                 expected = "a whole number" if field.name in whole else "a number"
                 raise DenseVSError(f"{field.name} is {value!r}; expected {expected} from {low:g} to {high:g}")
+
+    def images(self, rgb: np.ndarray, random: Callable[[int], np.random.Generator]) -> np.ndarray:
+        """Images (B, H, W, 3) uint8 as such cameras give them, each world with a generator of its own."""
+        return np.stack([self.image(image, random(world)) for world, image in enumerate(rgb)])
 
     def image(self, rgb: np.ndarray, random: np.random.Generator) -> np.ndarray:
         """The image (H, W, 3) uint8 as such a camera gives it."""

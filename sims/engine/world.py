@@ -19,6 +19,7 @@ from dense_vs.sims.engine import surface_points
 from dense_vs.sims.engine.compliance import Compliance, resolve_compliance
 from dense_vs.sims.engine.distractor import Distractor, DistractorPath
 from dense_vs.sims.engine.frames import DeviceFrame, Frame
+from dense_vs.sims.engine.joint_readings import JointReadings
 from dense_vs.sims.engine.physics import Physics, WarpPhysics, history_times, make_physics
 from dense_vs.sims.engine.randomization import DomainRandomization, WorldModels
 from dense_vs.sims.engine.realism import Realism, resolve_realism
@@ -62,8 +63,8 @@ class SimWorld:
             has meshes, whose detail aliases with one, else 1.
         realism: True, or a :class:`.realism.Realism`, for images with noise, flicker and compression and joint readings
             that are late; images on the device stay clean, and so does the truth.
-        compliance: True, or a :class:`.compliance.Compliance`, for joints that are soft, late and read
-            with noise, as a tendon-driven robot's; our robots only. The truth stays exact.
+        compliance: True, or a :class:`.compliance.Compliance`, for joints that are soft, late and read with noise, as a
+            tendon-driven robot's; our robots only. The truth stays exact.
 
     Raises:
         DenseVSError: any argument that cannot be used; the message lists the valid ones.
@@ -119,7 +120,7 @@ class SimWorld:
         """
         step = self._joint_step(delta)
         self._truth.remember_poses()
-        self._remember_readings()
+        self._readings.remember(self._physics.joint_history)
         self._physics.advance(step)
         self._frame += 1
         self._settle()
@@ -151,15 +152,10 @@ class SimWorld:
         """The present image, rendered when first asked for."""
         seen = self.frame_device()
         rgb = seen.rgb.numpy().copy()
-        if self._realism is not None:
-            for world, image in enumerate(rgb):
-                rgb[world] = self._realism.image(image, _world_rng(self._seed, world, 4, self._frame))
-        return Frame(
-            self._out(rgb),
-            self._out(seen.depth.numpy().copy()),
-            self._out(seen.ids.numpy().copy()),
-            self.time,
-        )
+        if self._realism:
+            rgb = self._realism.images(rgb, lambda world: _world_rng(self._seed, world, 4, self._frame))
+        depth, ids = (array.numpy().copy() for array in (seen.depth, seen.ids))
+        return Frame(self._out(rgb), self._out(depth), self._out(ids), self.time)
 
     def frame_device(self) -> DeviceFrame:
         """The present image in device arrays, which the next frame overwrites."""
@@ -170,12 +166,12 @@ class SimWorld:
 
     def joints(self) -> tuple[np.ndarray, float]:
         """Positions (N,) of the chosen joints [rad], as they are read, and their time [s]."""
-        return self._out(self._read(self._late(self._physics.joint_positions()[:, None]))[:, -1]), self.time
+        return self._out(self._readings.of(self._physics.joint_positions()[:, None])[:, -1]), self.time
 
     def joint_history(self) -> tuple[np.ndarray, np.ndarray]:
         """Times (S,) and positions (S, N) after each physics step of the last frame; S = 1 before the first."""
         history = self._physics.joint_history()
-        return history_times(self._frame, history.shape[1]), self._out(self._read(self._late(history)))
+        return history_times(self._frame, history.shape[1]), self._out(self._readings.of(history))
 
     def true_jacobian(self) -> np.ndarray:
         """Image Jacobian (H, W, 2, N) of the surface point at every pixel [px/rad].
@@ -323,19 +319,14 @@ class SimWorld:
         pixel_bytes = BYTES_PER_PIXEL + (BYTES_PER_SAMPLE * samples**2 if samples > 1 else 0)
         with room_for("a simulation", worlds, pixel_bytes * height * width + BYTES_OF_PHYSICS, self._device):
             physics = make_physics(scene, worlds, self._device, models, self._physics_on_device)
-            renderer = Renderer(
-                scene.model,
-                physics.model,
-                physics.data,
-                scene.camera,
-                self._shape,
-                self._device,
-                self._threads,
-                samples=samples,
-            )
+            seen = (scene.model, physics.model, physics.data, scene.camera, self._shape)
+            renderer = Renderer(*seen, self._device, self._threads, samples=samples)
         self._intrinsics = camera_intrinsics(scene.model, scene.camera, height, width)
         self._truth = GroundTruth(scene, physics.data, renderer, self._intrinsics, self._device, self._threads)
         self._scene, self._physics, self._renderer, self._seed = scene, physics, renderer, seed
+        self._readings = JointReadings(
+            self._compliance, self._realism, lambda world: _world_rng(seed, world, 3, self._frame)
+        )
         self._distractor: Distractor | None = None
         if scene.distractor >= 0:
             rngs = [_world_rng(seed, world, 1) for world in range(worlds)]
@@ -352,7 +343,7 @@ class SimWorld:
             row[columns] += scene.posture_range * offset
             row[:] = scene.chain.closed(self._physics.models.host(world), row)[0]
         self._physics.reset(qpos)
-        self._readings: list[np.ndarray] = []  # of the frames that joint readings are late by, the oldest first
+        self._readings.begin()
         self._frame = 0
         self._settle()
         self._truth.remember_poses()
@@ -364,34 +355,6 @@ class SimWorld:
             self._distractor.place(data.time, data.mocap_pos)
         self._physics.update_poses()
         self._rendered = False
-
-    def _remember_readings(self) -> None:
-        """Keep the joint history of the frame that ends, for readings that come late."""
-        late = 0 if self._realism is None else self._realism.late_frames
-        if late:
-            self._readings = [*self._readings, self._physics.joint_history()][-late:]
-
-    def _late(self, positions: np.ndarray) -> np.ndarray:
-        """Positions (B, S, N) of the present frame, or of as many ago as readings are late; at first, of fewer."""
-        if not self._readings:
-            return positions
-        earlier = self._readings[0]
-        count = positions.shape[1]
-        if earlier.shape[1] < count:  # before the first step there is but one
-            return np.repeat(earlier[:, -1:], count, axis=1)
-        return earlier[:, -count:]
-
-    def _read(self, positions: np.ndarray) -> np.ndarray:
-        """Positions (B, S, N) with the noise of their readings, the same whenever a frame's are asked for."""
-        if self._realism is not None:
-            positions = self._realism.readings(positions)
-        if self._compliance is None or not self._compliance.reading_noise:
-            return positions.copy()
-        worlds, count, joints = positions.shape
-        rngs = [_world_rng(self._seed, world, 3, self._frame) for world in range(worlds)]
-        # The last reading first, so that it is the same alone.
-        noise = np.stack([rng.normal(0.0, self._compliance.reading_noise, (count, joints))[::-1] for rng in rngs])
-        return positions + noise
 
     def _located(self, point: str | SurfacePoint, world: int) -> tuple:
         """Pixel, world position, poses and camera pose of a point in one world."""
