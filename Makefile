@@ -5,11 +5,14 @@ RUN := $(VENV)/bin
 # A module's tests stay together, as its fixtures are costly; 'make test TESTS=tests/kernels' runs some of them.
 TESTS ?= -n 2 --dist loadscope
 
-.PHONY: demo test check docs bench clean
+.PHONY: demo arms test check docs bench clean
 .DELETE_ON_ERROR:
 
 demo: $(VENV)/.sims
 	$(RUN)/dense-vs reach --robot arm --targets 5 --seed 0 --out out/demo
+
+arms: $(VENV)/.sims
+	$(RUN)/dense-vs arms panda ur5e baxter fetch
 
 test: $(VENV)/.dev
 	$(RUN)/python -m pytest $(TESTS)

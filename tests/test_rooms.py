@@ -42,13 +42,14 @@ ROOMS["view"] = ALGORITHMS
 ROOMS["cli"] = ALGORITHMS | {"view"}
 SIMS_ROOMS = {
     "sims.engine": set(),
+    "sims.arms": {"sims.engine"},
     "sims.batch": {"sims.engine"},
     "sims.marked_arm": set(),
     "sims.workcell": {"sims.engine", "sims.marked_arm"},
     "sims.mobile_manipulator": {"sims.engine"},
     "sims.depth_training": set(),
     "sims.papers": {"sims.engine", "sims.batch", "sims.marked_arm", "sims.workcell", "sims.mobile_manipulator"},
-    "sims.cli": {"sims.engine", "sims.batch", "sims.papers", "sims.depth_training"},
+    "sims.cli": {"sims.engine", "sims.arms", "sims.batch", "sims.papers", "sims.depth_training"},
 }
 EXTERNAL = {"sims.cli": {"cli"}}  # the simulator's commands share the command line's arguments
 

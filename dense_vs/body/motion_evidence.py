@@ -152,7 +152,7 @@ class SelfMotion:
             inputs = [jacobian, energy, self._motion, self.flow, gain, *constants]
             outputs = [self._jacobian[1 - now], self._energy[1 - now]]
             self._update.append(self._pixels(kernels.update_motion, [*inputs, *outputs]))
-            inputs = [self._dq, self._covariance[now], self._displacement[now], self._factor, *noises]
+            inputs = [self._dq, self._dq, self._covariance[now], self._displacement[now], self._factor, *noises]
             outputs = [self._projected, self._covariance[1 - now], self._displacement[1 - now], self._gain]
             self._update_gain.append(
                 wp.launch(

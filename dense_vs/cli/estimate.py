@@ -53,9 +53,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument(
         "--flow",
-        default="dis",
+        default="lucas-kanade",
         metavar="METHOD",
-        help="optical flow method; an unknown one lists them all (default: dis)",
+        help="optical flow method; an unknown one lists them all (default: lucas-kanade)",
     )
     parser.add_argument(
         "--covariance",

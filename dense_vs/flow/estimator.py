@@ -13,6 +13,7 @@ import numpy as np
 
 from dense_vs.checks import check_whole
 from dense_vs.errors import DenseVSError
+from dense_vs.flow.lucas_kanade import LucasKanade
 
 
 def _farneback(window: int, levels: int, iterations: int) -> Callable[[], Callable]:
@@ -40,6 +41,16 @@ def _dis(preset: int, **settings: int) -> Callable[[], Callable]:
     return make
 
 
+def _lucas_kanade() -> Callable:
+    method = LucasKanade()
+
+    def calculate(present: np.ndarray, previous: np.ndarray) -> np.ndarray:
+        flow = method(previous, present)  # at the present image's pixels already
+        return np.negative(flow, out=flow)
+
+    return calculate
+
+
 def _on_device(method: str) -> Callable[..., Callable]:
     def make(device: str = "auto", threads: int | None = None) -> Callable:
         from dense_vs.flow.batch_flow import PairFlow
@@ -51,6 +62,7 @@ def _on_device(method: str) -> Callable[..., Callable]:
 
 ON_DEVICE = ("farneback-warp", "farneback-paper-warp", "farneback-gaussian-warp")  # as in batch_flow.py
 METHODS: dict[str, Callable[..., Callable]] = {
+    "lucas-kanade": _lucas_kanade,
     # Found by profiling/flow_methods.py --scan, by the error of J after babbling for the time the flow takes.
     "dis": _dis(
         cv2.DISOPTICAL_FLOW_PRESET_ULTRAFAST,
@@ -72,7 +84,8 @@ class FlowEstimator:
     """Dense flow by one of OpenCV's methods, or by Warp kernels on all cores or a GPU.
 
     Args:
-        method: ``"dis"``, dense inverse search down to the full resolution with one step of refinement (default);
+        method: ``"lucas-kanade"``, least squares in windows that narrow, the best for arms with plain links (default);
+            ``"dis"``, dense inverse search down to the full resolution with one step of refinement;
             ``"dis-fast"``, without the refinement; ``"farneback"``, polynomial expansion with a small window;
             ``"farneback-paper"``, window 15, 3 levels, 3 iterations; ``"dis-medium"`` and ``"dis-ultrafast"``,
             OpenCV's presets; ``"farneback-warp"`` and ``"farneback-paper-warp"``, the same two in Warp;
@@ -87,7 +100,7 @@ class FlowEstimator:
 
     def __init__(
         self,
-        method: str = "dis",
+        method: str = "lucas-kanade",
         height: int = 240,
         width: int = 320,
         *,

@@ -121,7 +121,7 @@ class DenseJacobian:
         self.device = resolve_device(device)
         self.threads = resolve_threads(threads)
         with room_for("a dense image Jacobian", self.options.worlds, filter_bytes(self.options), self.device):
-            self.filter = JacobianFilter(self.options, self.device, self.threads)
+            self.filter = JacobianFilter(self.options, self.device, self.threads, spans=self.takes_spans)
         self.updates = 0
 
     @property
@@ -195,18 +195,28 @@ class DenseJacobian:
         counts = self.filter.bad.numpy().sum(axis=1)
         return int(counts[0]) if self.options.worlds == 1 else counts
 
-    def update(self, flow: Any, dq: Any) -> None:
+    @property
+    def takes_spans(self) -> bool:
+        """Whether a flow may span more than a frame: with a covariance that all pixels share and J moved by J dq."""
+        return self.options.covariance == "shared" and self.options.prediction != "flow"
+
+    def update(self, flow: Any, dq: Any, span: Any = None) -> None:
         """Take one frame: move J with the image, DIJE (8), then correct it by the flow, DIJE (10).
 
         Args:
             flow: ``(H, W, 2)`` float32 [px per frame], stored at the pixels of the present frame and pointing
                 from where a point was to where it is.
             dq: ``(N,)`` floating point [rad], the joint displacement between the two frames' time stamps.
+            span: ``(N,)`` floating point [rad], the joint displacement from the flow's first image to the present one
+                where that image lies further back than the last frame; ``dq`` unless given. Where little moves in a
+                frame, such a flow says more: its errors hardly grow with the distance moved (beyond the paper).
 
         Raises:
-            DenseVSError: shape, dtype, or a value that is not finite; the estimate stays as it was.
+            DenseVSError: shape, dtype, or a value that is not finite; a span where :attr:`takes_spans` is false; the
+                estimate stays as it was.
         """
         joint_step = self._joint_step(dq)
+        spanned = None if span is None else self._span(span)
         self.filter.stage(vec2_image(flow, "flow", self.filter.shape, self.device))
         if self.options.on_bad_flow == "error" and (bad := int(self.filter.bad.numpy().sum())):
             self.filter.bad.zero_()
@@ -214,7 +224,17 @@ class DenseJacobian:
                 f"flow has {bad} pixels that are not finite; expected finite values, or "
                 "DenseJacobian(on_bad_flow='skip')"
             )
-        self.filter.advance(joint_step)
+        self.filter.advance(joint_step, spanned)
+        self.updates += 1
+
+    def predict(self, dq: Any) -> None:
+        """Take one frame without its flow: move J with the image, its uncertainty growing; a later flow may span it.
+
+        Raises:
+            DenseVSError: as for :meth:`update`.
+        """
+        joint_step = self._joint_step(dq)
+        self.filter.advance(joint_step, self._span(np.zeros(np.shape(dq))))
         self.updates += 1
 
     def predicted_flow(self, dq: Any) -> np.ndarray:
@@ -287,6 +307,16 @@ class DenseJacobian:
         estimator.filter.restore({name: found for name, _, found in stored})
         estimator.updates = updates
         return estimator
+
+    def _span(self, span: Any) -> np.ndarray:
+        if not self.takes_spans:
+            raise DenseVSError(
+                f"flow that spans more or less than a frame, covariance {self.options.covariance!r} and prediction "
+                f"{self.options.prediction!r}; expected covariance 'shared' and prediction 'model' or 'none'"
+            )
+        worlds, joints = self.options.worlds, self.options.joints
+        step = real_vector(span, "span", (joints,) if worlds == 1 else (worlds, joints), np.float32)
+        return step.reshape(worlds, joints)
 
     def _joint_step(self, dq: Any) -> np.ndarray:
         worlds, joints = self.options.worlds, self.options.joints

@@ -37,6 +37,7 @@ class JacobianFilter:
         threads: CPU threads.
         layout: of the state, see :mod:`dense_vs.kernels.jacobian.state_image`; ``"planes"`` on a GPU unless given.
         flow: (B, H, W) of vec2 that someone else fills; an array of its own unless given.
+        spans: whether a flow may span more than a frame, or a frame have none; for a shared covariance.
 
     Attributes:
         shape: (B, H, W).
@@ -47,6 +48,7 @@ class JacobianFilter:
         now: which of each two is the present one.
         flow: (B, H, W) of vec2, of the frame that :meth:`advance` takes [px].
         dq: (B, N) float32, its joint step [rad].
+        span: (B, N) float32, joint displacement that the flow spans [rad]; ``dq`` itself without ``spans``.
         bad: (B, H) int32, pixels of each row whose flow is not finite.
     """
 
@@ -58,6 +60,7 @@ class JacobianFilter:
         *,
         layout: Layout | None = None,
         flow: wp.array | None = None,
+        spans: bool = False,
     ):
         assert options.order is not None  # the options have resolved it
         self.options, self.device, self.threads = options, device, threads
@@ -65,7 +68,7 @@ class JacobianFilter:
         self.kernels = jacobian_kernels(options.joints, options.order, self.layout)
         self.shape = (options.worlds, options.height, options.width)
         self._present: Any = None
-        self._allocate(flow)
+        self._allocate(flow, spans)
         self._record()
         self.reset()
 
@@ -107,14 +110,23 @@ class JacobianFilter:
         self.bad.zero_()
         self._count_bad()
 
-    def advance(self, joint_step: np.ndarray) -> None:
-        """Predict and correct by the staged flow and the joint step (B, N) float32 [rad]."""
+    def advance(self, joint_step: np.ndarray, span: np.ndarray | None = None) -> None:
+        """Predict and correct by the staged flow and the joint step (B, N) float32 [rad].
+
+        Args:
+            joint_step: of the frame.
+            span: joint displacement that the flow spans (B, N) float32 [rad], of a filter with ``spans``; the joint
+                step unless given. With zeros the frame is predicted only.
+        """
         self.dq.assign(joint_step)
+        if self.span is not self.dq:
+            self.span.assign(joint_step if span is None else span)
         self.advance_on_device()
 
     def advance_on_device(self) -> None:
         """Predict and correct by what ``flow`` and ``dq`` hold."""
-        self.regress[self.now]()
+        for regress in self.regress[self.now]:
+            regress()
         self.update_gain[self.now]()
         self.predict[self.now]()
         self.correct[self.now]()
@@ -168,7 +180,7 @@ class JacobianFilter:
         middle = self.displacement[self.now].numpy() - 0.5 * joint_step
         displacement = wp.array(middle, dtype=wp.float64, device=self.device)
         row = wp.empty_like(self.regressor)
-        wp.launch(regressors, dim=row.shape, inputs=[dq, displacement], outputs=[row], device=self.device)
+        wp.launch(regressors, dim=row.shape, inputs=[dq, dq, displacement], outputs=[row], device=self.device)
         out: Any = wp.empty_like(self.flow)
         arguments = [self.state[self.now], seen_as(row, self.kernels.StateRow, row.shape[:1]), out]
         launch_pixels(self.kernels.predicted_flow, self.shape, arguments, self.device, self.threads)
@@ -182,7 +194,7 @@ class JacobianFilter:
         wp.launch(self.kernels.sample_points, dim=where.shape, inputs=inputs, outputs=[out], device=self.device)
         return out
 
-    def _allocate(self, flow: wp.array | None) -> None:
+    def _allocate(self, flow: wp.array | None, spans: bool) -> None:
         options, kernels, device = self.options, self.kernels, self.device
         worlds, joints, columns = options.worlds, options.joints, kernels.columns
         height, width = options.height, options.width
@@ -212,6 +224,8 @@ class JacobianFilter:
         self.bad: Any = wp.zeros(self.shape[:2], dtype=wp.int32, device=device)
         self.dq = wp.zeros((worlds, joints), dtype=wp.float32, device=device)
         self.regressor = wp.zeros((worlds, columns), dtype=wp.float32, device=device)
+        self.span = wp.zeros_like(self.dq) if spans else self.dq
+        self.measured = wp.zeros_like(self.regressor) if spans else self.regressor
         self.gain = wp.zeros((worlds, columns), dtype=wp.float32, device=device)
         self.projected = wp.zeros((worlds, columns), dtype=wp.float64, device=device)
 
@@ -231,13 +245,15 @@ class JacobianFilter:
 
     def _record(self) -> None:
         options, kernels = self.options, self.kernels
-        regressor, gain = (seen_as(array, kernels.StateRow, array.shape[:1]) for array in (self.regressor, self.gain))
+        rows = (self.regressor, self.measured, self.gain)
+        regressor, measured, gain = (seen_as(array, kernels.StateRow, array.shape[:1]) for array in rows)
         dq = seen_as(self.dq, kernels.JointVector, self.dq.shape[:1])
         assert options.prediction is not None  # the options have resolved it
         by_model = options.prediction in ("model", "nearest")
         or_flow = options.prediction == "nearest"
         iterations = options.prediction_iterations if by_model else {"flow": 1, "none": 0}[options.prediction]
         limits = [options.rest, options.max_innovation or 0.0]
+        spans = self.measured is not self.regressor
         taps = RowTaps.empty(options.height, options.width, self.device)
         moved_by = [self.model_flow if by_model else self.flow, iterations, *taps.arrays]
         flows = [self.flow, self.model_flow]
@@ -250,26 +266,23 @@ class JacobianFilter:
             state, next_state = self.state[now], self.state[1 - now]
             covariance, next_covariance = self.covariance[now], self.covariance[1 - now]
             displacement, next_displacement = self.displacement[now], self.displacement[1 - now]
-            self.regress.append(self._worlds(regressors, [self.dq, displacement, self.regressor], kernels.columns))
+            self.regress.append([self._regress(self.dq, displacement, self.regressor)])
+            if self.measured is not self.regressor:
+                self.regress[now].append(self._regress(self.span, displacement, self.measured))
             if self._once:
                 self.predict.append(_nothing)  # the correction computes J dq where it wants it
-                kernel = kernels.update_shared_once(by_model, iterations, or_flow)
-                self.correct.append(
-                    tile_launch(
-                        kernel, self.shape, [state, regressor, self.flow, *limits, gain, next_state], self.device
-                    )
-                )
+                kernel = kernels.update_shared_once(by_model, iterations, or_flow, spans)
+                arguments = [state, regressor, self.flow, measured, *limits, gain, next_state]
+                self.correct.append(tile_launch(kernel, self.shape, arguments, self.device))
             else:
                 self.predict.append(self._pixels(kernels.predicted_flow, [state, regressor, self.model_flow]))
             if not self._once and options.covariance in ("shared", "fixed"):
-                self.correct.append(
-                    self._pixels(
-                        kernels.update_shared, [state, *moved_by, int(or_flow), *limits, *flows, gain, next_state]
-                    )
-                )
+                arguments = [state, *moved_by, int(or_flow), *limits, self.flow, self.model_flow]
+                arguments += [regressor, measured, gain, next_state]
+                self.correct.append(self._pixels(kernels.update_shared, arguments))
             if options.covariance == "shared":
                 hessian = [options.hessian_noise, options.initial_hessian_variance]
-                inputs = [self.dq, covariance, displacement, self.factor, *noises, *hessian]
+                inputs = [self.dq, self.span, covariance, displacement, self.factor, *noises, *hessian]
                 outputs = [self.projected, next_covariance, next_displacement, self.gain]
                 self.update_gain.append(self._worlds(update_shared_covariance, [*inputs, *outputs]))
             elif options.covariance == "fixed":
@@ -281,6 +294,9 @@ class JacobianFilter:
                 kernel = kernels.update_diagonal if options.covariance == "diagonal" else kernels.update_full
                 inputs = [state, covariance, *moved_by, *move, *flows, dq, *noises]
                 self.correct.append(self._pixels(kernel, [*inputs, next_state, next_covariance]))
+
+    def _regress(self, span: wp.array, displacement: wp.array, row: wp.array) -> Callable[[], None]:
+        return self._worlds(regressors, [self.dq, span, displacement, row], self.kernels.columns)
 
     def _pixels(self, kernel: Any, arguments: list[Any]) -> Callable[[], None]:
         return PixelLaunch(kernel, self.shape, arguments, self.device, self.threads)

@@ -1,7 +1,13 @@
-"""One camera frame through the estimator: gray image, flow, joint step, J; for a live robot and for a recording."""
+"""One camera frame through the estimator: gray image, flow, joint step, J; for a live robot and for a recording.
+
+Errors of optical flow hardly grow with the distance moved, so where a frame moves little its flow says little. J is
+then moved by the joint step alone, and corrected once the robot has moved a few pixels, by the flow since the last
+image that corrected it (beyond the paper).
+"""
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from functools import cache, cached_property, partial
 from typing import Any
 
 import cv2
@@ -14,6 +20,13 @@ from dense_vs.errors import DenseVSError
 from dense_vs.flow.estimator import FlowEstimator, to_gray
 from dense_vs.jacobian.estimator import DenseJacobian
 
+BASELINE = 3.0  # px, image motion by J dq at which J is corrected
+MAX_SPAN = 8  # frames after which it is corrected in any case
+FIRST_FRAMES = 10  # each corrects J, which says little yet
+BODY_FLOW = "dis"
+_GRID_STEP = 8  # px, between the points that image motion is looked at
+_MOVING = 0.1  # of the largest motion: points that move less do not count
+
 
 @dataclass(frozen=True)
 class Frame:
@@ -24,16 +37,23 @@ class Frame:
         image: the image as used, RGB uint8 ``(H, W, 3)`` or gray ``(H, W)``.
         gray: uint8 ``(H, W)``.
         positions: ``(N,)`` joint positions at ``time`` [rad].
-        flow: float32 ``(H, W, 2)`` since the frame before [px]; None for the first frame.
         dq: ``(N,)`` joint step since the frame before [rad]; None for the first frame.
+        measured: ``(H, W, 2)`` float32 and ``(N,)``, flow and joint displacement since the image that J was corrected
+            by before [px, rad]; None in the frames in which J was only moved.
     """
 
     time: float
     image: np.ndarray
     gray: np.ndarray
     positions: np.ndarray
-    flow: np.ndarray | None
     dq: np.ndarray | None
+    measured: tuple[np.ndarray, np.ndarray] | None = None
+    _calculate: Callable[[], np.ndarray | None] = field(default=lambda: None, repr=False, compare=False)
+
+    @cached_property
+    def flow(self) -> np.ndarray | None:
+        """float32 ``(H, W, 2)`` since the frame before [px], calculated when first asked for; None for the first."""
+        return self._calculate()
 
 
 class FramePipeline:
@@ -43,12 +63,15 @@ class FramePipeline:
         estimator: for one world; its size is the size of the images once scaled.
         flow: of the same size; the default method unless given.
         scale: factor on the image size, 0.5 in the paper.
-        body: is fed with every frame's motion and J, where one is given; see :meth:`labels`.
+        body: is fed with every measured motion and J, where one is given; see :meth:`labels`. Its flow is that of
+            :data:`BODY_FLOW`, which is sharper at outlines than J's needs to be.
+        baseline: image motion at which J is corrected [px]; with 0 it is in every frame, and always where the
+            estimator takes no flow that spans several.
         before_update: called with each frame's time, flow and joint step while the estimator is still that of the frame
             before; a judge of its prediction.
 
     Raises:
-        DenseVSError: sizes that differ, several worlds, a scale out of (0, 1].
+        DenseVSError: sizes that differ, several worlds, a scale out of (0, 1], a baseline below 0.
     """
 
     def __init__(
@@ -58,12 +81,18 @@ class FramePipeline:
         *,
         scale: float = 1.0,
         body: SelfBody | None = None,
+        baseline: float = BASELINE,
         before_update: Callable[[float, np.ndarray, np.ndarray], None] | None = None,
     ):
         size = estimator.options.height, estimator.options.width
         if estimator.options.worlds != 1:
             raise DenseVSError(f"estimator has {estimator.options.worlds} worlds; a pipeline takes one")
         check_number("scale", scale, above=0, most=1)
+        self.baseline = check_number("baseline", baseline, least=0) if estimator.takes_spans else 0.0
+        self._corrected: Frame | None = None  # the frame that J was corrected by last
+        self._span_frames = 0  # since then
+        y, x = np.mgrid[_GRID_STEP // 2 : size[0] : _GRID_STEP, _GRID_STEP // 2 : size[1] : _GRID_STEP]
+        self._grid = np.stack([x.ravel(), y.ravel()], axis=1).astype(np.float32)
         self.estimator = estimator
         self.flow = flow or FlowEstimator(height=size[0], width=size[1])
         if (self.flow.height, self.flow.width) != size:
@@ -72,6 +101,7 @@ class FramePipeline:
             body.fix_size(*size, estimator.options.joints)
         self.scale = scale
         self.body = body
+        self._body_flow = self.flow if body is None else FlowEstimator(BODY_FLOW, *size)
         self.before_update = before_update
         self.frame: Frame | None = None
 
@@ -101,22 +131,56 @@ class FramePipeline:
                 f"expected {expected[1]} x {expected[0]}"
             )
         if last is None:
-            self.frame = Frame(time, scaled, gray, q, None, None)
+            self.frame = self._corrected = Frame(time, scaled, gray, q, None)
         else:
-            flow = self.flow(last.gray, gray)
-            dq = q - last.positions
-            if self.before_update is not None:
-                self.before_update(time, flow, dq)
-            self.estimator.update(flow, dq)
-            if self.body is not None:
-                self.body.observe(flow, dq)
-                self.body.submit(self.estimator.jacobian)
-            self.frame = Frame(time, scaled, gray, q, flow, dq)
+            self.frame = self._follow(last, time, scaled, gray, q)
         return self.frame
 
-    def restart(self) -> None:
-        """Forget the last frame, not what was learned: after a gap, flow and joint step across it would be wrong."""
-        self.frame = None
+    def restart(self, *, forget: bool = False) -> None:
+        """Make the next frame the first again: after a gap, flow and joint step across it would be wrong.
+
+        Args:
+            forget: J as well. What the body is labeled by fades by itself.
+        """
+        if forget:
+            self.estimator.reset()
+        self.frame = self._corrected = None
+        self._span_frames = 0
+
+    def motion(self, joint_step: np.ndarray) -> float:
+        """How fast a joint step ``(N,)`` moves the robot in the image: 95 % of what moves by J dq is slower [px]."""
+        moved = np.abs(self.estimator.at(self._grid) @ joint_step).max(axis=1)
+        moving = moved[moved > _MOVING * moved.max(initial=0.0)]
+        return float(np.quantile(moving, 0.95)) if moving.size else 0.0
+
+    def _follow(self, last: Frame, time: float, image: np.ndarray, gray: np.ndarray, q: np.ndarray) -> Frame:
+        """Take a frame that has one before it."""
+        first = self._corrected
+        assert first is not None
+        dq, span = q - last.positions, q - first.positions
+        # The images alone are kept, not the frame before, which keeps its own.
+        calculate = cache(partial(self.flow, last.gray, gray))
+        if self.before_update is not None:
+            self.before_update(time, calculate(), dq)
+        self._span_frames += 1
+        if not self._is_due(span):
+            self.estimator.predict(dq)
+            return Frame(time, image, gray, q, dq, None, calculate)
+        one_frame = self._span_frames == 1
+        flow = calculate() if one_frame else self.flow(first.gray, gray)
+        self.estimator.update(flow, dq, None if one_frame else span)
+        if self.body is not None:
+            self.body.observe(self._body_flow(first.gray, gray), span)
+            self.body.submit(self.estimator.jacobian)
+        self._span_frames = 0
+        self._corrected = frame = Frame(time, image, gray, q, dq, (flow, span), calculate)
+        return frame
+
+    def _is_due(self, span: np.ndarray) -> bool:
+        """Whether J is to be corrected by this frame."""
+        if self.baseline == 0 or self.estimator.updates < FIRST_FRAMES or self._span_frames >= MAX_SPAN:
+            return True
+        return self.motion(span) >= self.baseline
 
     def labels(self) -> np.ndarray:
         """Whether each pixel of the last frame is the robot's own body, bool ``(H, W)``.

@@ -46,7 +46,7 @@ class RecordedEstimate:
         episode: Episode,
         *,
         scale: float = 1.0,
-        method: str = "dis",
+        method: str = "dis-medium",
         device: str = "auto",
         threads: int | None = None,
         start: DenseJacobian | None = None,
@@ -74,7 +74,7 @@ class RecordedEstimate:
         self.last_frame: Frame | None = None
         self._squared_steps, self._steps = np.zeros(joints), 0
         self._pipeline = FramePipeline(
-            start, FlowEstimator(method, height, width), scale=scale, before_update=self._judge
+            start, FlowEstimator(method, height, width), scale=scale, baseline=0.0, before_update=self._judge
         )
 
     def align(self, offset: float | ClockOffset) -> None:

@@ -1,5 +1,6 @@
 """The closed loop on a robot: babble until J is learned, then bring a point of the body to image targets."""
 
+from collections import deque
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from enum import Enum
@@ -16,12 +17,18 @@ from dense_vs.jacobian.estimator import DenseJacobian
 from dense_vs.pipeline.frame_pipeline import Frame, FramePipeline
 from dense_vs.point_servo.law import VisualServo
 from dense_vs.point_servo.tracker import Method, PointTracker
+from dense_vs.recording.joint_delay import joint_delay as found_joint_delay
 from dense_vs.recording.joint_log import JointBuffer
 from dense_vs.robot.babbling import Babbling
 from dense_vs.robot.joint_group import JointGroup
 from dense_vs.robot.protocols import Camera, Robot
 
 LEAST_BODY = 0.01  # share of the image that makes the robot's own pixels count as known
+LEARNT_UPDATES = 30  # after which the babbling's pace comes from J dq
+DELAY_FRAMES = 60  # of babbling, that the delay of joint readings is found in
+DELAY_MARGIN = 3  # frames more of readings, as the longest delay that is tried
+DELAY_STEP = 8  # px between the pixels that it is found from
+MOST_HELD = 30  # images that wait for their joint readings; a robot whose readings stop is not waited for
 SAME_SURFACE = 0.5  # relative difference in J below which two pixels count as one surface
 
 
@@ -86,6 +93,9 @@ class ServoLoop:
         renew_patch: correlation below which the tracked point's patch is taken anew as it looks now, where it still
             aligns. A surface that rotates in depth is lost otherwise; every renewal may add some hundredths of a pixel
             of drift. The first patch is kept unless given.
+        joint_delay: time that joint readings are behind the images [s], below 0 where the images are late. Unless given
+            it is found in the first 2 s of babbling; where there is one, learning begins anew, and an image waits until
+            the readings of its time are there.
         on_frame: called with the loop after every frame; a viewer, a recorder, an evaluation.
 
     Raises:
@@ -109,6 +119,7 @@ class ServoLoop:
         command_period: float | None = None,
         body: SelfBody | None = None,
         renew_patch: float | None = None,
+        joint_delay: float | None = None,
         on_frame: Callable[["ServoLoop"], None] | None = None,
     ):
         self.camera, self.robot = camera, robot
@@ -137,14 +148,17 @@ class ServoLoop:
         self.tracker: PointTracker | None = None
         self.target: np.ndarray | None = None
         self.on_frame = on_frame
+        self._finding_delay = joint_delay is None
+        self.joint_delay = 0.0 if joint_delay is None else check_number("joint_delay", joint_delay)
+        self._motion: list[tuple[float, np.ndarray | None]] = []  # time and flow of the frames it is found from
         self._buffer = JointBuffer(count)
-        self._take(image, time)
+        self._held: deque[tuple[np.ndarray, float]] = deque()  # images whose joint readings are still to come
+        self._frame = self.pipeline.process(image, time, self._reading(time))
 
     @property
     def frame(self) -> Frame:
-        """The last frame."""
-        assert self.pipeline.frame is not None  # the constructor took one
-        return self.pipeline.frame
+        """The last frame; with late joint readings, the last one that they have reached."""
+        return self._frame
 
     @property
     def point(self) -> np.ndarray:
@@ -160,8 +174,9 @@ class ServoLoop:
     def step(self, delta: np.ndarray) -> Frame:
         """Command a joint step ``(N,)`` [rad], then take the next image through estimator and tracker."""
         self.robot.command(self.group.spread(delta))
+        last = self._frame
         frame = self._take(*self.camera.read())
-        if self.tracker is not None:
+        if self.tracker is not None and frame is not last:
             self.tracker.update(frame.flow, frame.gray)
             self._renew_patch(self.tracker)
         if self.on_frame is not None:
@@ -175,6 +190,13 @@ class ServoLoop:
         end = self.frame.time + seconds
         while self.frame.time < end:
             self.step(self._when_due(self._babbling_step))
+            if self._finding_delay:
+                self._find_delay()
+        while self._held:  # let what is known catch up with where the robot is
+            before = len(self._held)
+            self.step(np.zeros(self.estimator.options.joints))
+            if len(self._held) >= before:
+                break
 
     def define_point(
         self,
@@ -231,8 +253,15 @@ class ServoLoop:
         return Reach(goal, frames, distance, ReachEnd.LOST if self._lost else end)
 
     def _pacing_flow(self) -> np.ndarray | None:
-        """The last flow, without what is known not to be the robot once the robot itself is known."""
-        flow, body = self.frame.flow, self.pipeline.body
+        """The last frame's image motion: J dq once J is learnt, which neither noise nor others' motion slows down.
+
+        Without what is known not to be the robot, once the robot itself is known.
+        """
+        frame, body = self.frame, self.pipeline.body
+        if frame.dq is None:
+            return None
+        learnt = self.estimator.updates > LEARNT_UPDATES
+        flow = self.estimator.predicted_flow(frame.dq) if learnt else frame.flow
         if flow is None or body is None:
             return flow
         found = body.recognition(self.estimator.jacobian)
@@ -280,6 +309,37 @@ class ServoLoop:
         return bool(self.tracker is not None and self.tracker.lost[0])
 
     def _take(self, image: np.ndarray, time: float) -> Frame:
+        """The last frame that this image lets be processed: itself, or an earlier one that waited for its readings."""
+        positions = self._reading(time)
+        if self.joint_delay <= 0:
+            self._frame = self.pipeline.process(image, time, positions)
+            return self._frame
+        self._held.append((np.array(image), time))  # a camera may reuse its buffer
+        while self._held and (self._is_read(self._held[0][1]) or len(self._held) > MOST_HELD):
+            image, time = self._held.popleft()
+            self._frame = self.pipeline.process(image, time, self._buffer.at(time + self.joint_delay))
+        return self._frame
+
+    def _reading(self, time: float) -> np.ndarray:
+        """Take the robot's newest reading; where the joints were at an image's time, as far as is known by now."""
         positions, stamp = self.robot.joints()
         self._buffer.add(self.group.take(positions), stamp)
-        return self.pipeline.process(image, time, self._buffer.at(time))
+        return self._buffer.at(time + self.joint_delay)
+
+    def _is_read(self, time: float) -> bool:
+        return time + self.joint_delay <= self._buffer.readings()[0][-1] + 1e-6  # s; stamps are sums of rounded numbers
+
+    def _find_delay(self) -> None:
+        """Note the last frame's motion; once there is enough, find the delay and begin anew where there is one."""
+        flow, start = self._frame.flow, DELAY_STEP // 2
+        self._motion.append((self._frame.time, None if flow is None else flow[start::DELAY_STEP, start::DELAY_STEP]))
+        if len(self._motion) < DELAY_FRAMES + DELAY_MARGIN:
+            return
+        self._finding_delay = False
+        seen = self._motion[:DELAY_FRAMES]
+        times = np.array([time for time, _ in seen])
+        flows = np.array([np.nan_to_num(flow).ravel() for _, flow in seen[1:] if flow is not None])
+        self._motion = []
+        self.joint_delay = found_joint_delay(flows, times, *self._buffer.readings())
+        if self.joint_delay:
+            self.pipeline.restart(forget=True)

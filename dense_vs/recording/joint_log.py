@@ -160,6 +160,10 @@ class JointBuffer:
         self._positions[self._count] = positions
         self._count += 1
 
+    def readings(self) -> tuple[np.ndarray, np.ndarray]:
+        """Times ``(S,)`` [s] and positions ``(S, N)`` that are kept, the oldest first."""
+        return self._times[: self._count].copy(), self._positions[: self._count].copy()
+
     def at(self, time: float) -> np.ndarray:
         """Positions ``(N,)`` at ``time``, the first or last reading outside them.
 

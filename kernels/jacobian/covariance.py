@@ -9,7 +9,10 @@ State of second order (beyond the paper). J changes as the robot moves, by its d
 H_ij = dJ_i / dq_j = H_ji, which stays nearly constant at a point of the body. With its N (N + 1) / 2 columns
 after the N of J, the state's transition and observation are
 
-    J_i <- J_i + sum_m H_im dq_m                u = J dq - 1/2 sum_ij H_ij dq_i dq_j   (J after the step)
+    J_i <- J_i + sum_m H_im dq_m                u = J s - 1/2 sum_ij H_ij s_i s_j   (J after the step)
+
+with s the joint displacement that the flow spans: dq, more where the flow's first image lies further back, 0 where
+nothing was measured.
 
 and the filter stays linear, with one covariance for all pixels. The transition F(dq) is the same at every pixel
 too, and F(a) F(b) = F(a + b). So the image keeps J as it was at the reference posture, where the filter started;
@@ -61,10 +64,10 @@ def column_pair(column: int, joints: int) -> wp.vec2i:
 
 @wp.func
 def standard_step(
-    dq: wp.array2d(dtype=wp.float32), factor: wp.array2d(dtype=wp.float64), world: int, joint: int
+    step: wp.array2d(dtype=wp.float32), factor: wp.array2d(dtype=wp.float64), world: int, joint: int
 ) -> wp.float64:
     """A joint's step in the units that the covariance is kept in."""
-    return wp.float64(dq[world, joint]) * factor[world, joint]
+    return wp.float64(step[world, joint]) * factor[world, joint]
 
 
 @wp.func
@@ -78,11 +81,11 @@ def column_factor(factor: wp.array2d(dtype=wp.float64), world: int, column: int,
 
 @wp.func
 def second_order_entry(
-    dq: wp.array2d(dtype=wp.float32), factor: wp.array2d(dtype=wp.float64), world: int, column: int, joints: int
+    span: wp.array2d(dtype=wp.float32), factor: wp.array2d(dtype=wp.float64), world: int, column: int, joints: int
 ) -> wp.float64:
-    """What multiplies H_ij in 1/2 sum_ij H_ij dq_i dq_j, all in standard units."""
+    """What multiplies H_ij in 1/2 sum_ij H_ij s_i s_j, all in standard units."""
     pair = column_pair(column, joints)
-    product = standard_step(dq, factor, world, pair[0]) * standard_step(dq, factor, world, pair[1])
+    product = standard_step(span, factor, world, pair[0]) * standard_step(span, factor, world, pair[1])
     if pair[0] == pair[1]:
         product *= wp.float64(0.5)
     return product
@@ -92,25 +95,27 @@ def second_order_entry(
 def regressors(
     # In:
     dq_in: wp.array2d(dtype=wp.float32),
+    span_in: wp.array2d(dtype=wp.float32),
     displacement_in: wp.array2d(dtype=wp.float64),
     # Out:
     regressor_out: wp.array2d(dtype=wp.float32),
 ):
-    """Row that predicts the flow from the image's state: u = sum_i (J_i + sum_m H_im (d + dq / 2)_m) dq_i.
+    """Row that predicts from the image's state the flow of a span s that ends with the step dq:
 
-    A thread a world and column.
+    u = sum_i (J_i + sum_m H_im (d + dq - s / 2)_m) s_i. A thread a world and column.
     """
     world, column = wp.tid()
     joints = dq_in.shape[1]
     if column < joints:
-        regressor_out[world, column] = dq_in[world, column]
+        regressor_out[world, column] = span_in[world, column]
         return
     pair = column_pair(column, joints)
-    dq_i = wp.float64(dq_in[world, pair[0]])
-    dq_j = wp.float64(dq_in[world, pair[1]])
-    entry = (displacement_in[world, pair[1]] + wp.float64(0.5) * dq_j) * dq_i
+    half = wp.float64(0.5)
+    s_i = wp.float64(span_in[world, pair[0]])
+    s_j = wp.float64(span_in[world, pair[1]])
+    entry = (displacement_in[world, pair[1]] + wp.float64(dq_in[world, pair[1]]) - half * s_j) * s_i
     if pair[0] != pair[1]:
-        entry += (displacement_in[world, pair[0]] + wp.float64(0.5) * dq_i) * dq_j
+        entry += (displacement_in[world, pair[0]] + wp.float64(dq_in[world, pair[0]]) - half * s_i) * s_j
     regressor_out[world, column] = wp.float32(entry)
 
 
@@ -118,6 +123,7 @@ def regressors(
 def update_shared_covariance(
     # In:
     dq_in: wp.array2d(dtype=wp.float32),
+    span_in: wp.array2d(dtype=wp.float32),  # joint displacement that the flow spans; with zeros P is predicted only
     covariance_in: wp.array3d(dtype=wp.float64),
     displacement_in: wp.array2d(dtype=wp.float64),
     factor_in: wp.array2d(dtype=wp.float64),
@@ -189,15 +195,15 @@ def update_shared_covariance(
         for j in range(columns):
             entry = wp.float64(0.0)
             if j < joints:
-                entry = standard_step(dq_in, factor_in, world, j)
+                entry = standard_step(span_in, factor_in, world, j)
             else:
-                entry = -second_order_entry(dq_in, factor_in, world, j, joints)
+                entry = -second_order_entry(span_in, factor_in, world, j, joints)
             projected += covariance_out[world, i, j] * entry
         projected_out[world, i] = projected
         if i < joints:
-            innovation_variance += projected * standard_step(dq_in, factor_in, world, i)
+            innovation_variance += projected * standard_step(span_in, factor_in, world, i)
         else:
-            innovation_variance -= projected * second_order_entry(dq_in, factor_in, world, i, joints)
+            innovation_variance -= projected * second_order_entry(span_in, factor_in, world, i, joints)
 
     for i in range(columns):
         gain = projected_out[world, i] / innovation_variance

@@ -24,6 +24,15 @@ def shared_update_kernels(types: SimpleNamespace) -> SimpleNamespace:
     read_state, write_state, sample_state = types.read_state, types.write_state, types.sample_state
     kernel = wp.kernel(module=f"{__name__}_{types.suffix}", enable_backward=False)
 
+    @wp.func
+    def same_row(a: StateRow, b: StateRow) -> bool:
+        """Whether two rows are the same."""
+        same = bool(True)
+        for i in range(wp.static(types.columns)):
+            if a[i] != b[i]:
+                same = False
+        return same
+
     @kernel
     def predicted_flow(
         row_begin: int,
@@ -56,6 +65,8 @@ def shared_update_kernels(types: SimpleNamespace) -> SimpleNamespace:
         bound: float,
         flow_in: wp.array3d(dtype=wp.vec2),
         model_flow_in: wp.array3d(dtype=wp.vec2),
+        regressor_in: wp.array(dtype=StateRow),
+        measured_in: wp.array(dtype=StateRow),  # the row that predicts the flow
         gain_in: wp.array(dtype=StateRow),
         # Out:
         state_out: StateImage,
@@ -63,26 +74,34 @@ def shared_update_kernels(types: SimpleNamespace) -> SimpleNamespace:
         """State <- moved state + (u - predicted u) K^T, DIJE (10) and (12) with one gain K for the image.
 
         With ``or_flow`` a pixel's state comes from x - u(x), DIJE (13), where the flow predicted there fits u better
-        than at the place of DIJE (14). ``rest`` [px] and ``bound`` as in ``innovation_bounds.py``.
+        than at the place of DIJE (14). ``rest`` [px] and ``bound`` as in ``innovation_bounds.py``. A flow that spans
+        other frames than the step by which the state moves is compared with the state itself, and moves nothing.
         """
         world, row, column = wp.tid()
         y = row_begin + row
         width = state_in.shape[2]
         gain = gain_in[world]
+        measured = measured_in[world]
+        one_frame = same_row(measured, regressor_in[world])
+        measures = wp.dot(measured, measured) > 0.0
         if column_step == 1:
             find_row_taps(shift_in, world, y, iterations, row_begin, places, fractions)
         for x in range(column, width, column_step):
             taps = moved_taps(shift_in, world, x, y, iterations, row_begin, column_step, places, fractions)
             flow = flow_in[world, y, x]
-            error = innovation(flow, model_flow_in, world, taps)
-            if or_flow != 0 and finite(flow) and wp.dot(error, error) > NEAR:
+            error = wp.vec2(0.0, 0.0)
+            if one_frame:
+                error = innovation(flow, model_flow_in, world, taps)
+            if or_flow != 0 and one_frame and finite(flow) and wp.dot(error, error) > NEAR:
                 by_flow = bilinear_taps(x, y, flow, width, state_in.shape[1])
                 error_by_flow = flow - sample_vec2(model_flow_in, world, by_flow)
                 if wp.dot(error_by_flow, error_by_flow) < wp.dot(error, error):
                     taps = by_flow
                     error = error_by_flow
             prior = sample_state(state_in, world, taps)
-            if finite(flow) and at_rest(flow, error, rest):
+            if not one_frame and finite(flow):
+                error = flow - prior * measured
+            if measures and finite(flow) and at_rest(flow, error, rest):
                 write_state(state_out, world, y, x, FADE * prior)
             else:
                 write_state(state_out, world, y, x, prior + wp.outer(bounded_innovation(error, flow, bound), gain))

@@ -20,17 +20,18 @@ wp.set_module_options({"enable_backward": False})
 
 @cache
 def single_pass_kernel(
-    joints: int, order: int, layout: Layout, by_model: bool, iterations: int, or_flow: bool = False
+    joints: int, order: int, layout: Layout, by_model: bool, iterations: int, or_flow: bool = False, spans: bool = False
 ) -> wp.Kernel:
     """Tile kernel that does what ``predicted_flow`` and ``update_shared`` do.
 
     Pixels are moved by v = J dq, iterated, with ``by_model``, else by the flow, or not at all with 0 iterations; with
-    ``or_flow`` as in ``update_shared``. The choice is compiled in: a GPU is held up by the number of instructions here.
+    ``or_flow`` as in ``update_shared``; with ``spans`` a flow may span other frames than the step. The choice is
+    compiled in: a GPU is held up by the number of instructions here.
     """
     types = state_types(joints, order, layout)
     StateImage, StateRow = types.StateImage, types.StateRow
     read_state, write_state, sample_state = types.read_state, types.write_state, types.sample_state
-    module = f"{__name__}_{int(by_model)}{iterations}{int(or_flow)}_{types.suffix}"
+    module = f"{__name__}_{int(by_model)}{iterations}{int(or_flow)}{int(spans)}_{types.suffix}"
 
     @wp.kernel(module=module, enable_backward=False, grid_stride=False)
     def update_once(
@@ -38,6 +39,7 @@ def single_pass_kernel(
         state_in: StateImage,
         regressor_in: wp.array(dtype=StateRow),
         flow_in: wp.array3d(dtype=wp.vec2),
+        measured_in: wp.array(dtype=StateRow),  # the row that predicts the flow
         rest: float,
         bound: float,
         gain_in: wp.array(dtype=StateRow),
@@ -54,6 +56,11 @@ def single_pass_kernel(
         if x >= width or y >= height:
             return
         regressor = regressor_in[world]
+        one_frame = bool(True)
+        if wp.static(spans):
+            for i in range(wp.static(types.columns)):
+                if measured_in[world][i] != regressor[i]:
+                    one_frame = False
         flow = flow_in[world, y, x]
         moved = wp.vec2(0.0, 0.0)
         if wp.static(by_model):  # DIJE (14)
@@ -68,14 +75,14 @@ def single_pass_kernel(
         prior = sample_state(state_in, world, bilinear_taps(x, y, moved, width, height))
         error = wp.vec2(0.0, 0.0)
         if finite(flow):
-            error = flow - prior * regressor
-            if wp.static(or_flow) and wp.dot(error, error) > NEAR:
+            error = flow - prior * measured_in[world]
+            if wp.static(or_flow) and one_frame and wp.dot(error, error) > NEAR:
                 prior_by_flow = sample_state(state_in, world, bilinear_taps(x, y, flow, width, height))
                 error_by_flow = flow - prior_by_flow * regressor
                 if wp.dot(error_by_flow, error_by_flow) < wp.dot(error, error):
                     prior = prior_by_flow
                     error = error_by_flow
-            if at_rest(flow, error, rest):
+            if wp.dot(measured_in[world], measured_in[world]) > 0.0 and at_rest(flow, error, rest):
                 write_state(state_out, world, y, x, FADE * prior)
                 return
             error = bounded_innovation(error, flow, bound)

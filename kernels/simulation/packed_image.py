@@ -36,6 +36,53 @@ def unpack_image_kernel(
 
 
 @wp.kernel
+def unpack_ids_kernel(
+    row_begin: int,
+    column_step: int,
+    # In:
+    segment_in: wp.array2d[wp.vec2i],  # (worlds, height width) object id and type
+    geom_type: int,  # the object type that marks a geom
+    # Out:
+    ids_out: wp.array3d[int],  # geom id, -1 for none
+):
+    """Keep the id of a segment only where it is a geom."""
+    world, row, column = wp.tid()
+    y = row_begin + row
+    width = ids_out.shape[2]
+    for x in range(column, width, column_step):
+        segment = segment_in[world, y * width + x]
+        ids_out[world, y, x] = wp.where(segment[1] == geom_type, segment[0], -1)
+
+
+@wp.kernel
+def mean_color_kernel(
+    row_begin: int,
+    column_step: int,
+    # In:
+    packed_in: wp.array2d[wp.uint32],  # (worlds, samples height samples width) 0xAARRGGBB
+    samples: int,  # a pixel is the mean of samples x samples of them
+    # Out:
+    rgb_out: wp.array3d[wp.vec3ub],
+):
+    """Mean colour of the packed pixels that each pixel covers, rounded."""
+    world, row, column = wp.tid()
+    y = row_begin + row
+    width = rgb_out.shape[2]
+    count = samples * samples
+    for x in range(column, width, column_step):
+        red = count // 2
+        green = count // 2
+        blue = count // 2
+        for i in range(samples):
+            for j in range(samples):
+                colour = int(packed_in[world, (y * samples + i) * samples * width + x * samples + j])
+                red += (colour >> 16) & 0xFF
+                green += (colour >> 8) & 0xFF
+                blue += colour & 0xFF
+        rgb_out[world, y, x] = wp.vec3ub(wp.uint8(red // count), wp.uint8(green // count), wp.uint8(blue // count))
+
+
+@wp.kernel
 def packed_to_gray_kernel(
     row_begin: int,
     column_step: int,

@@ -17,7 +17,8 @@ def add_world_arguments(parser: argparse.ArgumentParser) -> None:
         default="arm",
         metavar="NAME|FILE",
         help="arm (4 joints in 3D), planar (3 joints), upper-body (two arms of 7 joints), upper-body-rake, "
-        "upper-body-vacuum (with a tool), or the path of an MJCF file (default: arm)",
+        "upper-body-vacuum (with a tool), panda, ur5e, baxter, fetch (built by dense-vs arms), or the path of an MJCF "
+        "file (default: arm)",
     )
     parser.add_argument("--joints", metavar="A,B,C", help="joints to use (default: all with a position actuator)")
     parser.add_argument("--camera", metavar="NAME", help="camera of the model (default: its first)")
@@ -37,6 +38,9 @@ def add_world_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument(
         "--seed", type=int, default=0, metavar="N", help="of textures, posture, motion and targets (default: 0)"
+    )
+    parser.add_argument(
+        "--realism", action="store_true", help="images with noise, flicker and compression, joint readings a frame late"
     )
     add_device_arguments(parser)
 
@@ -64,4 +68,5 @@ def make_world(arguments: argparse.Namespace) -> "SimWorld":
         threads=arguments.threads,
         distractor=arguments.distractor,
         compliance=arguments.compliance,
+        realism=arguments.realism,
     )

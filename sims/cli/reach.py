@@ -52,9 +52,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--gain", type=float, default=0.2, metavar="K", help="gain k_p of DIJE (17) (default: 0.2)")
     parser.add_argument(
         "--flow",
-        default="dis",
+        default="lucas-kanade",
         metavar="METHOD",
-        help="optical flow method; an unknown one lists them all (default: dis)",
+        help="optical flow method; an unknown one lists them all (default: lucas-kanade)",
     )
     parser.add_argument(
         "--tracker",

@@ -2,6 +2,9 @@
 
 The ray tracer casts the ray of pixel (x, y) through ((x + 0.5)/W, (y + 0.5)/H) of the image, so with pixel centers
 at integer coordinates the principal point of a symmetric camera is ((W - 1)/2, (H - 1)/2).
+
+One ray a pixel aliases on what is finer than a pixel, as no camera does, and flow that follows such an image is wrong.
+So colour can be the mean of several rays a pixel; depth and ids are always those of the ray through its centre.
 """
 
 import copy
@@ -15,7 +18,12 @@ import numpy as np
 import warp as wp
 
 from dense_vs.kernels.launch import PixelLaunch
-from dense_vs.kernels.simulation.packed_image import packed_to_gray_kernel, unpack_image_kernel
+from dense_vs.kernels.simulation.packed_image import (
+    mean_color_kernel,
+    packed_to_gray_kernel,
+    unpack_ids_kernel,
+    unpack_image_kernel,
+)
 
 
 class RayTracer:
@@ -93,6 +101,7 @@ class Renderer:
         device: Warp device.
         threads: row bands rendered at once on a CPU.
         shadows: whether lights cast them; another ray for every light and pixel.
+        samples: rays for a pixel's colour along either side of it, 1 or more.
     """
 
     def __init__(
@@ -105,16 +114,15 @@ class Renderer:
         device: wp.Device,
         threads: int,
         shadows: bool = False,
+        samples: int = 1,
     ):
+        traced = (model, device_model, data, camera)
+        on = (device, threads)
         self._tracer = RayTracer(
-            model,
-            device_model,
-            data,
-            camera,
+            *traced,
             shape,
-            device,
-            threads,
-            render_rgb=True,
+            *on,
+            render_rgb=samples == 1,
             render_depth=True,
             render_seg=True,
             use_shadows=shadows,
@@ -125,18 +133,29 @@ class Renderer:
             self.ids = wp.full(shape, -1, dtype=int)  # geom id, -1 for none
         self.depth = context.depth_data.reshape(shape)  # m, 0 for no surface
         geom = int(mujoco.mjtObj.mjOBJ_GEOM)
-        self._unpack = PixelLaunch(
-            unpack_image_kernel,
-            shape,
-            [context.rgb_data, context.seg_data, geom, self.rgb, self.ids],
-            device,
-            threads,
-        )
+        self._fine: RayTracer | None = None
+        if samples == 1:
+            arguments = [context.rgb_data, context.seg_data, geom, self.rgb, self.ids]
+            self._unpack = [PixelLaunch(unpack_image_kernel, shape, arguments, *on)]
+        else:
+            worlds, height, width = shape
+            size = (worlds, samples * height, samples * width)
+            self._fine = RayTracer(
+                *traced, size, *on, render_rgb=True, render_depth=False, render_seg=False, use_shadows=shadows
+            )
+            colors = [self._fine.context.rgb_data, samples, self.rgb]
+            self._unpack = [
+                PixelLaunch(mean_color_kernel, shape, colors, *on),
+                PixelLaunch(unpack_ids_kernel, shape, [context.seg_data, geom, self.ids], *on),
+            ]
 
     def render(self) -> None:
         """Render the present poses of all worlds."""
         self._tracer.trace()
-        self._unpack()
+        if self._fine is not None:
+            self._fine.trace()
+        for unpack in self._unpack:
+            unpack()
 
 
 class GrayRenderer:

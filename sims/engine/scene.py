@@ -16,6 +16,7 @@ import numpy as np
 
 from dense_vs.errors import DenseVSError
 from dense_vs.robot.joint_group import joint_indices
+from dense_vs.sims.engine.built_scenes import ARM_NAMES, scene_file
 from dense_vs.sims.engine.closed_chain import ClosedChain
 from dense_vs.sims.engine.compliance import Compliance, soften
 from dense_vs.sims.engine.distractor import DISTRACTORS
@@ -68,7 +69,8 @@ def load_scene(
     if ours:
         model = _our_model(ours, seed, distractor, texture_sets, compliance)
     else:
-        model = _file_model(robot, distractor, compliance)
+        path = scene_file(robot) if isinstance(robot, str) and robot in ARM_NAMES else robot
+        model = _file_model(path, distractor, compliance)
     mocap = -1
     if distractor != "none":
         mocap = int(model.body_mocapid[model.body(DISTRACTORS[distractor].body).id])
@@ -148,7 +150,7 @@ def _file_model(robot: str | os.PathLike[str], distractor: str, compliance: Comp
     if not path.is_file():
         raise DenseVSError(
             f"robot {str(robot)!r} is neither a robot of ours nor a file; "
-            f"expected one of {_listed(ROBOTS)} or the path of an MJCF file"
+            f"expected one of {_listed([*ROBOTS, *ARM_NAMES])} or the path of an MJCF file"
         )
     if distractor != "none":
         raise DenseVSError(f"distractor is {distractor!r}; expected 'none' with an MJCF file")

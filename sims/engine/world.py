@@ -20,14 +20,17 @@ from dense_vs.sims.engine import surface_points
 from dense_vs.sims.engine.compliance import Compliance, resolve_compliance
 from dense_vs.sims.engine.distractor import Distractor, DistractorPath
 from dense_vs.sims.engine.frames import DeviceFrame, Frame
+from dense_vs.sims.engine.joint_readings import JointReadings
 from dense_vs.sims.engine.physics import Physics, WarpPhysics, history_times, make_physics
 from dense_vs.sims.engine.randomization import DomainRandomization, WorldModels
+from dense_vs.sims.engine.realism import Realism, resolve_realism
 from dense_vs.sims.engine.renderer import Renderer, camera_intrinsics
 from dense_vs.sims.engine.scene import FRAME_SECONDS, Scene, load_scene
 from dense_vs.sims.engine.surface_points import SurfacePoint
 from dense_vs.sims.engine.truth import GroundTruth
 
 BYTES_PER_PIXEL = 24  # about: color, packed and not, depth, and ids with and without their types
+BYTES_PER_SAMPLE = 30  # about: packed color, and the direction and origin of its ray
 BYTES_OF_PHYSICS = 50_000  # of a world, about
 
 
@@ -40,8 +43,9 @@ class SimWorld:
     Args:
         robot: ``"arm"`` (4 joints in 3D), ``"planar"`` (3 joints, a plane that faces the camera),
             ``"upper-body"`` (two arms of 7 joints before the robot's own eyes), ``"upper-body-rake"`` and
-            ``"upper-body-vacuum"`` (holding a tool, which counts as part of the robot), or the path of an MJCF
-            file with a camera and position actuators.
+            ``"upper-body-vacuum"`` (holding a tool, which counts as part of the robot), ``"panda"``, ``"ur5e"``,
+            ``"baxter"`` or ``"fetch"`` once ``dense-vs arms`` has built their scenes, or the path of an MJCF file with
+            a camera and position actuators.
         joints: names of the joints that are commanded and that Jacobians have columns for, in this order;
             all joints that a position actuator drives when None. Others keep their position.
         camera: name of the camera; the first one when None.
@@ -56,8 +60,12 @@ class SimWorld:
         distractor: ``"none"``, ``"behind"`` (a moving plate between arm and wall) or ``"front"`` (before
             the arm, covering parts of it); ``"walker-behind"``, ``"walker-next"``, ``"walker-across"`` and the same
             with ``chair`` for the upper body, see :mod:`.distractor`; our robots only.
-        compliance: True, or a :class:`.compliance.Compliance`, for joints that are soft, late and read
-            with noise, as a tendon-driven robot's; our robots only. The truth stays exact.
+        samples: rays for a pixel's color along either side of it, see :mod:`.renderer`; unless given 2 where the model
+            has meshes, whose detail aliases with one, else 1.
+        realism: True, or a :class:`.realism.Realism`, for images with noise, flicker and compression and joint readings
+            that are late; images on the device stay clean, and so does the truth.
+        compliance: True, or a :class:`.compliance.Compliance`, for joints that are soft, late and read with noise, as a
+            tendon-driven robot's; our robots only. The truth stays exact.
 
     Raises:
         DenseVSError: any argument that cannot be used; the message lists the valid ones.
@@ -79,8 +87,12 @@ class SimWorld:
         compliance: bool | Compliance = False,
         randomization: DomainRandomization | None = None,
         physics_on_device: bool = False,
+        samples: int | None = None,
+        realism: bool | Realism = False,
     ):
         worlds = check_whole("worlds", worlds, least=1)
+        self._realism = resolve_realism(realism)
+        self._samples = None if samples is None else check_whole("samples", samples, least=1)
         self._shape = (worlds, check_whole("height", height, least=8), check_whole("width", width, least=8))
         self._device = resolve_device(device)
         self._threads = resolve_threads(threads)
@@ -110,6 +122,7 @@ class SimWorld:
         """
         step = self._joint_step(delta)
         self._truth.remember_poses()
+        self._readings.remember(self._physics.joint_history)
         self._physics.advance(step)
         self._frame += 1
         self._settle()
@@ -140,12 +153,11 @@ class SimWorld:
     def frame(self) -> Frame:
         """The present image, rendered when first asked for."""
         seen = self.frame_device()
-        return Frame(
-            self._out(seen.rgb.numpy().copy()),
-            self._out(seen.depth.numpy().copy()),
-            self._out(seen.ids.numpy().copy()),
-            self.time,
-        )
+        rgb = seen.rgb.numpy().copy()
+        if self._realism:
+            rgb = self._realism.images(rgb, lambda world: _world_rng(self._seed, world, 4, self._frame))
+        depth, ids = (array.numpy().copy() for array in (seen.depth, seen.ids))
+        return Frame(self._out(rgb), self._out(depth), self._out(ids), self.time)
 
     def frame_device(self) -> DeviceFrame:
         """The present image in device arrays, which the next frame overwrites."""
@@ -156,12 +168,12 @@ class SimWorld:
 
     def joints(self) -> tuple[np.ndarray, float]:
         """Positions (N,) of the chosen joints [rad], as they are read, and their time [s]."""
-        return self._out(self._read(self._physics.joint_positions()[:, None])[:, -1]), self.time
+        return self._out(self._readings.of(self._physics.joint_positions()[:, None])[:, -1]), self.time
 
     def joint_history(self) -> tuple[np.ndarray, np.ndarray]:
         """Times (S,) and positions (S, N) after each physics step of the last frame; S = 1 before the first."""
         history = self._physics.joint_history()
-        return history_times(self._frame, history.shape[1]), self._out(self._read(history))
+        return history_times(self._frame, history.shape[1]), self._out(self._readings.of(history))
 
     def true_jacobian(self) -> np.ndarray:
         """Image Jacobian (H, W, 2, N) of the surface point at every pixel [px/rad].
@@ -305,14 +317,18 @@ class SimWorld:
         scene = load_scene(**self._choice, seed=seed)
         rngs = [_world_rng(seed, world, 2) for world in range(worlds)]
         models = WorldModels(scene.model, scene.camera, rngs, self._randomization)
-        with room_for("a simulation", worlds, BYTES_PER_PIXEL * height * width + BYTES_OF_PHYSICS, self._device):
+        samples = self._samples or (2 if scene.model.nmesh else 1)
+        pixel_bytes = BYTES_PER_PIXEL + (BYTES_PER_SAMPLE * samples**2 if samples > 1 else 0)
+        with room_for("a simulation", worlds, pixel_bytes * height * width + BYTES_OF_PHYSICS, self._device):
             physics = make_physics(scene, worlds, self._device, models, self._physics_on_device)
-            renderer = Renderer(
-                scene.model, physics.model, physics.data, scene.camera, self._shape, self._device, self._threads
-            )
+            seen = (scene.model, physics.model, physics.data, scene.camera, self._shape)
+            renderer = Renderer(*seen, self._device, self._threads, samples=samples)
         self._intrinsics = camera_intrinsics(scene.model, scene.camera, height, width)
         self._truth = GroundTruth(scene, physics.data, renderer, self._intrinsics, self._device, self._threads)
         self._scene, self._physics, self._renderer, self._seed = scene, physics, renderer, seed
+        self._readings = JointReadings(
+            self._compliance, self._realism, lambda world: _world_rng(seed, world, 3, self._frame)
+        )
         self._distractor: Distractor | None = None
         if scene.distractor >= 0:
             rngs = [_world_rng(seed, world, 1) for world in range(worlds)]
@@ -329,6 +345,7 @@ class SimWorld:
             row[columns] += scene.posture_range * offset
             row[:] = scene.chain.closed(self._physics.models.host(world), row)[0]
         self._physics.reset(qpos)
+        self._readings.begin()
         self._frame = 0
         self._settle()
         self._truth.remember_poses()
@@ -340,16 +357,6 @@ class SimWorld:
             self._distractor.place(data.time, data.mocap_pos)
         self._physics.update_poses()
         self._rendered = False
-
-    def _read(self, positions: np.ndarray) -> np.ndarray:
-        """Positions (B, S, N) with the noise of their readings, the same whenever a frame's are asked for."""
-        if self._compliance is None or not self._compliance.reading_noise:
-            return positions.copy()
-        worlds, count, joints = positions.shape
-        rngs = [_world_rng(self._seed, world, 3, self._frame) for world in range(worlds)]
-        # The last reading first, so that it is the same alone.
-        noise = np.stack([rng.normal(0.0, self._compliance.reading_noise, (count, joints))[::-1] for rng in rngs])
-        return positions + noise
 
     def _located(self, point: str | SurfacePoint, world: int) -> tuple:
         """Pixel, world position, poses and camera pose of a point in one world."""

@@ -151,12 +151,16 @@ class ReferenceJacobian:
         own = variance * np.square(self.o.step_factors)
         return np.broadcast_to(own, (self.o.height, self.o.width, self.o.joints))
 
-    def update(self, flow, dq):
+    def update(self, flow, dq, span=None):
+        """``span`` is the joint displacement that the flow spans; zeros for a frame that is predicted only."""
         o, u, dq = self.o, np.asarray(flow, dtype=np.float64), np.asarray(dq, dtype=np.float64)
-        dq = dq * o.step_factors  # the state in standard units
+        span = dq if span is None else np.asarray(span, dtype=np.float64)
+        one_frame = np.array_equal(span, dq)
+        dq, span = dq * o.step_factors, span * o.step_factors  # the state in standard units
         F = self.second.transition(dq) if self.second else np.eye(o.joints)
-        h = self.second.observation(dq) if self.second else dq
-        by_model = model_flow(self.state, h @ F), o.prediction_iterations
+        h = self.second.observation(span) if self.second else span
+        step = self.second.observation(dq) if self.second else dq
+        by_model = model_flow(self.state, step @ F), o.prediction_iterations
         displacement, iterations = {
             "model": by_model,
             "nearest": by_model,
@@ -164,7 +168,7 @@ class ReferenceJacobian:
             "none": (None, 0),
         }[o.prediction]
         prior = moved_image(self.state, displacement, iterations) @ F.T
-        if o.prediction == "nearest":
+        if o.prediction == "nearest" and one_frame:
             prior = nearer(prior, moved_image(self.state, u, 1) @ F.T, u, h)
         growth = o.process_noise * dq @ dq + o.drift_noise
         r = o.measurement_noise
@@ -182,6 +186,5 @@ class ReferenceJacobian:
             bound = np.array([o.max_variance] * o.joints + [o.initial_hessian_variance] * curved)
             K, self.P = kalman(bounded_covariance(F @ self.P @ F.T + Q, bound), h, r)
             error = bounded(innovation(u, model_flow(prior, h)), u, o.max_innovation)
-            self.state = np.where(
-                resting(u, model_flow(prior, h), o.rest)[..., None], 0.9 * prior, prior + error[..., None] * K
-            )
+            still = span.any() & resting(u, model_flow(prior, h), o.rest)
+            self.state = np.where(still[..., None], 0.9 * prior, prior + error[..., None] * K)

@@ -26,7 +26,7 @@ def test_points_from_the_old_place_to_the_new(scene, method, shift):
     assert np.median(np.abs(old - present)[INNER]) <= 6 * TOLERANCE[method] + 1
 
 
-@pytest.mark.parametrize("method", ["dis", "farneback"])
+@pytest.mark.parametrize("method", ["lucas-kanade", "dis", "farneback"])
 def test_flow_of_a_turning_plane(scene, method):
     before, after = np.array([0.0, 0, -0.02, 0.01]), np.array([0.01, -0.01, 0.02, -0.02])
     u = FlowEstimator(method, scene.height, scene.width)(scene.image(before), scene.image(after))
@@ -61,7 +61,7 @@ def test_results_are_independent_and_inputs_are_left_alone(scene):
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        (("raft", 32, 32), "flow method 'raft' is unknown; expected one of dis, "),
+        (("raft", 32, 32), "flow method 'raft' is unknown; expected one of lucas-kanade, dis, "),
         ((None, 32, 32), "flow method None is unknown"),
         ((["dis"], 32, 32), "is unknown; expected one of"),
         (("dis", 15, 32), "height is 15; expected a whole number of at least 16"),

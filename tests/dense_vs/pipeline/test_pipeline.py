@@ -107,3 +107,72 @@ def test_refuses_parts_that_do_not_fit(scene):
             FramePipeline(estimator, scale=scale)
     with pytest.raises(DenseVSError, match="estimator has 3 worlds; a pipeline takes one"):
         FramePipeline(DenseJacobian(height=96, width=128, joints=4, worlds=3, device="cpu"))
+
+
+def slow_postures(count):
+    """Postures (count, 4) of a motion of a few tenths of a pixel a frame that excites all joints."""
+    t = np.arange(count)[:, None] / 30
+    return 0.03 * np.sin(2 * np.pi * t * (0.3 + 0.17 * np.arange(4)) + np.arange(4))
+
+
+def test_slow_motion_is_measured_over_several_frames(scene):
+    pipeline = make(scene)
+    path = slow_postures(90)
+    spans, since = [], path[0]
+    for k, q in enumerate(path):
+        frame = pipeline.process(scene.image(q), k / 30, q)
+        if k == 0:
+            continue
+        np.testing.assert_allclose(frame.dq, q - path[k - 1])
+        spans.append(0 if frame.measured is None else 1)
+        if frame.measured is not None:
+            flow, span = frame.measured
+            np.testing.assert_allclose(span, q - since)
+            error = np.linalg.norm(flow - scene.flow(since, q), axis=2)[16:-16, 16:-16]
+            assert np.median(error) < 0.15
+            since = q
+    assert all(spans[:10])  # J is unknown
+    assert 0.1 < np.mean(spans[20:]) < 0.8
+    assert pipeline.estimator.updates == 89
+
+
+def test_the_flow_of_a_frame_is_that_of_one_frame(scene):
+    pipeline = make(scene)
+    flow = FlowEstimator(height=scene.height, width=scene.width)
+    path = slow_postures(24)
+    for k, q in enumerate(path):
+        frame = pipeline.process(scene.image(q), k / 30, q)
+        if k:
+            np.testing.assert_array_equal(frame.flow, flow(scene.image(path[k - 1]), scene.image(q)))
+
+
+def test_longer_spans_make_slow_motion_say_more(scene):
+    path = slow_postures(150)
+    inner = (slice(16, -16), slice(16, -16))
+    true = scene.jacobian(path[-1])[inner]
+    errors = {}
+    for baseline in (0.0, 3.0):
+        pipeline = make(scene)
+        pipeline.baseline = baseline
+        rng = np.random.default_rng(0)
+        for k, q in enumerate(path):
+            noisy = scene.image(q) + rng.normal(0, 4, (scene.height, scene.width))
+            pipeline.process(np.clip(np.rint(noisy), 0, 255).astype(np.uint8), k / 30, q)
+        relative = np.linalg.norm(pipeline.estimator.jacobian[inner] - true, axis=(2, 3))
+        errors[baseline] = np.median(relative / np.linalg.norm(true, axis=(2, 3)))
+    assert errors[3.0] < 0.8 * errors[0.0]
+
+
+@pytest.mark.parametrize("options", [{"covariance": "diagonal"}, {"prediction": "flow"}])
+def test_every_frame_corrects_an_estimator_that_takes_no_spans(scene, options):
+    pipeline = make(scene, **options)
+    for k, q in enumerate(slow_postures(20)):
+        frame = pipeline.process(scene.image(q), k / 30, q)
+        assert k == 0 or frame.measured is not None
+
+
+@pytest.mark.parametrize("baseline", [-1.0, np.nan, np.inf])
+def test_refuses_a_baseline(scene, baseline):
+    estimator = DenseJacobian(height=scene.height, width=scene.width, joints=4, device="cpu")
+    with pytest.raises(DenseVSError, match="baseline"):
+        FramePipeline(estimator, baseline=baseline)
