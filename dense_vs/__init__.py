@@ -8,44 +8,44 @@ from importlib import import_module
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from dense_vs.babbling import Babbling as Babbling
-    from dense_vs.batch_flow import BatchFlow as BatchFlow
-    from dense_vs.broyden import HadamardBroyden as HadamardBroyden
-    from dense_vs.depth_approach import DepthApproach as DepthApproach
+    from dense_vs.body.self_body import SelfBody as SelfBody
+    from dense_vs.depth.approach import DepthApproach as DepthApproach
     from dense_vs.errors import DenseVSError as DenseVSError
-    from dense_vs.feature_servo import FeatureServo as FeatureServo
-    from dense_vs.flow import FlowEstimator as FlowEstimator
-    from dense_vs.grasp_loop import GraspLoop as GraspLoop
-    from dense_vs.jacobian import DenseJacobian as DenseJacobian
-    from dense_vs.joint_log import JointLog as JointLog
-    from dense_vs.mask_servo import MaskServo as MaskServo
-    from dense_vs.pipeline import FramePipeline as FramePipeline
-    from dense_vs.robot import Camera as Camera
-    from dense_vs.robot import Robot as Robot
-    from dense_vs.self_body import SelfBody as SelfBody
-    from dense_vs.servo import VisualServo as VisualServo
-    from dense_vs.servo_loop import ServoLoop as ServoLoop
-    from dense_vs.tracker import PointTracker as PointTracker
+    from dense_vs.flow.batch_flow import BatchFlow as BatchFlow
+    from dense_vs.flow.estimator import FlowEstimator as FlowEstimator
+    from dense_vs.grasp.loop import GraspLoop as GraspLoop
+    from dense_vs.jacobian.estimator import DenseJacobian as DenseJacobian
+    from dense_vs.mask_servo.hadamard_broyden import HadamardBroyden as HadamardBroyden
+    from dense_vs.mask_servo.law import FeatureServo as FeatureServo
+    from dense_vs.mask_servo.loop import MaskServo as MaskServo
+    from dense_vs.pipeline.frame_pipeline import FramePipeline as FramePipeline
+    from dense_vs.point_servo.law import VisualServo as VisualServo
+    from dense_vs.point_servo.loop import ServoLoop as ServoLoop
+    from dense_vs.point_servo.tracker import PointTracker as PointTracker
+    from dense_vs.recording.joint_log import JointLog as JointLog
+    from dense_vs.robot.babbling import Babbling as Babbling
+    from dense_vs.robot.protocols import Camera as Camera
+    from dense_vs.robot.protocols import Robot as Robot
 
 _HOMES = {
-    "Babbling": "babbling",
-    "BatchFlow": "batch_flow",
-    "Camera": "robot",
-    "DenseJacobian": "jacobian",
+    "Babbling": "robot.babbling",
+    "BatchFlow": "flow.batch_flow",
+    "Camera": "robot.protocols",
+    "DenseJacobian": "jacobian.estimator",
     "DenseVSError": "errors",
-    "DepthApproach": "depth_approach",
-    "FeatureServo": "feature_servo",
-    "FlowEstimator": "flow",
-    "FramePipeline": "pipeline",
-    "GraspLoop": "grasp_loop",
-    "HadamardBroyden": "broyden",
-    "JointLog": "joint_log",
-    "MaskServo": "mask_servo",
-    "PointTracker": "tracker",
-    "Robot": "robot",
-    "SelfBody": "self_body",
-    "ServoLoop": "servo_loop",
-    "VisualServo": "servo",
+    "DepthApproach": "depth.approach",
+    "FeatureServo": "mask_servo.law",
+    "FlowEstimator": "flow.estimator",
+    "FramePipeline": "pipeline.frame_pipeline",
+    "GraspLoop": "grasp.loop",
+    "HadamardBroyden": "mask_servo.hadamard_broyden",
+    "JointLog": "recording.joint_log",
+    "MaskServo": "mask_servo.loop",
+    "PointTracker": "point_servo.tracker",
+    "Robot": "robot.protocols",
+    "SelfBody": "body.self_body",
+    "ServoLoop": "point_servo.loop",
+    "VisualServo": "point_servo.law",
 }
 
 __all__ = list(_HOMES)  # pyright: ignore[reportUnsupportedDunderAll]

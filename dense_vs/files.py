@@ -1,5 +1,7 @@
 """Files that are whole or absent: written beside their place and moved there when complete, read without pickle."""
 
+import json
+import math
 import os
 import tempfile
 import zipfile
@@ -77,3 +79,23 @@ def output_folder(path: str | os.PathLike[str]) -> Path:
     except OSError as error:
         raise DenseVSError(f"cannot make the folder {folder}: {error.strerror or error}") from error
     return folder
+
+
+def write_json(path: Path, content: Any) -> None:
+    """Write a JSON file, whole or not at all; NumPy's numbers are welcome, and what JSON has no form for, as NaN,
+    becomes null.
+    """
+    text = json.dumps(_plain(content), indent=2, allow_nan=False)
+    with atomic_write(path, "w") as stream:
+        stream.write(text)
+        stream.write("\n")
+
+
+def _plain(content: Any) -> Any:
+    if isinstance(content, dict):
+        return {name: _plain(value) for name, value in content.items()}
+    if isinstance(content, (list, tuple)):
+        return [_plain(value) for value in content]
+    if isinstance(content, np.generic):
+        content = content.item()
+    return None if isinstance(content, float) and not math.isfinite(content) else content

@@ -12,11 +12,12 @@ import numpy as np
 import warp as wp
 from metrics import Metric, add_report_arguments, report
 
-from dense_vs.cli.output import progress, table
-from dense_vs.evaluation import JacobianError, jacobian_error
-from dense_vs.jacobian import DenseJacobian
+from dense_vs.jacobian.error import JacobianError, jacobian_error
+from dense_vs.jacobian.estimator import DenseJacobian
 from dense_vs.sims import SimWorld
-from dense_vs.sims.reaching import MeasuredReach, ReachingExperiment
+from dense_vs.sims.papers.dije.reaching import MeasuredReach, ReachingExperiment
+from dense_vs.view.progress import progress
+from dense_vs.view.tables import table
 
 PAPER: dict[str, Any] = {"covariance": "diagonal", "prediction_iterations": 1}
 MODES: dict[str, dict[str, Any]] = {

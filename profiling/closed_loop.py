@@ -16,9 +16,9 @@ import warp as wp
 from metrics import Metric, add_report_arguments, report
 
 from dense_vs.device import resolve_device
-from dense_vs.jacobian_filter import JacobianFilter
+from dense_vs.jacobian.filter import JacobianFilter
 from dense_vs.sims import BatchServo, DomainRandomization, SimWorld
-from dense_vs.sims.batch_episode import EpisodeOptions
+from dense_vs.sims.batch.episode import EpisodeOptions
 
 WITHIN_PX = 3.0
 RANDOMIZATION = DomainRandomization(

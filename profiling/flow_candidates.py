@@ -7,7 +7,7 @@ from typing import Any
 import cv2
 import numpy as np
 
-from dense_vs.flow import METHODS
+from dense_vs.flow.estimator import METHODS
 
 Flow = Callable[[np.ndarray, np.ndarray], np.ndarray]
 

@@ -19,8 +19,8 @@ from interleaved import interleaved
 from metrics import Metric, add_report_arguments, report
 from recorded_frames import image_size
 
-from dense_vs.cli.output import table
-from dense_vs.flow import METHODS
+from dense_vs.flow.estimator import METHODS
+from dense_vs.view.tables import table
 
 
 @dataclass(frozen=True)
@@ -106,7 +106,7 @@ def print_scores(scores: Sequence[FlowScore], speeds: Sequence[float]) -> None:
         name = f"{score.name} *" if score.name in METHODS else score.name
         rows.append([name, f"{score.ms:.1f}", *(f"{figure:.3f}" for figure in figures), "undominated" if best else ""])
     print("\n" + table(header, rows))
-    print("* a method of dense_vs.flow")
+    print("* a method of dense_vs.flow.estimator")
 
 
 def _metrics(score: FlowScore) -> list[Metric]:

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from dense_vs.flow import to_gray
+from dense_vs.flow.estimator import to_gray
 from dense_vs.sims import SimWorld
 
 OUTLINE_MARGIN = 4  # px

@@ -16,11 +16,11 @@ from metrics import Metric, add_report_arguments, report
 from recorded_frames import Recording, Replay, image_size, record
 from stage_clock import StageClock
 
-import dense_vs.pipeline
+import dense_vs.pipeline.frame_pipeline
 from dense_vs import DenseJacobian, FlowEstimator, ServoLoop
-from dense_vs.cli.output import table
 from dense_vs.device import resolve_device
-from dense_vs.flow import METHODS
+from dense_vs.flow.estimator import METHODS
+from dense_vs.view.tables import table
 
 STAGES = ("grey", "flow", "joint step", "update", "at and tracking", "servo")
 PARTS = {"update": ("gain", "predicted flow", "correction")}
@@ -87,7 +87,7 @@ def stage_times(
     loop.define_point(tip)
     clock = StageClock(lambda: wp.synchronize_device(device))
     with clock.installed():
-        clock.wrap(dense_vs.pipeline, "to_gray", "grey")
+        clock.wrap(dense_vs.pipeline.frame_pipeline, "to_gray", "grey")
         clock.wrap(loop.pipeline, "flow", "flow")
         clock.wrap(loop.robot, "joints", "joint step")
         clock.wrap(loop._buffer, "add", "joint step")

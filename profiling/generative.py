@@ -24,14 +24,11 @@ from metrics import Metric, add_report_arguments, report  # noqa: E402
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests" / "reference"))
 from reference_recordings import record  # noqa: E402
 
-from dense_vs.generative import (  # noqa: E402
-    GenerativeModel,
-    PixelProblem,
-    State,
-    all_shared,
-    guessed_intrinsics,
-    reconstruct,
-)
+from dense_vs.generative import GenerativeModel  # noqa: E402
+from dense_vs.generative.learning.end_to_end import all_shared  # noqa: E402
+from dense_vs.generative.least_squares.pixel_problem import PixelProblem, State  # noqa: E402
+from dense_vs.generative.reconstruction.initialization import guessed_intrinsics  # noqa: E402
+from dense_vs.generative.reconstruction.stereo import reconstruct  # noqa: E402
 
 SAME = 1.02  # times our error that counts as the same
 

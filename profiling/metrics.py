@@ -13,9 +13,9 @@ from typing import Any, Literal
 
 import warp as wp
 
-from dense_vs.cli.output import table
 from dense_vs.files import atomic_write
 from dense_vs.kernels.launch import available_cores
+from dense_vs.view.tables import table
 
 PACKAGES = (
     "dense-vs",

@@ -17,7 +17,7 @@ import numpy as np
 import torch
 from scipy.spatial.transform import Rotation
 
-from dense_vs.generative import Reconstruction
+from dense_vs.generative.reconstruction.stereo import Reconstruction
 
 
 @dataclass(frozen=True)

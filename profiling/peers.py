@@ -29,7 +29,7 @@ from recorded_frames import Recording, Replay, image_size, record
 from taichi_jacobian import TaichiFilter
 
 from dense_vs import DenseJacobian, ServoLoop
-from dense_vs.cli.output import table
+from dense_vs.view.tables import table
 
 OUR_STAGES = ("grey", "flow", "joint step", "predict and update", "tracking", "servo")
 WARMUP = 5

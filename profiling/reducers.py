@@ -14,8 +14,8 @@ from interleaved import interleaved, median_ratio
 from metrics import Metric, add_report_arguments, report
 
 from dense_vs.device import resolve_threads
-from dense_vs.kernels.mask_overlap import OverlapReducer
-from dense_vs.kernels.reducers import LabelReducer, MaskReducer
+from dense_vs.kernels.masks.mask_overlap import OverlapReducer
+from dense_vs.kernels.masks.reducers import LabelReducer, MaskReducer
 
 HEIGHT, WIDTH = 480, 640
 CANDIDATES = 36

@@ -17,7 +17,7 @@ from filter_case import make_case
 from metrics import Metric, add_report_arguments, report
 
 from dense_vs.device import resolve_device
-from dense_vs.jacobian import DenseJacobian
+from dense_vs.jacobian.estimator import DenseJacobian
 
 FORMS: dict[str, dict[str, Any]] = {
     "diagonal": {"covariance": "diagonal", "prediction_iterations": 1},

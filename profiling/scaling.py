@@ -17,7 +17,7 @@ from roofline import median_seconds
 
 from dense_vs.device import resolve_device
 from dense_vs.errors import DenseVSError
-from dense_vs.jacobian import DenseJacobian
+from dense_vs.jacobian.estimator import DenseJacobian
 from dense_vs.kernels.launch import available_cores
 
 JOINTS = (1, 2, 4, 7, 10, 16, 32)

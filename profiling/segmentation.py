@@ -16,11 +16,11 @@ from pathlib import Path
 import numpy as np
 from metrics import Metric, add_report_arguments, report
 
-from dense_vs.cli.output import progress
 from dense_vs.segmentation import AnnotatedFolder, FewShotSegmenter
 from dense_vs.sims.mobile_manipulator.annotations import annotate
 from dense_vs.sims.mobile_manipulator.objects import household_objects
 from dense_vs.sims.mobile_manipulator.world import MobileWorld
+from dense_vs.view.progress import progress
 
 DATA = Path(__file__).parents[2] / "shared" / "data"
 

@@ -18,10 +18,10 @@ from metrics import Metric, add_report_arguments, report
 from recorded_frames import image_size
 from scipy.cluster.vq import vq
 
-from dense_vs.cli.output import progress
+from dense_vs.body.self_body import SelfBody
 from dense_vs.device import resolve_device
-from dense_vs.jacobian import DenseJacobian
-from dense_vs.self_body import SelfBody
+from dense_vs.jacobian.estimator import DenseJacobian
+from dense_vs.view.progress import progress
 
 
 def timings(height: int, width: int, joints: int, clusters: int, rounds: int, device: str) -> list[Metric]:
@@ -81,8 +81,8 @@ def timings(height: int, width: int, joints: int, clusters: int, rounds: int, de
 
 def accuracy(seeds: list[int], device: str, distractor: str, period: float, seconds: float) -> list[Metric]:
     """IoU and leak of default and paper over the seeds; none is left out."""
-    from dense_vs.sims.experiments.dije.leak import leak_rows, run_seed
-    from dense_vs.sims.scene import FRAME_SECONDS
+    from dense_vs.sims.engine.scene import FRAME_SECONDS
+    from dense_vs.sims.papers.dije.leak import leak_rows, run_seed
 
     arguments = SimpleNamespace(device=device, threads=None, distractor=distractor, period=period, seconds=seconds)
     with progress("accuracy", len(seeds) * round(seconds / FRAME_SECONDS)) as bar:

@@ -7,28 +7,30 @@ from importlib import import_module
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from dense_vs.sims.adapters import SimCamera as SimCamera
-    from dense_vs.sims.adapters import SimRobot as SimRobot
-    from dense_vs.sims.batch_servo import BatchServo as BatchServo
-    from dense_vs.sims.frames import DeviceFrame as DeviceFrame
-    from dense_vs.sims.frames import Frame as Frame
-    from dense_vs.sims.randomization import DomainRandomization as DomainRandomization
-    from dense_vs.sims.robots import ROBOTS as ROBOTS
-    from dense_vs.sims.scene import FRAME_SECONDS as FRAME_SECONDS
-    from dense_vs.sims.surface_points import SurfacePoint as SurfacePoint
-    from dense_vs.sims.world import SimWorld as SimWorld
+    from dense_vs.sims.batch.batch_servo import BatchServo as BatchServo
+    from dense_vs.sims.engine.adapters import SimCamera as SimCamera
+    from dense_vs.sims.engine.adapters import SimRobot as SimRobot
+    from dense_vs.sims.engine.frames import DeviceFrame as DeviceFrame
+    from dense_vs.sims.engine.frames import Frame as Frame
+    from dense_vs.sims.engine.id_segmenter import IdSegmenter as IdSegmenter
+    from dense_vs.sims.engine.randomization import DomainRandomization as DomainRandomization
+    from dense_vs.sims.engine.robots import ROBOTS as ROBOTS
+    from dense_vs.sims.engine.scene import FRAME_SECONDS as FRAME_SECONDS
+    from dense_vs.sims.engine.surface_points import SurfacePoint as SurfacePoint
+    from dense_vs.sims.engine.world import SimWorld as SimWorld
 
 _HOMES = {
-    "BatchServo": "batch_servo",
-    "DomainRandomization": "randomization",
-    "FRAME_SECONDS": "scene",
-    "ROBOTS": "robots",
-    "DeviceFrame": "frames",
-    "Frame": "frames",
-    "SimCamera": "adapters",
-    "SimRobot": "adapters",
-    "SimWorld": "world",
-    "SurfacePoint": "surface_points",
+    "BatchServo": "batch.batch_servo",
+    "DomainRandomization": "engine.randomization",
+    "FRAME_SECONDS": "engine.scene",
+    "ROBOTS": "engine.robots",
+    "IdSegmenter": "engine.id_segmenter",
+    "DeviceFrame": "engine.frames",
+    "Frame": "engine.frames",
+    "SimCamera": "engine.adapters",
+    "SimRobot": "engine.adapters",
+    "SimWorld": "engine.world",
+    "SurfacePoint": "engine.surface_points",
 }
 
 __all__ = list(_HOMES)  # pyright: ignore[reportUnsupportedDunderAll]

@@ -11,7 +11,7 @@ folder = pathlib.Path(dense_vs.__file__).parent
 assert "site-packages" in folder.parts, f"{folder} is not an installed wheel"
 for name in ("kernels/launch.py", "sims/models/arm.xml", "sims/models/planar.xml", "sims/cli/reach.py", "py.typed"):
     assert (folder / name).is_file(), f"{name} is missing from the wheel"
-for name in ("dense_vs.cli.main", "dense_vs.kernels.image_jacobian", "dense_vs.recording"):
+for name in ("dense_vs.cli.main", "dense_vs.kernels.jacobian.image_jacobian", "dense_vs.recording.video_recording"):
     import_module(name)
 
 estimator = dense_vs.DenseJacobian(height=32, width=48, joints=2, device="cpu")

@@ -7,8 +7,11 @@ absolute relative error of the distance at the nearest view [%].
 import argparse
 from pathlib import Path
 
-from dense_vs.cli.output import progress, table, versions, write_json
 from dense_vs.errors import DenseVSError
+from dense_vs.files import write_json
+from dense_vs.view.progress import progress
+from dense_vs.view.provenance import versions
+from dense_vs.view.tables import table
 
 HELP = "score depth from masks on the ODMS sets"
 # Test errors that the benchmark's page lists; its test sets hold other sequences than the validation sets.

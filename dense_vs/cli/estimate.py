@@ -4,8 +4,11 @@ import argparse
 import time
 from pathlib import Path
 
-from dense_vs.cli.output import progress, table, versions, write_json
 from dense_vs.errors import DenseVSError
+from dense_vs.files import write_json
+from dense_vs.view.progress import progress
+from dense_vs.view.provenance import versions
+from dense_vs.view.tables import table
 
 HELP = "estimate the dense image Jacobian from a video and a joint log"
 
@@ -48,10 +51,12 @@ def run(arguments: argparse.Namespace) -> None:
     from contextlib import nullcontext
 
     from dense_vs.files import output_folder
-    from dense_vs.recording import Recording
-    from dense_vs.truth_file import TruthFile
-    from dense_vs.video import VideoWriter
-    from dense_vs.visualization import JacobianView, as_rgb, label, tile
+    from dense_vs.jacobian.error import jacobian_error
+    from dense_vs.pipeline.recorded import estimate_recording
+    from dense_vs.recording.truth_file import TruthFile
+    from dense_vs.recording.video import VideoWriter
+    from dense_vs.recording.video_recording import Recording
+    from dense_vs.view.panels import JacobianView, as_rgb, label, tile
 
     if arguments.every < 1:
         raise DenseVSError(f"--every is {arguments.every}; expected a whole number of at least 1")
@@ -61,14 +66,15 @@ def run(arguments: argparse.Namespace) -> None:
         arguments.joints,
         joint_names=names,
         time_offset=arguments.time_offset,
-        scale=arguments.scale,
     )
     truth = TruthFile.read(arguments.truth, recording.log.names) if arguments.truth else None
     out = output_folder(arguments.out)
     view = JacobianView(recording.log.names)
     started = time.perf_counter()
     errors, frames, estimator = [], 0, None
-    steps = recording.estimate(
+    steps = estimate_recording(
+        recording,
+        scale=arguments.scale,
         method=arguments.flow,
         device=arguments.device,
         threads=arguments.threads,
@@ -85,8 +91,8 @@ def run(arguments: argparse.Namespace) -> None:
             jacobian = estimator.to_numpy()
             if frames % arguments.every == 0:
                 estimator.save(out / f"jacobian_{frames:06d}.npz")
-            if truth is not None and (error := truth.error(frame.time, jacobian, arguments.scale)) is not None:
-                errors.append({"time": frame.time, **vars(error)})
+            if truth is not None and (true := truth.at(frame.time, arguments.scale)) is not None:
+                errors.append({"time": frame.time, **vars(jacobian_error(jacobian, *true))})
             if video is not None:
                 panels = [label(as_rgb(frame.image), f"camera {frame.time:.2f} s"), view.flow(frame.flow, "flow u")]
                 panels += [view.flow(estimator.predicted_flow(frame.dq), "predicted flow J dq")]

@@ -17,8 +17,10 @@ import argparse
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from dense_vs.cli.output import table, versions, write_json
 from dense_vs.errors import DenseVSError
+from dense_vs.files import write_json
+from dense_vs.view.provenance import versions
+from dense_vs.view.tables import table
 
 if TYPE_CHECKING:
     from dense_vs.generative import Observations

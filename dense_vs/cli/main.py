@@ -6,9 +6,9 @@ import sys
 import tempfile
 from collections.abc import Sequence
 from importlib import import_module
+from pathlib import Path
 
 from dense_vs.cli.help_text import ParagraphHelp, description
-from dense_vs.cli.output import note_first_run
 from dense_vs.errors import DenseVSError
 
 # Commands that need a simulator stand with it; all are named here and imported when the command line is read.
@@ -47,7 +47,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Run ``dense-vs`` with ``arguments`` (the process's own unless given); the exit code."""
     parsed = build_parser().parse_args(arguments)
     _quiet_warp()
-    note_first_run()
+    _note_first_run()
     try:
         parsed.run(parsed)
     except DenseVSError as error:
@@ -83,3 +83,13 @@ def _quiet_warp() -> None:
         for line in said:
             if "Could not find or load the NVIDIA CUDA driver" not in line:
                 print(line, end="", file=sys.stderr)
+
+
+def _note_first_run() -> None:
+    """Say so where no kernel has been compiled yet, as the first progress then waits for the compiler."""
+    import warp as wp
+
+    wp.init()
+    folder = Path(str(wp.config.kernel_cache_dir))
+    if not folder.is_dir() or not any(folder.iterdir()):
+        print("first run: compiling kernels, which takes up to half a minute", flush=True)

@@ -7,8 +7,11 @@ from typing import Any
 
 import numpy as np
 
-from dense_vs.cli.output import progress, table, versions, write_json
 from dense_vs.errors import DenseVSError
+from dense_vs.files import write_json
+from dense_vs.view.progress import progress
+from dense_vs.view.provenance import versions
+from dense_vs.view.tables import table
 
 HELP = "find an object in images or a video"
 SHOWN_ROWS = 20
@@ -40,7 +43,7 @@ def run(arguments: argparse.Namespace) -> None:
     from dense_vs.files import output_folder
     from dense_vs.segmentation import assess_mask, write_mask
     from dense_vs.segmentation.annotated_folder import write_image
-    from dense_vs.segmentation.mask_picture import draw_mask
+    from dense_vs.view.mask_picture import draw_mask
 
     segmenter = _segmenter(arguments)
     frames, count, fps = _frames(arguments.input)
@@ -101,8 +104,8 @@ def _segmenter(arguments: argparse.Namespace) -> Any:
 
 def _frames(source: Path) -> tuple[Iterator[tuple[str, np.ndarray]], int, float | None]:
     """Named images, how many (0 if unknown), and the frame rate of a video."""
+    from dense_vs.recording.video import VideoReader
     from dense_vs.segmentation.annotated_folder import IMAGE_SUFFIXES, image_files, read_image
-    from dense_vs.video import VideoReader
 
     if source.is_dir():
         files = image_files(source)
@@ -118,6 +121,6 @@ def _frames(source: Path) -> tuple[Iterator[tuple[str, np.ndarray]], int, float 
 def _video(out: Path, fps: float | None) -> Any:
     from contextlib import nullcontext
 
-    from dense_vs.video import VideoWriter
+    from dense_vs.recording.video import VideoWriter
 
     return nullcontext() if fps is None else VideoWriter(out / "segmented.mp4", fps)

@@ -6,8 +6,8 @@ from pathlib import Path
 
 import numpy as np
 
-from dense_vs.cli.output import table
 from dense_vs.errors import DenseVSError
+from dense_vs.view.tables import table
 
 HELP = "learn to segment an object from about ten annotated images"
 
@@ -59,8 +59,8 @@ def run(arguments: argparse.Namespace) -> None:
 
 def _left_out(annotated, others, nothing, folds: int, seed: int) -> list[list[str]]:
     """A row an image: what a segmenter makes of it that learnt from the other folds."""
-    from dense_vs.cli.output import progress
     from dense_vs.segmentation import FewShotSegmenter
+    from dense_vs.view.progress import progress
 
     fold = np.random.default_rng(seed).permutation(len(annotated.names)) % folds
     rows = {}

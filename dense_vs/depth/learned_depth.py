@@ -2,7 +2,7 @@
 
 It sees what the scale posterior says under several assumptions (outline grown or not, solid or flat, one length
 alone), how large, where and of what form the object is, and how the views lie, and tells by which factor the robust
-distance is off. It was trained only on simulated masks (``dense_vs.sims.mask_sequences``, ``dense-vs depth-train``);
+distance is off. It was trained only on simulated masks (``dense_vs.sims.depth_training``, ``dense-vs depth-train``);
 the weights are shipped. Inference is a few matrix products.
 """
 

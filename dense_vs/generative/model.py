@@ -9,15 +9,15 @@ import numpy as np
 
 from dense_vs.errors import DenseVSError
 from dense_vs.files import atomic_write, read_arrays
-from dense_vs.generative.cartesian import fit_cartesian
-from dense_vs.generative.denavit_hartenberg import DenavitHartenberg, from_lines
-from dense_vs.generative.fitting import FitOptions, fit_joint_model
-from dense_vs.generative.joint_inference import JointInference, predict, project_points
+from dense_vs.generative.inference.joint_inference import JointInference, predict, project_points
+from dense_vs.generative.inference.pose_inference import PoseInference
+from dense_vs.generative.kinematics.denavit_hartenberg import DenavitHartenberg, from_lines
+from dense_vs.generative.learning.cartesian import fit_cartesian
+from dense_vs.generative.learning.fitting import FitOptions, fit_joint_model
+from dense_vs.generative.learning.online import OnlineLearner
+from dense_vs.generative.learning.relearning import relearn
+from dense_vs.generative.least_squares.parameters import ModelParameters, finite_rows, link_poses
 from dense_vs.generative.observations import Observations
-from dense_vs.generative.online import OnlineLearner
-from dense_vs.generative.parameters import ModelParameters, finite_rows, link_poses
-from dense_vs.generative.pose_inference import PoseInference
-from dense_vs.generative.relearning import relearn
 from dense_vs.generative.report import FitReport
 
 KINEMATICS = ("poe", "dh")
@@ -121,7 +121,7 @@ class GenerativeModel:
                     f"method 'paper' was published for kinematics 'dh' and controller 'joint'; got {kinematics!r} and "
                     f"{controller!r}"
                 )
-            from dense_vs.generative.published import fit_as_published
+            from dense_vs.generative.learning.published import fit_as_published
 
             fit = fit_as_published(obs, seed, state, state_sigma)
             return cls(fit.parameters, fit.joints, fit.report, kinematics="dh", image_sizes=sizes, dh=fit.dh)

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from dense_vs.errors import DenseVSError
-from dense_vs.kernels.kinematics import INTRINSICS
+from dense_vs.kernels.arm.kinematics import INTRINSICS
 
 
 @dataclass(eq=False)

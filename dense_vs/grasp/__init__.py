@@ -1,6 +1,6 @@
 """Grasping from masks, VOS-Grasp: where to stop (21), how to turn the wrist (22), whether it came along (23)."""
 
-from dense_vs.grasp.approach import grasp_camera_position
+from dense_vs.grasp.camera_height import grasp_camera_position
 from dense_vs.grasp.grasp_check import GraspCheck, GraspOutcome, check_grasp
 from dense_vs.grasp.gripper_mask import GripperModel
 from dense_vs.grasp.regrasp import GraspAction, GraspStep, RegraspPolicy

@@ -10,8 +10,9 @@ from typing import Any
 
 import numpy as np
 
-from dense_vs.cli.output import progress, table
 from dense_vs.errors import DenseVSError
+from dense_vs.view.progress import progress
+from dense_vs.view.tables import table
 
 HELP = "train the learned depth from masks on simulated sequences"
 CHUNK = 50  # sequences that a process simulates at a time
@@ -104,7 +105,7 @@ def _chunk(span: tuple[int, int, int]) -> list[tuple[np.ndarray, float]]:
     from dense_vs.depth.learned_depth import depth_features
     from dense_vs.depth.mask_fit import gather_evidence
     from dense_vs.depth.region_shape import mask_regions
-    from dense_vs.sims.mask_sequences import simulate_masks
+    from dense_vs.sims.depth_training.mask_sequences import simulate_masks
 
     cv2.setNumThreads(1)
     seed, first, last = span

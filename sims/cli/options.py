@@ -7,7 +7,7 @@ from dense_vs.cli.options import add_device_arguments
 from dense_vs.errors import DenseVSError
 
 if TYPE_CHECKING:
-    from dense_vs.sims.world import SimWorld
+    from dense_vs.sims.engine.world import SimWorld
 
 
 def add_world_arguments(parser: argparse.ArgumentParser) -> None:
@@ -42,7 +42,7 @@ def make_world(arguments: argparse.Namespace) -> "SimWorld":
         DenseVSError: the ``sims`` extra is not installed, or an argument cannot be used.
     """
     try:
-        from dense_vs.sims.world import SimWorld
+        from dense_vs.sims.engine.world import SimWorld
     except ImportError as error:
         raise DenseVSError(
             f"simulation needs {error.name}, which is not installed; pip install 'dense-vs[sims]'"

@@ -7,9 +7,12 @@ from pathlib import Path
 
 import numpy as np
 
-from dense_vs.cli.output import progress, table, versions, write_json
 from dense_vs.errors import DenseVSError
+from dense_vs.files import write_json
 from dense_vs.sims.cli.options import add_world_arguments, make_world
+from dense_vs.view.progress import progress
+from dense_vs.view.provenance import versions
+from dense_vs.view.tables import table
 
 HELP = "learn J on a simulated robot and bring a point of it to image targets"
 REACHED_PX = 2.0
@@ -42,15 +45,15 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(arguments: argparse.Namespace) -> None:
     """Run the command."""
     from dense_vs.files import output_folder
-    from dense_vs.flow import FlowEstimator
-    from dense_vs.jacobian import DenseJacobian
-    from dense_vs.plots import plot_reach
-    from dense_vs.servo import VisualServo
-    from dense_vs.sims.reaching import ReachingExperiment
-    from dense_vs.sims.world import FRAME_SECONDS
-    from dense_vs.tracker import TrackerOptions
-    from dense_vs.video import VideoWriter
-    from dense_vs.visualization import ReachView
+    from dense_vs.flow.estimator import FlowEstimator
+    from dense_vs.jacobian.estimator import DenseJacobian
+    from dense_vs.point_servo.law import VisualServo
+    from dense_vs.point_servo.tracker import TrackerOptions
+    from dense_vs.recording.video import VideoWriter
+    from dense_vs.sims.engine.world import FRAME_SECONDS
+    from dense_vs.sims.papers.dije.reaching import ReachingExperiment
+    from dense_vs.view.panels import ReachView
+    from dense_vs.view.plots import plot_reach
 
     if arguments.targets < 1 or arguments.max_frames < 1:
         raise DenseVSError("--targets and --max-frames are whole numbers of at least 1")

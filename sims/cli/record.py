@@ -6,9 +6,9 @@ from pathlib import Path
 
 import numpy as np
 
-from dense_vs.cli.output import progress
 from dense_vs.errors import DenseVSError
 from dense_vs.sims.cli.options import add_world_arguments, make_world
+from dense_vs.view.progress import progress
 
 HELP = "record a simulated robot: video, joint log and the true Jacobians"
 VIDEO_QUALITY = 3  # compression artefacts are flow errors
@@ -43,12 +43,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> None:
     """Run the command."""
-    from dense_vs.babbling import Babbling
     from dense_vs.files import atomic_write, output_folder
-    from dense_vs.flow import FlowEstimator, to_gray
-    from dense_vs.sims.world import FRAME_SECONDS
-    from dense_vs.truth_file import TruthFile
-    from dense_vs.video import VideoWriter
+    from dense_vs.flow.estimator import FlowEstimator, to_gray
+    from dense_vs.recording.truth_file import TruthFile
+    from dense_vs.recording.video import VideoWriter
+    from dense_vs.robot.babbling import Babbling
+    from dense_vs.sims.engine.world import FRAME_SECONDS
 
     for name, value in (("--seconds", arguments.seconds), ("--log-rate", arguments.log_rate)):
         if not np.isfinite(value) or value <= 0:

@@ -7,8 +7,9 @@ from pathlib import Path
 
 from dense_vs.cli.help_text import ParagraphHelp, description
 from dense_vs.cli.options import add_device_arguments
-from dense_vs.cli.output import versions, write_json
-from dense_vs.sims.experiments import EXPERIMENTS
+from dense_vs.files import write_json
+from dense_vs.sims.papers import EXPERIMENTS
+from dense_vs.view.provenance import versions
 
 HELP = "repeat a paper's experiment on a simulated robot"
 PAPERS = {
@@ -44,7 +45,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(arguments: argparse.Namespace) -> None:
     """Run the command."""
     from dense_vs.files import output_folder
-    from dense_vs.sims.experiments.rows import rows_json, rows_table
+    from dense_vs.sims.papers.rows import rows_json, rows_table
 
     arguments.out = output_folder(arguments.out)
     if arguments.json is not None:

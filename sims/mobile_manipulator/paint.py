@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import mujoco
 import numpy as np
 
-from dense_vs.sims.textures import band_noise
+from dense_vs.sims.engine.textures import band_noise
 
 TEXTURE_SIZE = 96  # texels a side; a face of 0.1 m seen from 0.5 m is about as many pixels
 

@@ -12,11 +12,11 @@ import numpy as np
 
 from dense_vs.device import resolve_device, resolve_threads
 from dense_vs.errors import DenseVSError
+from dense_vs.sims.engine.physics import HostPhysics
+from dense_vs.sims.engine.renderer import Renderer, camera_intrinsics
+from dense_vs.sims.engine.scene import FRAME_SECONDS, resolve_scene
+from dense_vs.sims.engine.surface_points import camera_pose
 from dense_vs.sims.mobile_manipulator.model import JOINTS, PULLER, compile_model
-from dense_vs.sims.physics import HostPhysics
-from dense_vs.sims.renderer import Renderer, camera_intrinsics
-from dense_vs.sims.scene import FRAME_SECONDS, resolve_scene
-from dense_vs.sims.surface_points import camera_pose
 
 HEIGHT, WIDTH = 480, 640
 CAMERAS = ("head", "grasp")

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from planar_scene import PlanarScene
 
-from dense_vs.babbling import Babbling
+from dense_vs.robot.babbling import Babbling
 
 RECORDING_FPS = 25.0
 RECORDING_FRAMES = 40
@@ -35,8 +35,8 @@ def exact_frames(scene, postures):
 def recording(scene, postures, tmp_path_factory):
     """A folder with video.mp4, joints.csv at 100 Hz and truth.npz of the last frames."""
     pytest.importorskip("av", reason="writing video needs PyAV")
-    from dense_vs.truth_file import TruthFile
-    from dense_vs.video import VideoWriter
+    from dense_vs.recording.truth_file import TruthFile
+    from dense_vs.recording.video import VideoWriter
 
     folder = tmp_path_factory.mktemp("recording")
     times = np.arange(RECORDING_FRAMES) / RECORDING_FPS

@@ -6,8 +6,8 @@ import warp as wp
 
 from dense_vs import DenseJacobian, DenseVSError
 from dense_vs.device import resolve_threads
-from dense_vs.kernels.flow_field import count_bad_flow
-from dense_vs.kernels.image_jacobian import jacobian_kernels
+from dense_vs.kernels.image.flow_field import count_bad_flow
+from dense_vs.kernels.jacobian.image_jacobian import jacobian_kernels
 from dense_vs.kernels.launch import PixelLaunch, available_cores, launch_pixels
 
 

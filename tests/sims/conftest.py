@@ -92,3 +92,27 @@ def upper_body():
 def world(request):
     """Each kind of world in turn, two frames after its start; tests that step it make their own."""
     return request.getfixturevalue(request.param)
+
+
+@pytest.fixture(scope="session")
+def cell():
+    """A cell to grasp in; tests put it where they need it."""
+    from dense_vs.sims.workcell.cell import Workcell
+
+    return Workcell("ur5", peg=True, seed=3)
+
+
+@pytest.fixture(scope="session")
+def trial():
+    """An arm with markers whose postures are drawn anew for every question."""
+    from dense_vs.sims.papers.gothoskar.protocol import Trial
+
+    return Trial("ur5", 5, 2, "normal")
+
+
+@pytest.fixture(scope="session")
+def learned(trial):
+    """A model of that arm from 30 images."""
+    from dense_vs.generative import GenerativeModel
+
+    return GenerativeModel.fit(trial.evidence(30).observations, seed=0)

@@ -4,8 +4,9 @@ import numpy as np
 import pytest
 from reference_recordings import record
 
-from dense_vs.generative import GenerativeModel, NormalEquations, inverse_root
-from dense_vs.generative.expected_error import shared_information
+from dense_vs.generative import GenerativeModel
+from dense_vs.generative.learning.expected_error import inverse_root, shared_information
+from dense_vs.generative.least_squares.pixel_problem import NormalEquations
 
 
 def true_error(case, model):

@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from dense_vs.generative.parameters import ModelParameters
-from dense_vs.generative.pixel_problem import Free, PixelProblem, State
-from dense_vs.generative.pose_reversal import better_poses, reversed_state, settle_poses
-from dense_vs.generative.relative_pose import relative_poses
+from dense_vs.generative.least_squares.parameters import ModelParameters
+from dense_vs.generative.least_squares.pixel_problem import Free, PixelProblem, State
+from dense_vs.generative.reconstruction.pose_reversal import better_poses, reversed_state, settle_poses
+from dense_vs.generative.reconstruction.relative_pose import relative_poses
 
 FOCAL = 620.0
 

@@ -1,0 +1,170 @@
+"""Evidence that what is seen at a pixel moves with the joints, gathered frame by frame (beyond the paper).
+
+The filter and its running energies are those of :mod:`dense_vs.kernels.body.motion_evidence`. The filter is of first
+order with one covariance for the image, and ten times the measurement noise of the estimator's: at the estimator's
+own, the share of a walker that is taken for the body is about five times as large.
+"""
+
+from dataclasses import dataclass, fields
+from typing import Any
+
+import numpy as np
+import warp as wp
+
+from dense_vs.errors import DenseVSError
+from dense_vs.kernels.body.motion_evidence import self_motion_kernels
+from dense_vs.kernels.jacobian.covariance import update_shared_covariance
+from dense_vs.kernels.launch import PixelLaunch
+
+
+@dataclass(frozen=True, kw_only=True)
+class SelfMotionOptions:
+    """Constants of the filter and of the evidence; px and rad (m for a prismatic joint).
+
+    Attributes:
+        decay: of the energies per frame in which something moves.
+        rest: where neither flow nor prediction reaches it a frame is no evidence [px].
+        still: flow of an image that stands still [px].
+        due: predicted motion that a still image contradicts [px].
+        unexplained: share of the motion's energy that the joints may leave unexplained on the body.
+        least_energy: of flow and of what is unexplained; with less of both nothing is known [px^2].
+        process_noise, measurement_noise, initial_variance: as in :class:`dense_vs.jacobian.options.JacobianOptions`.
+    """
+
+    decay: float = 0.93
+    rest: float = 0.1
+    still: float = 0.2
+    due: float = 0.5
+    unexplained: float = 0.125
+    least_energy: float = 0.1
+    process_noise: float = 1e4
+    measurement_noise: float = 0.1
+    initial_variance: float = 1e4
+
+    def __post_init__(self):
+        for field in fields(self):
+            value = getattr(self, field.name)
+            most = 1.0 if field.name in ("decay", "unexplained") else np.inf
+            number = isinstance(value, (int, float, np.number)) and not isinstance(value, bool)
+            if not number or not np.isfinite(value) or not 0 <= value <= most:
+                raise DenseVSError(f"{field.name} is {value!r}; expected a number from 0 to {most:g}")
+            if value == 0 and field.name in ("measurement_noise", "initial_variance"):
+                raise DenseVSError(f"{field.name} is {value!r}; expected a number above 0")
+
+
+class SelfMotion:
+    """The filter's state on one device.
+
+    Args:
+        shape: (B, H, W).
+        joints: N.
+        device: Warp device.
+        threads: CPU threads; any number gives the same bits.
+        options: constants.
+
+    Attributes:
+        frames: that have been observed.
+        labels: (B, H, W) int8, what :meth:`label` wrote last.
+    """
+
+    def __init__(
+        self,
+        shape: tuple[int, int, int],
+        joints: int,
+        device: wp.Device,
+        threads: int,
+        options: SelfMotionOptions,
+    ):
+        self.shape, self.joints, self.device, self.threads, self.options = shape, joints, device, threads, options
+        self._kernels = kernels = self_motion_kernels(joints)
+        worlds = shape[0]
+
+        def zeros(shape: tuple[int, ...], dtype: Any) -> Any:
+            return wp.zeros(shape, dtype=dtype, device=device)
+
+        self.labels = zeros(shape, wp.int8)
+        self.flow = zeros(shape, wp.vec2)
+        self._motion = zeros(shape, wp.vec2)
+        self._jacobian = [zeros(shape, kernels.Jacobian) for _ in range(2)]
+        self._energy = [zeros(shape, wp.vec2) for _ in range(2)]
+        self._covariance = [zeros((worlds, joints, joints), wp.float64) for _ in range(2)]
+        self._displacement = [zeros((worlds, joints), wp.float64) for _ in range(2)]
+        self._projected = zeros((worlds, joints), wp.float64)
+        self._dq = zeros((worlds, joints), wp.float32)
+        self._gain = zeros((worlds, joints), wp.float32)
+        self._record()
+        self.reset()
+
+    @property
+    def energies(self) -> wp.array:
+        """E_e and E_u (B, H, W) of vec2 [px^2]."""
+        return self._energy[self._now]
+
+    def reset(self) -> None:
+        """Forget all evidence."""
+        self._now = 0
+        self.frames = 0
+        self._jacobian[0].zero_()
+        self._energy[0].zero_()
+        prior = self.options.initial_variance * np.eye(self.joints)
+        self._covariance[0].assign(np.broadcast_to(prior, self._covariance[0].shape))
+
+    def observe(self, flow: wp.array, dq: np.ndarray) -> None:
+        """Take a frame: flow (B, H, W) of vec2 [px] and joint step (B, N) float32 [rad]."""
+        wp.copy(self.flow, flow)
+        self._dq.assign(dq)
+        now = self._now
+        self._update_gain[now].launch()
+        self._predict[now]()
+        self._update[now]()
+        self._now = 1 - now
+        self.frames += 1
+
+    def label(self, jacobian: wp.array, min_jacobian: float) -> wp.array:
+        """Label every pixel: 1 own body, 0 not, -1 unknown, (B, H, W) int8.
+
+        Args:
+            jacobian: (B, H, W) of (2, N).
+            min_jacobian: Frobenius norm that the body's exceeds [px/rad].
+        """
+        options = self.options
+        bounds = [options.unexplained, options.least_energy, min_jacobian**2]
+        arguments = [jacobian, self.energies, *bounds, self.labels]
+        PixelLaunch(self._kernels.label_motion, self.shape, arguments, self.device, self.threads)()
+        return self.labels
+
+    def _record(self) -> None:
+        options, kernels = self.options, self._kernels
+        dq, gain = (_as_vectors(array, kernels.JointVector) for array in (self._dq, self._gain))
+        noises = [options.process_noise, 0.0, options.measurement_noise, options.initial_variance, 0.0, 0.0]
+        constants = [options.decay, options.rest, options.still, options.due]
+        self._update_gain: list[Any] = []
+        self._predict, self._update = [], []
+        for now in range(2):
+            jacobian, energy = self._jacobian[now], self._energy[now]
+            self._predict.append(self._pixels(kernels.predict_motion, [jacobian, dq, self._motion]))
+            inputs = [jacobian, energy, self._motion, self.flow, gain, *constants]
+            outputs = [self._jacobian[1 - now], self._energy[1 - now]]
+            self._update.append(self._pixels(kernels.update_motion, [*inputs, *outputs]))
+            inputs = [self._dq, self._covariance[now], self._displacement[now], *noises]
+            outputs = [self._projected, self._covariance[1 - now], self._displacement[1 - now], self._gain]
+            self._update_gain.append(
+                wp.launch(
+                    update_shared_covariance,
+                    dim=self.shape[0],
+                    inputs=inputs,
+                    outputs=outputs,
+                    device=self.device,
+                    record_cmd=True,
+                )
+            )
+
+    def _pixels(self, kernel: Any, arguments: list[Any]) -> PixelLaunch:
+        return PixelLaunch(kernel, self.shape, arguments, self.device, self.threads)
+
+
+def _as_vectors(array: wp.array, dtype: Any) -> wp.array:
+    """A (B, N) float array seen as (B,) vectors; keeps the memory."""
+    view: Any = wp.array(ptr=array.ptr, dtype=dtype, shape=array.shape[:1], device=array.device)
+    view._source = array
+    return view

@@ -1,0 +1,195 @@
+"""Active depth estimation: a camera approaches a centred object along its optical axis and estimates its depth on the
+way, VOS-VS section 5.
+
+After every step the views so far give an estimate by (20), which says how far the camera may go on; at the end all
+masks give the answer. Beyond the paper: it stops where the object begins to leave the image, as areas of a part are
+not the object's, and every end has a name.
+"""
+
+from dataclasses import dataclass
+from enum import Enum
+from typing import Any
+
+import numpy as np
+
+from dense_vs.depth import DepthUnobservableError, depth_from_areas, depth_from_masks
+from dense_vs.depth.mask_fit import Method
+from dense_vs.errors import DenseVSError
+from dense_vs.robot.protocols import Camera, Robot
+from dense_vs.segmentation import MaskQuality, MaskVerdict, Segmenter, assess_mask
+
+DOUBT = 1.5  # the distance may be so many times what it should be before an approach ends
+
+
+class ApproachEnd(Enum):
+    """Why an approach ended."""
+
+    NEAR = "near"  # at the wanted distance, by the estimate
+    BORDER = "border"  # the object reaches over the image border or behind what is known to hide the scene
+    LIMIT = "limit"  # the joint that carries the camera is at its limit
+    LOST = "lost"  # not seen for several looks
+    EXHAUSTED = "exhausted"  # the allowed number of views was not enough
+
+
+@dataclass(frozen=True)
+class Approach:
+    """What an approach came to.
+
+    Attributes:
+        end: why it ended.
+        z_object: the object's position on the axis of ``camera_z`` [m]; None where the views tell no depth.
+        distance: from the nearest view that shows all of the object to the object [m]; None likewise.
+        distance_std: its standard error [m], infinite where unknown.
+        camera_z: ``(m,)`` positions of the camera [m], by its joint, larger farther from the object.
+        areas: ``(m,)`` mask areas [px].
+        whole: ``(m,)`` bool, views in which the mask is one region inside the image.
+        nearest: index of the nearest such view; -1 where there is none.
+        why: what made the depth unobservable; empty where it is not.
+    """
+
+    end: ApproachEnd
+    z_object: float | None
+    distance: float | None
+    distance_std: float
+    camera_z: np.ndarray
+    areas: np.ndarray
+    whole: np.ndarray
+    nearest: int
+    why: str = ""
+
+
+class DepthApproach:
+    """Approaches along the optical axis by one joint.
+
+    Args:
+        camera, robot, segmenter: as for :class:`dense_vs.MaskServo`.
+        joint: the one that carries the camera along its axis; its position grows away from the object.
+        method: of the answer, ``"vos-de"`` (20) or another of :func:`dense_vs.depth.depth_from_masks`.
+        near: distance at which to stop [m].
+        steps: smallest and largest step [m].
+        views: most views.
+        hidden: bool ``(H, W)``, where the robot's own gripper stands in the image: a mask that reaches there is a part.
+        on_view: called with index, image and mask of every view.
+
+    Raises:
+        DenseVSError: a joint that the robot does not have, or an option out of range.
+    """
+
+    def __init__(
+        self,
+        camera: Camera,
+        robot: Robot,
+        segmenter: Segmenter,
+        *,
+        joint: str,
+        method: Method = "robust",
+        near: float = 0.2,
+        steps: tuple[float, float] = (0.01, 0.05),
+        views: int = 40,
+        hidden: np.ndarray | None = None,
+        on_view: Any = None,
+    ):
+        names = list(robot.joint_names)
+        if joint not in names:
+            raise DenseVSError(f"joint is {joint!r}; expected one of {', '.join(names)}")
+        if not 0 < near < np.inf or not 0 < steps[0] <= steps[1] or views < 2:
+            raise DenseVSError(f"near is {near}, steps {steps}, views {views}; expected above 0, in order, at least 2")
+        self.camera, self.robot, self.segmenter = camera, robot, segmenter
+        self.column = names.index(joint)
+        self.method: Method = method
+        self.near, self.steps, self.views, self.on_view = near, steps, views, on_view
+        self.hidden = hidden
+
+    def run(self) -> Approach:
+        """Approach from the present place, the object centred in the image."""
+        masks: list[np.ndarray] = []
+        qualities: list[MaskQuality] = []
+        positions: list[float] = []
+        end = ApproachEnd.EXHAUSTED
+        while len(masks) < self.views:
+            image, _ = self.camera.read()
+            getattr(self.segmenter, "reset", lambda: None)()  # views are far apart
+            masks.append(self.segmenter.segment(image))
+            qualities.append(assess_mask(masks[-1], hidden=self.hidden))
+            positions.append(float(np.asarray(self.robot.joints()[0])[self.column]))
+            if self.on_view is not None:
+                self.on_view(len(masks) - 1, image, masks[-1])
+            if _last(qualities, (MaskVerdict.EMPTY, MaskVerdict.FLOODED), 3):
+                end = ApproachEnd.LOST
+                break
+            if _last(qualities, (MaskVerdict.CUT,), 3):
+                end = ApproachEnd.BORDER
+                break
+            step = self._step(masks, qualities, np.array(positions))
+            if step is None:
+                end = ApproachEnd.NEAR
+                break
+            if not self._advance(step):
+                end = ApproachEnd.LIMIT
+                break
+        return self._answer(end, masks, qualities, np.array(positions))
+
+    def _step(self, masks: list[np.ndarray], qualities: list[MaskQuality], positions: np.ndarray) -> float | None:
+        """How far to go on [m]; None when near enough."""
+        whole = np.flatnonzero([quality.measurable for quality in qualities])
+        least, most = self.steps
+        if len(whole) < 4 or np.ptp(positions[whole]) < 3 * least:
+            return most
+        areas = np.array([qualities[k].area for k in whole], dtype=float)
+        try:
+            left = positions[-1] - depth_from_areas(areas, positions[whole]).z_object - self.near
+            if left < 0.3 * least:
+                # Least squares on a few far masks of parts puts an object anywhere, and knows no better.
+                found = depth_from_masks(np.stack([masks[k] for k in whole]), positions[whole])
+                beyond = float(positions[-1] - positions[whole].min())
+                if found.interval[1] + beyond < DOUBT * self.near:
+                    return None
+                left = found.distance + beyond - self.near
+        except DepthUnobservableError:
+            return most
+        return float(np.clip(left / 4.0, least, most))
+
+    def _advance(self, step: float) -> bool:
+        """Step towards the object; False where the joint does not follow, at its limit or against something."""
+        before = np.asarray(self.robot.joints()[0], dtype=np.float64)[self.column]
+        limits = getattr(self.robot, "joint_limits", None)
+        if limits is not None:
+            step = min(step, before - float(np.asarray(limits)[self.column, 0]))
+        if step < 0.5 * self.steps[0]:
+            return False
+        delta = np.zeros(len(self.robot.joint_names))
+        delta[self.column] = -step
+        self.robot.command(delta)
+        after = np.asarray(self.robot.joints()[0], dtype=np.float64)[self.column]
+        return bool(before - after > 0.5 * step)
+
+    def _answer(
+        self, end: ApproachEnd, masks: list[np.ndarray], qualities: list[MaskQuality], camera_z: np.ndarray
+    ) -> Approach:
+        areas = np.array([quality.area for quality in qualities], dtype=float)
+        whole = np.array([quality.measurable for quality in qualities])
+        if not whole.any():
+            nothing = "no view shows the whole object"
+            return Approach(end, None, None, np.inf, camera_z, areas, whole, -1, nothing)
+        used = np.flatnonzero(whole)
+        nearest = int(used[np.argmin(camera_z[used])])
+        try:
+            if self.method == "vos-de":
+                fit = depth_from_areas(areas[used], camera_z[used])
+                z_object, std = fit.z_object, fit.distance_std
+            else:
+                order = used[np.argsort(camera_z[used])]
+                back = camera_z[order] - camera_z[nearest]
+                fit = depth_from_masks(np.stack([masks[k] for k in order]), back, method=self.method)
+                if not fit.observable:
+                    why = f"the distance is uncertain by {100 * fit.log_std:.0f} %"
+                    return Approach(end, None, None, np.inf, camera_z, areas, whole, nearest, why)
+                z_object, std = camera_z[nearest] - fit.distance, fit.distance * fit.log_std
+        except DepthUnobservableError as error:
+            return Approach(end, None, None, np.inf, camera_z, areas, whole, nearest, str(error))
+        distance = float(camera_z[nearest] - z_object)
+        return Approach(end, float(z_object), distance, float(std), camera_z, areas, whole, nearest)
+
+
+def _last(qualities: list[MaskQuality], verdicts: tuple[MaskVerdict, ...], count: int) -> bool:
+    return len(qualities) >= count and all(quality.verdict in verdicts for quality in qualities[-count:])

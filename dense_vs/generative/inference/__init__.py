@@ -1,0 +1,1 @@
+"""With a learned model: joints or poses from an image."""

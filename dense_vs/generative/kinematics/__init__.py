@@ -1,0 +1,1 @@
+"""The serial chain: its axes from poses, Denavit-Hartenberg parameters, features placed through it."""

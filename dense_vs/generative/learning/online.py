@@ -1,0 +1,162 @@
+"""Watching a model while it is used: a buffer of observations, the norm of their gradients, and which camera moved.
+
+The paper's Online Learning and Change-Point Detection. In a learnt model the gradients of the buffer are nearly zero;
+they spike when a camera moves. Beyond the paper, they are kept apart by camera and sample and set against what pixel
+noise would give, so one sample already names the camera, and a threshold needs no tuning.
+"""
+
+from collections import deque
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from dense_vs.errors import DenseVSError
+from dense_vs.generative.kinematics.placement import CAMERA_POINTS
+from dense_vs.generative.least_squares.parameters import finite_rows
+from dense_vs.generative.least_squares.pixel_problem import Free, PixelProblem, State
+from dense_vs.generative.observations import Observations
+
+if TYPE_CHECKING:
+    from dense_vs.generative.model import GenerativeModel
+
+CHANGED = 4.0  # errors this many times the noise say that something changed
+MEDIAN_OF_NOISE = 1.1774  # px of a distance per px of noise of a coordinate
+
+
+@dataclass(frozen=True)
+class Change:
+    """What one observation says of the model.
+
+    Attributes:
+        gradient_norm: of the buffer's loss by all parameters, eq. (6).
+        camera_gradient_norms: ``(c,)`` the part by each camera's own parameters.
+        camera_gradient_ratios: ``(c,)`` the same over what pixel noise gives: g^T (J^T J)^-1 g per unknown and pixel
+            variance, about 1 in a model that holds.
+        camera_errors_px: ``(c,)`` median error of the new sample by camera, NaN where nothing was seen.
+        moved_cameras: those that the sample contradicts while others agree with the model.
+        everything_moved: all cameras contradict it: the base, the hand's features or the joints changed.
+    """
+
+    gradient_norm: float
+    camera_gradient_norms: np.ndarray
+    camera_gradient_ratios: np.ndarray
+    camera_errors_px: np.ndarray
+    moved_cameras: tuple[int, ...]
+    everything_moved: bool
+
+
+class OnlineLearner:
+    """A buffer of the latest observations of a model in use; made by :meth:`GenerativeModel.online`.
+
+    Args:
+        model: is changed by :meth:`relearn`.
+        capacity: observations that the buffer holds.
+        relearn_after: samples of a moved camera that :meth:`add` collects before it relearns it, those in which it sees
+            enough to place it by; 0 for never.
+    """
+
+    def __init__(self, model: "GenerativeModel", capacity: int = 50, relearn_after: int = 0):
+        if capacity < 1:
+            raise DenseVSError(f"capacity is {capacity}; expected a whole number of at least 1")
+        self.model, self.relearn_after = model, relearn_after
+        self.buffer: deque[tuple[np.ndarray, np.ndarray]] = deque(maxlen=capacity)
+        self.ignored: set[int] = set()
+        self._since: dict[int, int] = {}
+
+    def add(self, joints: Any, pixels: Any) -> Change:
+        """Take one observation: joints ``(n,)`` [rad] and pixels ``(c, m, 2)``.
+
+        A moved camera is ignored from then on, in :attr:`ignored`, until it was relearnt.
+
+        Raises:
+            DenseVSError: shapes that do not fit the model.
+        """
+        p = self.model.parameters
+        q, x = np.asarray(joints, dtype=np.float64), np.asarray(pixels, dtype=np.float64)
+        expected = (len(p.intrinsics), len(p.features), 2)
+        if q.shape != (p.joint_count,) or x.shape != expected or not np.isfinite(q).all():
+            raise DenseVSError(
+                f"joints and pixels have shapes {q.shape}, {x.shape}; expected finite ({p.joint_count},) and {expected}"
+            )
+        self.buffer.append((q, x))
+        errors = np.linalg.norm(self.model.pixels(q[None])[0] - x, axis=2)
+        medians = np.array([np.median(e[np.isfinite(e)]) if np.isfinite(e).any() else np.nan for e in errors])
+        limit = CHANGED * MEDIAN_OF_NOISE * max(self._expected_sigma(), 0.3)
+        contradicts = np.nan_to_num(medians) > limit
+        agrees = medians <= limit
+        everything = bool(contradicts.any() and not agrees.any() and len(medians) > 1)
+        moved = () if everything else tuple(int(c) for c in np.flatnonzero(contradicts))
+        for camera in {*moved, *self.ignored}:
+            self.ignored.add(camera)
+            self._since[camera] = self._since.get(camera, 0) + 1
+        for camera in sorted(self.ignored):
+            if self.relearn_after and self._useful(camera) >= self.relearn_after:
+                self.relearn(camera)
+        norms, ratios = self.gradient_norms()
+        return Change(float(np.linalg.norm(norms)), norms[: len(medians)], ratios, medians, moved, everything)
+
+    def gradient_norms(self) -> tuple[np.ndarray, np.ndarray]:
+        """Norms of the gradient of the buffer's loss: by each camera's parameters, then by all others, ``(c + 1,)``.
+
+        Beside them the cameras' ratios ``(c,)``, as in :class:`Change`.
+        """
+        p = self.model.parameters
+        known = finite_rows(p.features)
+        joints = np.array([q for q, _ in self.buffer])
+        pixels = np.where(known[:, None], np.array([x for _, x in self.buffer]), np.nan)
+        free = Free(kinematics=True, features=known, cameras=True, intrinsics=True)
+        problem = PixelProblem(pixels, p.links, p.joint_count, free)
+        finite = p.copy()
+        finite.features = np.nan_to_num(finite.features)
+        state = State(finite, joints)
+        behind = problem.seen & ~np.isfinite(problem.pixel_errors(state))
+        problem.reweight(np.where(behind, 0.0, 1.0))
+        equations = problem.linearize(state)
+        gradient, variance = 2 * equations.shared_gradient, self._pixel_sigma() ** 2
+        columns, norms, ratios, rest = problem.columns, [], [], np.ones(len(gradient), dtype=bool)
+        for pose, inner in zip(columns.cameras, columns.intrinsics, strict=True):
+            own = [*range(pose, pose + 6), *range(inner, inner + columns.intrinsics_count)]
+            norms.append(np.linalg.norm(gradient[own]))
+            half = gradient[own] / 2
+            step = np.linalg.lstsq(equations.shared[np.ix_(own, own)], half, rcond=1e-12)[0]
+            ratios.append(half @ step / (variance * len(own)))
+            rest[own] = False
+        return np.array([*norms, np.linalg.norm(gradient[rest])]), np.array(ratios)
+
+    def _useful(self, camera: int) -> int:
+        """Samples since it moved in which a camera sees enough of the model's features to be placed by."""
+        known = finite_rows(self.model.parameters.features)
+        latest = list(self.buffer)[-self._since[camera] :]
+        return sum(np.isfinite(x[camera, known, 0]).sum() >= CAMERA_POINTS for _, x in latest)
+
+    def _pixel_sigma(self) -> float:
+        return max(self.model.report.pixel_sigma or 0.5, 0.05)
+
+    def _expected_sigma(self) -> float:
+        """Error of a coordinate [px] that readings bring: with noisy joints more than the pixels'."""
+        if self.model.report.joint_sigma is None:
+            return self._pixel_sigma()
+        before = [stage.rms for stage in self.model.report.stages if stage.name == "end to end"]
+        return max(self._pixel_sigma(), *before)
+
+    def relearn(self, camera: int) -> None:
+        """Learn a moved camera anew from the samples since it moved, and use it again.
+
+        Raises:
+            DenseVSError: the camera did not move, or its samples do not suffice.
+        """
+        count = self._since.get(camera, 0)
+        if count == 0:
+            raise DenseVSError(f"camera {camera} has not moved; those that have: {sorted(self._since)}")
+        latest = list(self.buffer)[-count:]
+        h, w = self.model.image_sizes[camera]
+        obs = Observations(
+            joints=np.array([q for q, _ in latest]),
+            pixels=np.array([x for _, x in latest]),
+            image_sizes=self.model.image_sizes or [(h, w)],
+            feature_link=self.model.parameters.links,
+        )
+        self.model.relearn(obs, f"camera:{camera}")
+        self.ignored.discard(camera)
+        del self._since[camera]

@@ -1,0 +1,297 @@
+"""The filter's arrays on the device and the launches that take it from one frame to the next.
+
+State and covariance are double-buffered: a frame reads one half and writes the other, then they change roles. Every
+launch is bound to its arrays once for each of the two roles, so that a frame allocates and packs nothing. On a GPU a
+frame can be captured in a graph, one for each role.
+"""
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import warp as wp
+
+from dense_vs.jacobian.options import JacobianOptions
+from dense_vs.kernels.image.flow_field import count_bad_flow
+from dense_vs.kernels.image.row_taps import RowTaps
+from dense_vs.kernels.image.tiles import tile_launch
+from dense_vs.kernels.jacobian.covariance import (
+    fixed_gain,
+    forget_covariance,
+    regressors,
+    state_columns,
+    update_shared_covariance,
+)
+from dense_vs.kernels.jacobian.image_jacobian import forget_state, jacobian_kernels
+from dense_vs.kernels.jacobian.state_image import Layout, group_size
+from dense_vs.kernels.launch import PixelLaunch, launch_pixels
+
+
+class JacobianFilter:
+    """State of B worlds with N joints and C columns on one device.
+
+    Args:
+        options: checked options.
+        device: Warp device.
+        threads: CPU threads.
+        layout: of the state, see :mod:`dense_vs.kernels.jacobian.state_image`; ``"planes"`` on a GPU unless given.
+        flow: (B, H, W) of vec2 that someone else fills; an array of its own unless given.
+
+    Attributes:
+        shape: (B, H, W).
+        state: two images of (2, C) states, at the reference posture.
+        covariance: two of (B, C, C) float64; (B, H, W) of (N) or (N, N) float32 where each pixel has its own.
+        displacement: two of (B, N) float64, joint displacement from the reference posture [rad].
+        now: which of each two is the present one.
+        flow: (B, H, W) of vec2, of the frame that :meth:`advance` takes [px].
+        dq: (B, N) float32, its joint step [rad].
+        bad: (B, H) int32, pixels of each row whose flow is not finite.
+    """
+
+    def __init__(
+        self,
+        options: JacobianOptions,
+        device: wp.Device,
+        threads: int,
+        *,
+        layout: Layout | None = None,
+        flow: wp.array | None = None,
+    ):
+        assert options.order is not None  # the options have resolved it
+        self.options, self.device, self.threads = options, device, threads
+        self.layout: Layout = layout or ("matrices" if device.is_cpu else "planes")
+        self.kernels = jacobian_kernels(options.joints, options.order, self.layout)
+        self.shape = (options.worlds, options.height, options.width)
+        self._present: Any = None
+        self._allocate(flow)
+        self._record()
+        self.reset()
+
+    def reset(self) -> None:
+        """J = 0 and H = 0 with their initial variances, at the present posture."""
+        self.now = 0
+        self._present_known = False
+        self.state[0].zero_()
+        self.displacement[0].zero_()
+        self.bad.zero_()
+        self.covariance[0].assign(self._initial_covariance())
+
+    def stored(self) -> dict[str, np.ndarray]:
+        """What the next frame depends on, by name: the state (B, H, W, 2, C), its covariance, the displacement."""
+        now = self.now
+        state = self.state[now].numpy()
+        if self.layout == "planes":
+            worlds, height, width = self.shape
+            state = state.reshape(worlds, -1, height, width, self._group)
+            state = np.moveaxis(state, 1, 3).reshape(worlds, height, width, 2, -1)
+        covariance, displacement = self.covariance[now].numpy(), self.displacement[now].numpy()
+        return {"state": state, "covariance": covariance, "displacement": displacement}
+
+    def restore(self, stored: dict[str, np.ndarray]) -> None:
+        """Go on from what :meth:`stored` gave."""
+        state = stored["state"]
+        if self.layout == "planes":
+            worlds, height, width = self.shape
+            state = state.reshape(worlds, height, width, -1, self._group)
+            state = np.moveaxis(state, 3, 1).reshape(-1, height, width, self._group)
+        self.state[self.now].assign(np.ascontiguousarray(state))
+        self.covariance[self.now].assign(stored["covariance"])
+        self.displacement[self.now].assign(stored["displacement"])
+        self._present_known = False
+
+    def stage(self, flow: wp.array) -> None:
+        """Take in the flow (B, H, W) of vec2 of the next frame and count its bad pixels; no state changes."""
+        wp.copy(self.flow, flow)
+        self.bad.zero_()
+        self._count_bad()
+
+    def advance(self, joint_step: np.ndarray) -> None:
+        """Predict and correct by the staged flow and the joint step (B, N) float32 [rad]."""
+        self.dq.assign(joint_step)
+        self.advance_on_device()
+
+    def advance_on_device(self) -> None:
+        """Predict and correct by what ``flow`` and ``dq`` hold."""
+        self.regress[self.now]()
+        self.update_gain[self.now]()
+        self.predict[self.now]()
+        self.correct[self.now]()
+        self.turn()
+
+    def turn(self) -> None:
+        """Let the two halves of the buffers change roles; for those who replay what they captured."""
+        self.now = 1 - self.now
+        self._present_known = False
+
+    def forget(self, where: wp.array) -> None:
+        """J = 0 and H = 0 with their initial variances in the worlds where ``where`` (B,) int is not 0; for a
+        covariance that all pixels of a world share.
+        """
+        now = self.now
+        wp.launch(
+            forget_state,
+            dim=self._floats[now].shape[:2],
+            inputs=[where],
+            outputs=[self._floats[now]],
+            device=self.device,
+        )
+        wp.launch(
+            forget_covariance,
+            dim=self.shape[0],
+            inputs=[where, self.options.initial_variance, self.options.initial_hessian_variance],
+            outputs=[self.covariance[now], self.displacement[now]],
+            device=self.device,
+        )
+        self._present_known = False
+
+    def present(self) -> wp.array:
+        """J at the present posture, (B, H, W) of (2, N); computed when first asked for where the state is another."""
+        if self.options.order == 1 and self.layout == "matrices":
+            return self.state[self.now]
+        if self._present is None:
+            self._present = wp.zeros(self.shape, dtype=self.kernels.Jacobian, device=self.device)
+            self._read = [
+                self._pixels(self.kernels.read_jacobian, [self.state[now], self.displacement[now], self._present])
+                for now in range(2)
+            ]
+        if not self._present_known:
+            self._read[self.now]()
+            self._present_known = True
+        return self._present
+
+    def predicted_flow(self, joint_step: np.ndarray) -> wp.array:
+        """J times a joint step (B, N) float32 [rad], (B, H, W) of vec2 [px]."""
+        dq = wp.array(joint_step, dtype=wp.float32, device=self.device)
+        # The kernel takes the posture half a step on, the middle of a frame; here J is that of the present.
+        middle = self.displacement[self.now].numpy() - 0.5 * joint_step
+        displacement = wp.array(middle, dtype=wp.float64, device=self.device)
+        row = wp.empty_like(self.regressor)
+        wp.launch(regressors, dim=row.shape, inputs=[dq, displacement], outputs=[row], device=self.device)
+        out: Any = wp.empty_like(self.flow)
+        arguments = [self.state[self.now], _seen_as(row, self.kernels.StateRow, row.shape[:1]), out]
+        launch_pixels(self.kernels.predicted_flow, self.shape, arguments, self.device, self.threads)
+        return out
+
+    def at(self, points: np.ndarray) -> wp.array:
+        """J at points (B, K, 2) [px], (B, K) of (2, N)."""
+        where: Any = wp.array(points.astype(np.float32), dtype=wp.vec2, device=self.device)
+        out = wp.empty(where.shape, dtype=self.kernels.Jacobian, device=self.device)
+        inputs = [self.state[self.now], self.displacement[self.now], where]
+        wp.launch(self.kernels.sample_points, dim=where.shape, inputs=inputs, outputs=[out], device=self.device)
+        return out
+
+    def _allocate(self, flow: wp.array | None) -> None:
+        options, kernels, device = self.options, self.kernels, self.device
+        worlds, joints, columns = options.worlds, options.joints, kernels.columns
+        height, width = options.height, options.width
+        per_pixel = {"diagonal": kernels.JointVector, "full": kernels.Covariance}.get(options.covariance)
+
+        def pair(shape: tuple[int, ...], dtype: Any) -> list[Any]:
+            return [wp.zeros(shape, dtype=dtype, device=device) for _ in range(2)]
+
+        self._group = group_size(columns)
+        if self.layout == "planes":
+            planes = 2 * columns // self._group * worlds
+            self.state = pair((planes, height, width), wp.types.vector(self._group, wp.float32))
+            shape = (planes, height, self._group * width)
+        else:
+            self.state = pair(self.shape, kernels.State)
+            shape = (worlds, height, 2 * columns * width)
+        self._floats = [_seen_as(array, wp.float32, shape) for array in self.state]
+        self.covariance = pair(self.shape, per_pixel) if per_pixel else pair((worlds, columns, columns), wp.float64)
+        if options.covariance == "fixed":
+            self.covariance[1] = self.covariance[0]
+        self.displacement = pair((worlds, joints), wp.float64)
+        vec2: Any = wp.vec2
+        self.flow: Any = wp.zeros(self.shape, dtype=vec2, device=device) if flow is None else flow
+        self.model_flow: Any = None if self._once else wp.zeros(self.shape, dtype=vec2, device=device)
+        self.bad: Any = wp.zeros(self.shape[:2], dtype=wp.int32, device=device)
+        self.dq = wp.zeros((worlds, joints), dtype=wp.float32, device=device)
+        self.regressor = wp.zeros((worlds, columns), dtype=wp.float32, device=device)
+        self.gain = wp.zeros((worlds, columns), dtype=wp.float32, device=device)
+        self.projected = wp.zeros((worlds, columns), dtype=wp.float64, device=device)
+
+    @property
+    def _once(self) -> bool:
+        """Whether a frame is one pass, without an image of J dq."""
+        return self.layout == "planes" and self.options.covariance in ("shared", "fixed")
+
+    def _initial_covariance(self) -> np.ndarray:
+        options, columns = self.options, self.kernels.columns
+        if options.covariance == "diagonal":
+            return np.full((*self.shape, options.joints), options.initial_variance, dtype=np.float32)
+        of_jacobian = np.arange(columns) < options.joints
+        variances = np.where(of_jacobian, options.initial_variance, options.initial_hessian_variance)
+        cells = self.shape if options.covariance == "full" else self.shape[:1]
+        return np.broadcast_to(np.diag(variances), (*cells, columns, columns))
+
+    def _record(self) -> None:
+        options, kernels = self.options, self.kernels
+        regressor, gain = (_seen_as(array, kernels.StateRow, array.shape[:1]) for array in (self.regressor, self.gain))
+        dq = _seen_as(self.dq, kernels.JointVector, self.dq.shape[:1])
+        by_model = options.prediction == "model"
+        iterations = {"model": options.prediction_iterations, "flow": 1, "none": 0}[options.prediction]
+        taps = RowTaps.empty(options.height, options.width, self.device)
+        moved_by = [self.model_flow if by_model else self.flow, iterations, *taps.arrays]
+        flows = [self.flow, self.model_flow]
+        noises = [options.process_noise, options.drift_noise, options.measurement_noise, options.max_variance]
+
+        # On one thread: sooner done than shared out.
+        self._count_bad = PixelLaunch(count_bad_flow, self.shape, [self.flow, self.bad], self.device)
+        self.regress, self.update_gain, self.predict, self.correct = [], [], [], []
+        for now in range(2):
+            state, next_state = self.state[now], self.state[1 - now]
+            covariance, next_covariance = self.covariance[now], self.covariance[1 - now]
+            displacement, next_displacement = self.displacement[now], self.displacement[1 - now]
+            self.regress.append(self._worlds(regressors, [self.dq, displacement, self.regressor], kernels.columns))
+            if self._once:
+                self.predict.append(_nothing)  # the correction computes J dq where it wants it
+                kernel = kernels.update_shared_once(by_model, iterations)
+                self.correct.append(
+                    tile_launch(kernel, self.shape, [state, regressor, self.flow, gain, next_state], self.device)
+                )
+            else:
+                self.predict.append(self._pixels(kernels.predicted_flow, [state, regressor, self.model_flow]))
+            if not self._once and options.covariance in ("shared", "fixed"):
+                self.correct.append(self._pixels(kernels.update_shared, [state, *moved_by, *flows, gain, next_state]))
+            if options.covariance == "shared":
+                hessian = [options.hessian_noise, options.initial_hessian_variance]
+                inputs = [self.dq, covariance, displacement, *noises, *hessian]
+                outputs = [self.projected, next_covariance, next_displacement, self.gain]
+                self.update_gain.append(self._worlds(update_shared_covariance, [*inputs, *outputs]))
+            elif options.covariance == "fixed":
+                weights = [options.initial_variance, options.measurement_noise]
+                self.update_gain.append(self._worlds(fixed_gain, [self.dq, *weights, self.gain]))
+            else:
+                self.update_gain.append(_nothing)  # each pixel has its own gain
+                move = [int(options.move_variance)] if options.covariance == "diagonal" else []
+                kernel = kernels.update_diagonal if options.covariance == "diagonal" else kernels.update_full
+                inputs = [state, covariance, *moved_by, *move, *flows, dq, *noises]
+                self.correct.append(self._pixels(kernel, [*inputs, next_state, next_covariance]))
+
+    def _pixels(self, kernel: Any, arguments: list[Any]) -> Callable[[], None]:
+        return PixelLaunch(kernel, self.shape, arguments, self.device, self.threads)
+
+    def _worlds(self, kernel: Any, arguments: list[Any], per_world: int | None = None) -> Callable[[], None]:
+        dim = self.options.worlds if per_world is None else (self.options.worlds, per_world)
+        command: Any = wp.launch(kernel, dim=dim, inputs=arguments, device=self.device, record_cmd=True)
+        return command.launch
+
+
+def filter_bytes(options: JacobianOptions) -> int:
+    """What a filter takes on a device a world, about [bytes]."""
+    columns = state_columns(options.joints, options.order or 1)
+    own = {"diagonal": options.joints, "full": options.joints**2}.get(options.covariance, 0)
+    # Both halves of state and covariance, flow and model flow; a float32 each.
+    return 4 * options.height * options.width * (4 * columns + 2 * own + 4)
+
+
+def _nothing() -> None:
+    pass
+
+
+def _seen_as(array: wp.array, dtype: Any, shape: tuple[int, ...]) -> wp.array:
+    """The same memory as elements of another type and shape."""
+    view: Any = wp.array(ptr=array.ptr, dtype=dtype, shape=shape, device=array.device)
+    view._source = array
+    return view

@@ -1,0 +1,102 @@
+"""A bounded search for an object that is not seen: fixed places around where it should be, visited in turn.
+
+VOS-VS assumes an object in view; beyond the paper, a lost one starts this search, which ends at the first place from
+which the object is seen or, after the last, where it began.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from dense_vs.errors import DenseVSError
+from dense_vs.robot.protocols import Camera, Robot
+from dense_vs.segmentation import MaskQuality, Segmenter, assess_mask
+
+
+@dataclass(frozen=True)
+class SearchResult:
+    """What a search came to.
+
+    Attributes:
+        found: whether the object is seen now.
+        looks: places looked from.
+        quality: of the mask at the last place.
+        mask: there, bool ``(H, W)``.
+    """
+
+    found: bool
+    looks: int
+    quality: MaskQuality
+    mask: np.ndarray
+
+
+def search_offsets(reach: Sequence[float], rings: int = 1) -> np.ndarray:
+    """Places ``(1 + 8 + 16 + ..., 2)`` [m] on square rings around the start, a ring's nearest places first.
+
+    Args:
+        reach: ``(2,)`` [m], from one ring to the next along each axis.
+        rings: how many.
+
+    Raises:
+        DenseVSError: a reach that is not above 0, or fewer than 0 rings.
+    """
+    spacing = np.asarray(reach, dtype=np.float64)
+    if spacing.shape != (2,) or not (np.isfinite(spacing).all() and (spacing > 0).all()):
+        raise DenseVSError(f"reach is {reach!r}; expected two lengths above 0 [m]")
+    if isinstance(rings, bool) or not isinstance(rings, int) or rings < 0:
+        raise DenseVSError(f"rings is {rings!r}; expected a whole number of at least 0")
+    grid = [(i, j) for i in range(-rings, rings + 1) for j in range(-rings, rings + 1)]
+    grid.sort(key=lambda place: (max(map(abs, place)), abs(place[0]) + abs(place[1]), np.arctan2(*place)))
+    return np.array(grid, dtype=np.float64) * spacing
+
+
+def search_object(
+    camera: Camera,
+    robot: Robot,
+    segmenter: Segmenter,
+    *,
+    joints: Sequence[str] = ("base_forward", "base_lateral"),
+    reach: Sequence[float] = (0.25, 0.3),
+    rings: int = 1,
+    min_area: int = 40,
+) -> SearchResult:
+    """Look from the present place and from those around it until the object is seen.
+
+    Joint limits shorten a way; the robot is never sent farther than ``rings * reach`` from where it began.
+
+    Args:
+        joints: the two that move the camera along the ground.
+        reach, rings: see :func:`search_offsets`.
+        min_area: smallest mask [px] that counts as the object.
+
+    Raises:
+        DenseVSError: a joint that the robot does not have, or an option out of range.
+    """
+    names = list(robot.joint_names)
+    if len(joints) != 2 or any(joint not in names for joint in joints):
+        raise DenseVSError(f"joints are {list(joints)}; expected two of {', '.join(names)}")
+    columns = [names.index(joint) for joint in joints]
+    limits = getattr(robot, "joint_limits", None)
+    bounds = np.tile([-np.inf, np.inf], (2, 1)) if limits is None else np.asarray(limits)[columns]
+    offsets = search_offsets(reach, rings)
+    start = np.asarray(robot.joints()[0], dtype=np.float64)[columns]
+    looks = 0
+    for offset in offsets:
+        _go(robot, columns, np.clip(start + offset, bounds[:, 0], bounds[:, 1]))
+        getattr(segmenter, "reset", lambda: None)()
+        image, _ = camera.read()
+        mask = segmenter.segment(image)
+        quality = assess_mask(mask)
+        looks += 1
+        if quality.servoable and quality.area >= min_area:
+            return SearchResult(True, looks, quality, mask)
+    _go(robot, columns, start)
+    return SearchResult(False, looks, quality, mask)
+
+
+def _go(robot: Robot, columns: list[int], place: np.ndarray) -> None:
+    delta = np.zeros(len(robot.joint_names))
+    delta[columns] = place - np.asarray(robot.joints()[0], dtype=np.float64)[columns]
+    if np.abs(delta).max() > 1e-3:
+        robot.command(delta)

@@ -1,0 +1,10 @@
+"""A frame through flow, Jacobian and labels; a whole recording, frame by frame.
+
+May import: the ground, :mod:`dense_vs.recording`, :mod:`dense_vs.flow`, :mod:`dense_vs.jacobian` and
+:mod:`dense_vs.body`.
+"""
+
+from dense_vs.pipeline.frame_pipeline import Frame, FramePipeline, scaled_size
+from dense_vs.pipeline.recorded import estimate_recording
+
+__all__ = ["Frame", "FramePipeline", "estimate_recording", "scaled_size"]

@@ -1,0 +1,76 @@
+"""True Jacobians beside a simulated recording, to measure an estimate by."""
+
+import os
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+
+from dense_vs.errors import DenseVSError
+from dense_vs.files import atomic_write, read_arrays
+
+STAMP_TOLERANCE = 1e-3  # s, between a video's time stamp and the simulator's time of the same frame
+
+
+@dataclass(frozen=True)
+class TruthFile:
+    """Truth at some frames of a recording.
+
+    Attributes:
+        joint_names: N names.
+        times: ``(M,)`` on the video's clock [s].
+        jacobians: float32 ``(M, H, W, 2, N)`` [px/rad], zero off the robot.
+        robot_masks: bool ``(M, H, W)``.
+    """
+
+    joint_names: tuple[str, ...]
+    times: np.ndarray
+    jacobians: np.ndarray
+    robot_masks: np.ndarray
+
+    def write(self, path: str | os.PathLike[str]) -> None:
+        """Write an ``.npz`` file, whole or not at all."""
+        with atomic_write(path) as stream:
+            np.savez_compressed(
+                stream,
+                joint_names=np.array(self.joint_names),
+                times=self.times,
+                jacobians=self.jacobians,
+                robot_masks=self.robot_masks,
+            )
+
+    @classmethod
+    def read(cls, path: str | os.PathLike[str], joint_names: Sequence[str]) -> "TruthFile":
+        """Read the truth of some joints, in the order asked for.
+
+        Raises:
+            DenseVSError: not such a file, or a joint that it does not have.
+        """
+        stored = read_arrays(path, "the truth of a recording")
+        missing = [name for name in ("joint_names", "times", "jacobians", "robot_masks") if name not in stored]
+        if missing:
+            raise DenseVSError(f"cannot read {path} as the truth of a recording: it has no {', '.join(missing)}")
+        names = [str(name) for name in stored["joint_names"]]
+        times, jacobians, masks = stored["times"], stored["jacobians"], stored["robot_masks"]
+        for name in joint_names:
+            if name not in names:
+                raise DenseVSError(f"truth of joint {name!r} is not in {path}; it has {', '.join(names)}")
+        return cls(tuple(joint_names), times, jacobians[..., [names.index(n) for n in joint_names]], masks)
+
+    def at(self, time: float, scale: float = 1.0) -> tuple[np.ndarray, np.ndarray] | None:
+        """J ``(H, W, 2, N)`` [px/rad] and mask ``(H, W)`` for images scaled by ``scale``; None without truth then."""
+        nearest = int(np.argmin(np.abs(self.times - time)))
+        if abs(self.times[nearest] - time) > STAMP_TOLERANCE:
+            return None
+        true, mask = self.jacobians[nearest], self.robot_masks[nearest]
+        if scale == 1.0:
+            return true, mask
+        height, width = round(mask.shape[0] * scale), round(mask.shape[1] * scale)
+        planes = true.reshape(*mask.shape, -1)
+        planes = np.stack(
+            [cv2.resize(p, (width, height), interpolation=cv2.INTER_NEAREST) for p in np.moveaxis(planes, 2, 0)],
+            axis=2,
+        )
+        true = planes.reshape(height, width, *true.shape[2:]) * scale
+        return true, cv2.resize(mask.astype(np.uint8), (width, height), interpolation=cv2.INTER_NEAREST).astype(bool)

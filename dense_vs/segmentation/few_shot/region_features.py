@@ -1,0 +1,139 @@
+"""What a candidate region is told to be the object by: figures that do not change with its place and its turn.
+
+Its colours and textures, its shape, the probability of its pixels, how it stands out from its neighbours, how like the
+annotated objects it is, and how well it keeps while the tree goes on merging. Only one of them changes with its size.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from dense_vs.segmentation.few_shot.pixel_channels import COLOURS, PATTERNS, TEXTURES, PixelChannels
+from dense_vs.segmentation.few_shot.region_tree import RegionTree
+from dense_vs.segmentation.few_shot.superpixels import Superpixels
+
+
+@dataclass(frozen=True)
+class SuperpixelFigures:
+    """Sums over n superpixels that the features are made from."""
+
+    planes: np.ndarray  # (n, C) sums of the channels
+    squares: np.ndarray  # (n, 3) sums of the squared Lab
+    patterns: np.ndarray  # (n, PATTERNS) counts
+    place: np.ndarray  # (n, 5) sums of x, y, x^2, y^2, x y
+
+
+def superpixel_figures(channels: PixelChannels, pixels: Superpixels) -> SuperpixelFigures:
+    """Sums over every superpixel."""
+    height, width = pixels.labels.shape
+    y, x = np.mgrid[:height, :width].astype(np.float64)  # squares of coordinates need the digits
+    return SuperpixelFigures(
+        pixels.sums(channels.planes),
+        pixels.sums(channels.lab**2),
+        pixels.histogram(channels.patterns, PATTERNS),
+        pixels.sums(np.stack([x, y, x * x, y * y, x * y], axis=2)),
+    )
+
+
+def merge_features(figures: SuperpixelFigures, pixels: Superpixels, likely: np.ndarray, colour: float) -> np.ndarray:
+    """What neighbours are compared by when they merge: Lab times ``colour``, and the probability of the object."""
+    lab = figures.planes[:, :3] / pixels.area[:, None]
+    return np.concatenate([colour * lab, likely[:, None]], axis=1)
+
+
+def region_features(
+    figures: SuperpixelFigures,
+    pixels: Superpixels,
+    tree: RegionTree,
+    likely: np.ndarray,
+    words: np.ndarray,
+    examples: np.ndarray,
+) -> np.ndarray:
+    """Features (N, F) float32 by which a node of the tree is told to be the object.
+
+    Args:
+        figures: of the superpixels.
+        pixels: the superpixels.
+        tree: over them.
+        likely: probability of the object (n,).
+        words: histogram (n, K) of colour words.
+        examples: normalised histograms (m, K) of the object in the annotated images.
+    """
+    area = pixels.area[:, None]
+    doubt = likely[:, None] * area
+    leaf = [
+        area,
+        figures.place,
+        figures.planes,
+        figures.squares,
+        figures.patterns,
+        words,
+        doubt,
+        doubt * likely[:, None],
+    ]
+    sums = np.split(tree.node_sums(np.concatenate(leaf, axis=1)), np.cumsum([part.shape[1] for part in leaf])[:-1], 1)
+    size, place, planes, squares, patterns, histogram, belief, belief_square = sums
+    mean, histogram, patterns, belief = (part / size for part in (planes, histogram, patterns, belief))
+    spread = _spread(squares / size, mean[:, :3])
+    belief_spread = _spread(belief_square / size, belief)
+
+    # What lies on the other side of the boundary, weighted by the length of the common border.
+    outside = np.concatenate([figures.planes[:, :3] / area, words / area, likely[:, None]], axis=1)
+    length, strength = pixels.length[:, None], pixels.strength[:, None]
+    ring = tree.boundary_sums(
+        pixels,
+        np.concatenate([length, strength, length * outside[pixels.second]], axis=1),
+        np.concatenate([length, strength, length * outside[pixels.first]], axis=1),
+    )
+    border = np.maximum(ring[:, :1], 1.0)
+    lab_around, words_around, belief_around = np.split(ring[:, 2:] / border, [3, 3 + words.shape[1]], axis=1)
+    rim = tree.node_sums(pixels.rim[:, None])
+    perimeter = np.maximum(ring[:, :1] + rim, 1.0)
+
+    parent_height = tree.height[tree.parent][:, None] + 1e-3
+    own_height = tree.height[:, None] + 1e-3
+    likeness = np.minimum(histogram[:, None], examples).sum(axis=2)
+    return np.concatenate(
+        [
+            mean[:, :COLOURS],
+            spread,
+            histogram,
+            belief,
+            belief_spread,
+            belief_around,
+            belief - belief_around,
+            mean[:, COLOURS : COLOURS + TEXTURES],
+            patterns,
+            *_shape(size, place, perimeter),
+            rim / perimeter,
+            lab_around,
+            mean[:, :3] - lab_around,
+            words_around,
+            np.minimum(histogram, words_around).sum(axis=1, keepdims=True),
+            ring[:, 1:2] / border,
+            np.log(own_height),
+            np.log(parent_height),
+            np.log(parent_height / own_height),
+            likeness.max(axis=1, keepdims=True),
+            likeness.mean(axis=1, keepdims=True),
+            np.log(size / pixels.labels.size),
+        ],
+        axis=1,
+    ).astype(np.float32)
+
+
+def _shape(size: np.ndarray, place: np.ndarray, perimeter: np.ndarray) -> list[np.ndarray]:
+    """Elongation, area over that of the ellipse of the same moments, and compactness, (N, 1) each."""
+    x, y, xx, yy, xy = (place[:, k : k + 1] / size for k in range(5))
+    # A pixel is a square: it has second moments of its own, without which a line of pixels has none.
+    var_x, var_y, cov = xx - x * x + 1 / 12, yy - y * y + 1 / 12, xy - x * y
+    half_trace = (var_x + var_y) / 2
+    root = np.sqrt(np.maximum((var_x - var_y) ** 2 / 4 + cov**2, 0.0))
+    least = np.maximum(half_trace - root, 1e-3)
+    determinant = np.maximum((half_trace + root) * least, 1e-6)
+    elongation = np.log((half_trace + root) / least) / 2
+    return [elongation, size / (4 * np.pi * np.sqrt(determinant)), 4 * np.pi * size / perimeter**2]
+
+
+def _spread(mean_square: np.ndarray, mean: np.ndarray) -> np.ndarray:
+    return np.sqrt(np.maximum(mean_square - mean**2, 0.0))

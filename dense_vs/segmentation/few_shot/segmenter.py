@@ -1,0 +1,229 @@
+"""A segmenter that learns an object from about ten annotated images in seconds, on a CPU: the vos(I, W) of VOS-VS (2).
+
+The paper fine-tunes a neural network (OSVOS) for every object on a GPU. Here, beyond the paper, an image falls into
+superpixels that merge into a tree of candidate regions, and the candidate that a random forest expects to overlap the
+object best is the object: choosing among some thousand whole regions needs far fewer examples than labelling
+pixels one by one, and gives masks with the image's own outlines.
+"""
+
+import json
+import os
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass, fields
+from typing import Any
+
+import cv2
+import numpy as np
+
+from dense_vs.errors import DenseVSError
+from dense_vs.files import atomic_write, read_arrays
+from dense_vs.segmentation.few_shot.candidate_regions import mask_share, overlaps, see
+from dense_vs.segmentation.few_shot.color_words import ColourWords
+from dense_vs.segmentation.few_shot.decision_forest import DecisionForest
+from dense_vs.segmentation.few_shot.mask_refinement import refine_mask
+from dense_vs.segmentation.few_shot.training import ObjectModel, learn_object
+from dense_vs.segmentation.segmenter import check_image, check_mask
+
+FORMAT = "dense-vs few-shot segmenter"
+FORMAT_VERSION = 2
+
+
+@dataclass(frozen=True, kw_only=True)
+class FewShotOptions:
+    """How an object is learnt and found.
+
+    Attributes:
+        size: longer side of the image that is looked at [px]; larger images are reduced to it.
+        samples: pixels of the object drawn from every annotated image, three times as many of the background.
+        min_area: smallest region that may be the object [px of the reduced image].
+        min_score: least predicted overlap that counts as having found the object, as a share of what the object's
+            images lead to expect.
+        memory: how much a region gains by overlapping the last mask, in units of predicted overlap; 0 for stills.
+        seed: of the drawn pixels and of the forests.
+    """
+
+    size: int = 320
+    samples: int = 1500
+    min_area: int = 12
+    min_score: float = 0.5
+    memory: float = 0.3
+    seed: int = 0
+
+    def __post_init__(self):
+        for name, least in (("size", 32), ("samples", 10), ("min_area", 1), ("seed", 0)):
+            value = getattr(self, name)
+            if isinstance(value, bool) or not isinstance(value, (int, np.integer)) or value < least:
+                raise DenseVSError(f"{name} is {value!r}; expected a whole number of at least {least}")
+        for name in ("min_score", "memory"):
+            value = getattr(self, name)
+            if isinstance(value, bool) or not isinstance(value, (int, float, np.number)) or not 0 <= value < 1:
+                raise DenseVSError(f"{name} is {value!r}; expected a number from 0 to below 1")
+
+
+class FewShotSegmenter:
+    """Finds one object after having seen it in about ten annotated images.
+
+    Args:
+        options: the fields of :class:`FewShotOptions`.
+
+    Attributes:
+        score: predicted overlap of the last mask with the object, 0 where nothing was worth a mask.
+
+    Raises:
+        DenseVSError: an option that is unknown or out of range.
+    """
+
+    def __init__(self, **options: Any):
+        known = [field.name for field in fields(FewShotOptions)]
+        for name in options:
+            if name not in known:
+                raise DenseVSError(f"unknown option {name!r}; expected {', '.join(known)}")
+        self.options = FewShotOptions(**options)
+        self._model: ObjectModel | None = None
+        self.reset()
+
+    def fit(self, images: Sequence[np.ndarray], masks: Sequence[np.ndarray]) -> "FewShotSegmenter":
+        """Learn the object; what was learnt before is forgotten.
+
+        Args:
+            images: RGB uint8 ``(H, W, 3)``, of any sizes; the object from the sides and at the distances that it
+                will be seen at, before the backgrounds that it will be seen before.
+            masks: bool ``(H, W)``, the object in each; an empty one says that it is not there.
+
+        Returns:
+            The segmenter itself.
+
+        Raises:
+            DenseVSError: no image, another number of masks, sizes that differ, no pixel of the object or of the
+                background at all, or scikit-learn is not installed; what was learnt before stays.
+        """
+        options = self.options
+        pairs = _checked_pairs(images, masks)
+        reduced = [self._reduced(image) for image, _ in pairs]
+        shares = [
+            cv2.resize(mask.astype(np.float32), image.shape[1::-1], interpolation=cv2.INTER_AREA)
+            for image, (_, mask) in zip(reduced, pairs, strict=True)
+        ]
+        if not any((share > 0.75).any() for share in shares):
+            raise DenseVSError(f"the object fills no pixel of the images reduced to {options.size} px; expected larger")
+        self._model = learn_object(
+            reduced, shares, samples=options.samples, min_area=options.min_area, seed=options.seed
+        )
+        self.reset()
+        return self
+
+    def segment(self, image: np.ndarray) -> np.ndarray:
+        """The object's mask, bool ``(H, W)``, in an RGB uint8 image ``(H, W, 3)``; all false where it is not found.
+
+        Raises:
+            DenseVSError: not such an image, or nothing was learnt yet.
+        """
+        image, model = check_image(image), self._learnt()
+        seen = see(self._reduced(image))
+        found, score, _ = model.candidates(seen, self.options.min_area)
+        gain = np.zeros(len(score))
+        if self._previous is not None:
+            gain = self.options.memory * overlaps(seen, found, mask_share(seen, self._previous))
+        height, width = image.shape[:2]
+        least = self.options.min_score * model.expected_score
+        if not len(score) or score[best := int(np.argmax(score + gain))] + gain[best] < least:
+            self.score = 0.0
+            return np.zeros((height, width), dtype=bool)
+        self.score = float(score[best])
+        region = found.trees[found.tree[best]].mask(seen.pixels, int(found.node[best]))
+        mask = refine_mask(image, _smooth(region, (width, height)))
+        self._previous = mask
+        return mask
+
+    def probability(self, image: np.ndarray) -> np.ndarray:
+        """Probability of the object (h, w) float32 by colour and texture alone, on the reduced image: to look at."""
+        model = self._learnt()
+        seen = see(self._reduced(check_image(image)))
+        likely = model.candidates(seen, self.options.min_area)[2]
+        return likely[seen.pixels.labels].astype(np.float32)
+
+    def reset(self) -> None:
+        """Forget the last mask: the next image may show the object anywhere."""
+        self._previous: np.ndarray | None = None
+        self.score = 0.0
+
+    def save(self, path: str | os.PathLike[str]) -> None:
+        """Write options and what was learnt as ``.npz``, without pickle.
+
+        Raises:
+            DenseVSError: nothing was learnt, or the file cannot be written.
+        """
+        model = self._learnt()
+        header = {"format": FORMAT, "version": FORMAT_VERSION, "options": asdict(self.options)}
+        arrays = {
+            "words": model.words.table,
+            "examples": model.examples,
+            "expected_score": np.array(model.expected_score),
+            **model.pixel_forest.arrays("pixel"),
+            **model.region_forest.arrays("region"),
+        }
+        with atomic_write(path) as stream:
+            content: dict[str, Any] = {"header": np.array(json.dumps(header)), **arrays}
+            np.savez_compressed(stream, **content)
+
+    @classmethod
+    def load(cls, path: str | os.PathLike[str]) -> "FewShotSegmenter":
+        """Read what :meth:`save` wrote.
+
+        Raises:
+            DenseVSError: missing, damaged, of another kind or of another version.
+        """
+        stored = read_arrays(path, FORMAT)
+        try:
+            header = json.loads(str(stored["header"]))
+            if (header["format"], header["version"]) != (FORMAT, FORMAT_VERSION):
+                raise DenseVSError(
+                    f"it is {header['format']!r} version {header['version']}; expected version {FORMAT_VERSION}"
+                )
+            segmenter = cls(**header["options"])
+            examples, table = stored["examples"], stored["words"]
+            if examples.ndim != 2 or table.shape != (32768,) or table.max() >= examples.shape[1]:
+                raise DenseVSError("its colour words do not fit together")
+            segmenter._model = ObjectModel(
+                ColourWords(examples.shape[1], table),
+                examples,
+                DecisionForest.from_arrays(stored, "pixel"),
+                DecisionForest.from_arrays(stored, "region"),
+                float(stored["expected_score"]),
+            )
+        except (KeyError, TypeError, ValueError) as error:
+            raise DenseVSError(f"cannot read {path} as {FORMAT}: {error}") from error
+        return segmenter
+
+    def _learnt(self) -> ObjectModel:
+        if self._model is None:
+            raise DenseVSError("the segmenter has not learnt an object; call fit(images, masks) or load(path) first")
+        return self._model
+
+    def _reduced(self, image: np.ndarray) -> np.ndarray:
+        height, width = image.shape[:2]
+        factor = min(1.0, self.options.size / max(height, width))
+        size = (max(16, round(width * factor)), max(16, round(height * factor)))
+        return cv2.resize(image, size, interpolation=cv2.INTER_AREA) if factor < 1 else image
+
+
+def _checked_pairs(images: Sequence[np.ndarray], masks: Sequence[np.ndarray]) -> list[tuple[np.ndarray, np.ndarray]]:
+    if len(images) != len(masks) or not len(images):
+        raise DenseVSError(f"{len(images)} images and {len(masks)} masks; expected as many of both, at least one")
+    pairs = []
+    for number, (image, mask) in enumerate(zip(images, masks, strict=True)):
+        checked = check_image(image), check_mask(mask, f"mask {number}")
+        if checked[0].shape[:2] != checked[1].shape:
+            raise DenseVSError(
+                f"mask {number} has shape {checked[1].shape}; expected its image's, {checked[0].shape[:2]}"
+            )
+        pairs.append(checked)
+    if not any(mask.any() for _, mask in pairs) or all(mask.all() for _, mask in pairs):
+        raise DenseVSError("the masks hold no pixel of the object or none of the background; expected both")
+    return pairs
+
+
+def _smooth(region: np.ndarray, size: tuple[int, int]) -> np.ndarray:
+    """A region of the reduced image as a mask of another size (width, height), without steps."""
+    soft = cv2.GaussianBlur(region.astype(np.float32), (0, 0), 0.7)
+    return cv2.resize(soft, size, interpolation=cv2.INTER_LINEAR) > 0.5

@@ -1,0 +1,1 @@
+"""A serial arm before cameras: projected features, their derivatives, joints from pixels."""

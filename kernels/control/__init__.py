@@ -1,0 +1,1 @@
+"""What is commanded: babbling and the servo law, for many worlds."""

@@ -1,0 +1,1 @@
+"""Farneback's optical flow: expansions, displacement equations, pyramid levels."""

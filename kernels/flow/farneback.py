@@ -1,0 +1,179 @@
+"""Dense optical flow by polynomial expansion over a pyramid, all on the device (Farneback 2003).
+
+Levels of the pyramid, border handling and the meaning of every option follow OpenCV's
+``calcOpticalFlowFarneback``, so that the two agree; what is computed at a pixel is in
+``polynomial_expansion.py``, ``displacement_equations.py`` and ``displacement_solution.py``.
+"""
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import warp as wp
+
+from dense_vs.kernels.flow.farneback_level import Level, LevelTables
+from dense_vs.kernels.launch import PixelLaunch
+
+wp.set_module_options({"enable_backward": False})
+
+SMALLEST_LEVEL = 32  # px, of either side
+SMALLEST_IMAGE = 16  # px
+GROUP_PIXELS = 2**23  # of the worlds that a GPU computes at once
+
+
+@dataclass(frozen=True, kw_only=True)
+class FarnebackOptions:
+    """Options by OpenCV's names, its own example's values as defaults.
+
+    Attributes:
+        pyr_scale: size of a level by that of the finer one, below 1.
+        levels: levels below the image itself; fewer where a side would be below 32 px.
+        winsize: side of the averaging window [px].
+        iterations: at each level.
+        poly_n: radius of the neighbourhood that is expanded [px].
+        poly_sigma: standard deviation of its Gaussian weights [px].
+        gaussian_window: weigh the averaging window by a Gaussian instead of evenly.
+    """
+
+    pyr_scale: float = 0.5
+    levels: int = 3
+    winsize: int = 15
+    iterations: int = 3
+    poly_n: int = 5
+    poly_sigma: float = 1.1
+    gaussian_window: bool = False
+
+    def __post_init__(self) -> None:
+        limits = {
+            "pyr_scale": 0 < self.pyr_scale < 1 or "between 0 and 1",
+            "levels": self.levels >= 0 or "at least 0",
+            "winsize": self.winsize >= 3 or "at least 3",
+            "iterations": self.iterations >= 1 or "at least 1",
+            "poly_n": self.poly_n >= 1 or "at least 1",
+            "poly_sigma": self.poly_sigma > 0 or "above 0",
+        }
+        for name, expected in limits.items():
+            if expected is not True:
+                raise ValueError(f"{name} is {getattr(self, name)!r}; expected {expected}")
+
+    def window(self) -> np.ndarray:
+        """Weights of the averaging window along one axis, shape (2 (winsize // 2) + 1,)."""
+        radius = self.winsize // 2
+        if not self.gaussian_window:
+            return np.full(2 * radius + 1, 1 / self.winsize, dtype=np.float32)
+        x = np.arange(-radius, radius + 1)
+        weights = np.exp(-(x**2) / (2 * (0.3 * radius) ** 2))
+        return (weights / weights.sum()).astype(np.float32)
+
+    def scales(self, height: int, width: int) -> list[float]:
+        """Scale of each level, the finest (1) first."""
+        scales = [1.0]
+        while len(scales) <= self.levels and min(height, width) * scales[-1] * self.pyr_scale >= SMALLEST_LEVEL:
+            scales.append(scales[-1] * self.pyr_scale)
+        return scales
+
+
+class Farneback:
+    """Flow between the two latest of a sequence of images, many worlds at once.
+
+    Write grey images to ``image``, call :meth:`push`, and again for the next; then :meth:`calculate` fills
+    ``flow``. Each image is expanded once. Neither call allocates, and both can be captured in a CUDA graph: which
+    of the two images is the present one is itself a number on the device.
+
+    Attributes:
+        image: (worlds, height, width), the next image to push; written by the caller.
+        flow: (worlds, height, width) of vec2 [px], at the pixels of the latest image, u with x - u(x) the place in
+            the image before.
+        restarted: (worlds,) int; where it isn't 0 the image before doesn't count and ``flow`` is 0. Written by the
+            caller.
+
+    Args:
+        worlds, height, width: of the images.
+        options: of the method.
+        dtype: of ``image``, ``wp.uint8`` or ``wp.float32`` (grey levels up to about 255).
+        device: Warp device.
+        threads: bands of rows on a CPU.
+    """
+
+    def __init__(
+        self,
+        worlds: int,
+        height: int,
+        width: int,
+        options: FarnebackOptions | None = None,
+        *,
+        dtype: Any = wp.uint8,
+        device: Any = None,
+        threads: int = 1,
+    ):
+        if min(height, width) < SMALLEST_IMAGE:
+            raise ValueError(f"images are {width} x {height}; expected sides of at least {SMALLEST_IMAGE}")
+        options = options or FarnebackOptions()
+        height, width = int(height), int(width)
+        device = wp.get_device(device)
+        self.options = options
+        self.image = wp.zeros((worlds, height, width), dtype=dtype, device=device)
+        self.flow = wp.zeros((worlds, height, width), dtype=wp.vec2, device=device)
+        self.restarted = wp.zeros(worlds, dtype=int, device=device)
+        self._slot = wp.zeros(1, dtype=int, device=device)
+        self._next_slot = wp.launch(_swap, dim=1, inputs=[self._slot], device=device, record_cmd=True)
+        self._expand: list[PixelLaunch] = []
+        self._solve: list[PixelLaunch] = []
+        self._record(1 if device.is_cpu else max(GROUP_PIXELS // (height * width), 1), threads)
+
+    def push(self) -> None:
+        """Take the content of ``image`` as the latest image."""
+        self._next_slot.launch()
+        for launch in self._expand:
+            launch()
+
+    def calculate(self) -> None:
+        """Fill ``flow`` from the two latest images."""
+        for launch in self._solve:
+            launch()
+
+    def _record(self, group: int, threads: int) -> None:
+        """Record the launches for ``group`` worlds at a time."""
+        worlds, height, width = self.image.shape
+        group = min(group, worlds)
+        options, device = self.options, self.image.device
+        method = options.pyr_scale, options.window(), options.poly_n, options.poly_sigma
+        tables = [
+            LevelTables.of((height, width), scale, *method, device)
+            for scale in reversed(options.scales(height, width))  # the coarsest first
+        ]
+        scratch = wp.zeros(max(Level.scratch_size(table, group) for table in tables), dtype=float, device=device)
+        displacements = [
+            wp.zeros((group, table.shape[0], 2, table.shape[1]), dtype=float, device=device) for table in tables
+        ]
+        still = wp.zeros_like(displacements[0])
+        for begin in range(0, worlds, group):
+            part = slice(begin, min(begin + group, worlds))
+            count = part.stop - part.start
+            known = None
+            for table, displacement in zip(tables, displacements, strict=True):
+                level = Level(
+                    self.image[part],
+                    table,
+                    displacement[:count],
+                    self._slot,
+                    self.restarted[part],
+                    scratch,
+                    threads,
+                )
+                self._expand += level.expand()
+                if known is not None:
+                    self._solve += level.begin_with(known)
+                known = level.displacement
+                for iteration in range(options.iterations):
+                    first = table is tables[0] and iteration == 0
+                    self._solve += level.improve(still[:count] if first else known)
+            self._solve.append(level.answer(self.flow[part]))
+
+
+@wp.kernel
+def _swap(
+    # In and out:
+    slot: wp.array(dtype=int),
+):
+    slot[0] = 1 - slot[0]

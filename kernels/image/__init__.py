@@ -1,0 +1,1 @@
+"""Pixels and images: sampling, colors, gray levels, rows and tiles of pixels."""

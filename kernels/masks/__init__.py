@@ -1,0 +1,1 @@
+"""Object masks: their areas, moments, borders, overlaps; decision forests that find them."""

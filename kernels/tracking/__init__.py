@@ -1,0 +1,1 @@
+"""Points that are carried by flow and aligned with their patch."""

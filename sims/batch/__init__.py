@@ -1,0 +1,1 @@
+"""Many robots at once on one device: babble, learn, reach, without the host."""

@@ -1,0 +1,1 @@
+"""Simulated masks of approached objects, which the learned depth is trained on."""

@@ -1,0 +1,1 @@
+"""One simulated robot with exact truth: scene, physics, renderer, cameras, textures, disturbances."""

@@ -1,0 +1,105 @@
+"""Image targets that a simulated robot can reach: where a point of it is seen in random postures."""
+
+import mujoco
+import numpy as np
+
+from dense_vs.errors import DenseVSError
+from dense_vs.sims.engine import surface_points
+from dense_vs.sims.engine.surface_points import SurfacePoint
+from dense_vs.sims.engine.world import SimWorld
+
+ATTEMPTS = 2000
+
+
+def reachable_targets(
+    world: SimWorld,
+    point: SurfacePoint,
+    count: int,
+    seed: int,
+    *,
+    least_distance: float = 20.0,
+    border: float = 20.0,
+    share_of_range: float = 0.8,
+    reach: float | None = None,
+) -> np.ndarray:
+    """Targets ``(count, 2)`` [px], ``(worlds, count, 2)`` for several worlds, each at least ``least_distance`` from
+    the one before.
+
+    A posture is drawn from the middle ``share_of_range`` of the joint ranges (from 0.5 rad about the present one
+    where a joint has no limits), or from ``reach`` rad about the home posture where that is given; passive joints
+    follow. It counts where the point is then seen, at least ``border`` px inside the image.
+
+    Raises:
+        DenseVSError: no such posture found in a world.
+    """
+    worlds = world.shape[0]
+    starts = np.asarray(world.project(point), dtype=np.float64).reshape(worlds, 2)
+    found = []
+    for number in range(worlds):
+        # The first world's are those of a single one.
+        random = np.random.default_rng([seed, 7] if number == 0 else [seed, 7, number])
+        found.append(
+            _targets_of_world(
+                world, point, number, count, random, starts[number], least_distance, border, share_of_range, reach
+            )
+        )
+    return found[0] if worlds == 1 else np.stack(found)
+
+
+def _targets_of_world(
+    world: SimWorld,
+    point: SurfacePoint,
+    number: int,
+    count: int,
+    random: np.random.Generator,
+    previous: np.ndarray,
+    least_distance: float,
+    border: float,
+    share_of_range: float,
+    reach: float | None,
+) -> np.ndarray:
+    _, height, width = world.shape
+    scene = world.scene
+    present = world.physics.host_state(number)
+    model = world.physics.models.host(number)
+    data = mujoco.MjData(model)
+    columns = model.jnt_qposadr[scene.joints]
+    low, high = scene.joint_limits.T
+    q = present.qpos[columns]
+    low, high = np.where(np.isfinite(low), low, q - 0.5), np.where(np.isfinite(high), high, q + 0.5)
+    if reach is None:
+        middle, half = (low + high) / 2, (high - low) / 2 * share_of_range
+        low, high = middle - half, middle + half
+    else:
+        home = scene.home_qpos[columns]
+        low, high = np.maximum(low, home - reach), np.minimum(high, home + reach)
+    targets = []
+    for _ in range(ATTEMPTS):
+        if len(targets) == count:
+            break
+        posture = present.qpos.copy()
+        posture[columns] = (low + high) / 2 + (high - low) / 2 * random.uniform(-1, 1, len(columns))
+        data.qpos[:], closed = scene.chain.closed(model, posture)
+        if not closed:
+            continue
+        data.mocap_pos[:] = present.mocap_pos
+        data.mocap_quat[:] = present.mocap_quat
+        mujoco.mj_kinematics(model, data)
+        mujoco.mj_comPos(model, data)
+        mujoco.mj_camlight(model, data)
+        pose = surface_points.camera_pose(data, scene.camera)
+        geom = int(point.geoms[number])
+        position = surface_points.world_point(data, geom, point.local[number])
+        pixel = surface_points.project(position, world.intrinsics, pose)
+        inside = np.all(pixel >= border) and np.all(pixel <= (width - 1 - border, height - 1 - border))
+        if not inside or np.hypot(*(pixel - previous)) < least_distance:
+            continue
+        if not surface_points.is_seen(model, data, pose, geom, position):
+            continue
+        targets.append(pixel)
+        previous = pixel
+    if len(targets) < count:
+        raise DenseVSError(
+            f"found {len(targets)} targets in {ATTEMPTS} random postures in world {number}; expected {count}"
+        )
+    return np.array(targets).reshape(count, 2)

@@ -1,0 +1,393 @@
+"""The simulated world: a robot before a camera, whose images come with exact flow, Jacobian and mask.
+
+world = SimWorld("arm", seed=3)
+world.step([0.02, 0.0, -0.01, 0.0])
+image = world.frame().rgb
+world.true_jacobian(), world.true_flow(), world.project("tip")
+"""
+
+import os
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+import warp as wp
+
+from dense_vs.device import resolve_device, resolve_threads, room_for
+from dense_vs.errors import DenseVSError
+from dense_vs.sims.engine import surface_points
+from dense_vs.sims.engine.compliance import Compliance, resolve_compliance
+from dense_vs.sims.engine.distractor import Distractor, DistractorPath
+from dense_vs.sims.engine.frames import DeviceFrame, Frame
+from dense_vs.sims.engine.physics import Physics, WarpPhysics, history_times, make_physics
+from dense_vs.sims.engine.randomization import DomainRandomization, WorldModels
+from dense_vs.sims.engine.renderer import Renderer, camera_intrinsics
+from dense_vs.sims.engine.scene import FRAME_SECONDS, Scene, load_scene
+from dense_vs.sims.engine.surface_points import SurfacePoint
+from dense_vs.sims.engine.truth import GroundTruth
+
+BYTES_PER_PIXEL = 24  # about: colour, packed and not, depth, and ids with and without their types
+BYTES_OF_PHYSICS = 50_000  # of a world, about
+
+
+class SimWorld:
+    """B simulated worlds of one robot with N chosen joints, seen by one camera each, 30 frames a second.
+
+    Arrays come without the leading B for a single world. Positions are rad for hinges and m for slides; the
+    word "rad" below stands for both.
+
+    Args:
+        robot: ``"arm"`` (4 joints in 3D), ``"planar"`` (3 joints, a plane that faces the camera),
+            ``"upper-body"`` (two arms of 7 joints before the robot's own eyes), ``"upper-body-rake"`` and
+            ``"upper-body-vacuum"`` (holding a tool, which counts as part of the robot), or the path of an MJCF
+            file with a camera and position actuators.
+        joints: names of the joints that are commanded and that Jacobians have columns for, in this order;
+            all joints that a position actuator drives when None. Others keep their position.
+        camera: name of the camera; the first one when None.
+        worlds: B. Worlds share textures; posture and distractor path differ.
+        device: Warp device, see :func:`dense_vs.device.resolve_device`.
+        height, width: of the image [px].
+        seed: textures, initial posture and distractor path of our robots. An MJCF file is taken as it is, at its
+            first keyframe if it has one.
+        threads: CPU threads, see :func:`dense_vs.device.resolve_threads`.
+        randomization: how else the worlds differ; they don't unless given.
+        physics_on_device: step one world on a CPU with MuJoCo-Warp too, in place of MuJoCo's C engine.
+        distractor: ``"none"``, ``"behind"`` (a moving plate between arm and wall) or ``"front"`` (before
+            the arm, covering parts of it); ``"walker-behind"``, ``"walker-next"``, ``"walker-across"`` and the same
+            with ``chair`` for the upper body, see :mod:`.distractor`; our robots only.
+        compliance: True, or a :class:`.compliance.Compliance`, for joints that are soft, late and read
+            with noise, as a tendon-driven robot's; our robots only. The truth stays exact.
+
+    Raises:
+        DenseVSError: any argument that cannot be used; the message lists the valid ones.
+    """
+
+    def __init__(
+        self,
+        robot: str | os.PathLike[str],
+        *,
+        joints: Sequence[str] | None = None,
+        camera: str | None = None,
+        worlds: int = 1,
+        device: Any = "auto",
+        height: int = 240,
+        width: int = 320,
+        seed: int = 0,
+        threads: int | None = None,
+        distractor: str = "none",
+        compliance: bool | Compliance = False,
+        randomization: DomainRandomization | None = None,
+        physics_on_device: bool = False,
+    ):
+        self._shape = (_whole("worlds", worlds, 1), _whole("height", height, 8), _whole("width", width, 8))
+        self._device = resolve_device(device)
+        self._threads = resolve_threads(threads)
+        self._randomization = randomization or DomainRandomization()
+        self._physics_on_device = physics_on_device
+        self._choice = {"robot": robot, "joints": joints, "camera": camera, "distractor": distractor}
+        self._compliance = self._choice["compliance"] = resolve_compliance(compliance)
+        self._choice["texture_sets"] = self._randomization.texture_sets
+        self._load(_whole("seed", seed, 0))
+
+    def reset(self, seed: int | None = None) -> None:
+        """Back to time 0: the same beginning again, or the one of another seed."""
+        if seed is not None and _whole("seed", seed, 0) != self._seed:
+            self._load(int(seed))
+        else:
+            self._begin()
+
+    def step(self, delta: Any = None) -> None:
+        """One camera frame (1/30 s) of physics.
+
+        Args:
+            delta: change of the joint position targets [rad], (N,) for all worlds or (B, N); None holds.
+                Targets stay within ``joint_limits``.
+
+        Raises:
+            DenseVSError: wrong shape or non-finite values; nothing has moved.
+        """
+        step = self._joint_step(delta)
+        self._truth.remember_poses()
+        self._physics.advance(step)
+        self._frame += 1
+        self._settle()
+
+    def step_on_device(self, restarting: wp.array, unsound: wp.array) -> None:
+        """One camera frame of physics by the steps that ``physics.joint_step`` (B, N) holds, with MuJoCo-Warp.
+
+        Nothing is decided or counted on the host, so it can be captured in a graph; :meth:`count_frame` counts.
+
+        Args:
+            restarting: (B,) int; where it is not 0 the world is put back to its beginning instead. Set to 1 where
+                the world's state has ceased to be finite.
+            unsound: (B,) int, counted up there.
+        """
+        physics = self._physics
+        assert isinstance(physics, WarpPhysics)
+        self._truth.remember_poses()
+        physics.advance_on_device()
+        physics.find_unsound(restarting, unsound)
+        physics.restart_on_device(restarting)
+        self._settle()
+
+    def count_frame(self) -> None:
+        """Note that a captured :meth:`step_on_device` has run once more."""
+        self._frame += 1
+        self._rendered = False
+
+    def frame(self) -> Frame:
+        """The present image, rendered when first asked for."""
+        seen = self.frame_device()
+        return Frame(
+            self._out(seen.rgb.numpy().copy()),
+            self._out(seen.depth.numpy().copy()),
+            self._out(seen.ids.numpy().copy()),
+            self.time,
+        )
+
+    def frame_device(self) -> DeviceFrame:
+        """The present image in device arrays, which the next frame overwrites."""
+        if not self._rendered:
+            self._renderer.render()
+            self._rendered = True
+        return DeviceFrame(self._renderer.rgb, self._renderer.depth, self._renderer.ids, self.time)
+
+    def joints(self) -> tuple[np.ndarray, float]:
+        """Positions (N,) of the chosen joints [rad], as they are read, and their time [s]."""
+        return self._out(self._read(self._physics.joint_positions()[:, None])[:, -1]), self.time
+
+    def joint_history(self) -> tuple[np.ndarray, np.ndarray]:
+        """Times (S,) and positions (S, N) after each physics step of the last frame; S = 1 before the first."""
+        history = self._physics.joint_history()
+        return history_times(self._frame, history.shape[1]), self._out(self._read(history))
+
+    def true_jacobian(self) -> np.ndarray:
+        """Image Jacobian (H, W, 2, N) of the surface point at every pixel [px/rad].
+
+        Passive joints that constraints tie to the chosen ones follow them, see :mod:`.closed_chain`; all
+        others keep their angle.
+        """
+        jacobian = self.true_jacobian_device().numpy()
+        return self._out(jacobian.reshape(*self._shape, 2, -1).copy())
+
+    def true_jacobian_device(self) -> wp.array:
+        """The same on the device: (B, H, W, 2 N) float32, the row of x before that of y."""
+        self.frame_device()
+        chain = self._scene.chain
+        if len(chain.passive):
+            couplings = []
+            for world in range(self._shape[0]):
+                qpos = self._physics.host_state(world).qpos
+                couplings.append(chain.coupling(self._physics.models.host(world), qpos))
+            self._truth.coupling.assign(np.array(couplings, dtype=np.float32))
+        self._truth.compute_jacobian()
+        return self._truth.jacobian
+
+    def true_flow(self) -> np.ndarray:
+        """Flow (H, W, 2) [px] between the last two frames, stored at the pixels of the present one.
+
+        ``x - u(x)`` is where the point seen at x was in the previous image; it may have been covered there.
+        Zero before the first step.
+        """
+        return self._out(self.true_flow_device().numpy().copy())
+
+    def true_flow_device(self) -> wp.array:
+        """The same on the device: (B, H, W) of vec2."""
+        self.frame_device()
+        self._truth.compute_flow()
+        return self._truth.flow
+
+    def robot_mask(self) -> np.ndarray:
+        """(H, W) bool: pixels of bodies that the chosen joints move, or passive ones that follow them: tools too."""
+        return self._out(self.robot_mask_device().numpy().astype(bool))
+
+    def robot_mask_device(self) -> wp.array:
+        """The same on the device: (B, H, W) uint8."""
+        self.frame_device()
+        self._truth.compute_mask()
+        return self._truth.mask
+
+    def track_point(self, pixel: Any) -> SurfacePoint:
+        """The surface point that a pixel shows now, to ask :meth:`project` and :meth:`visible` for later.
+
+        Args:
+            pixel: (x, y) for all worlds or (B, 2); need not be whole numbers.
+
+        Raises:
+            DenseVSError: outside the image, or no surface there.
+        """
+        worlds, height, width = self._shape
+        pixels = self._per_world(pixel, 2, "pixel")
+        if np.any(pixels < -0.5) or np.any(pixels > (width - 0.5, height - 0.5)):
+            raise DenseVSError(f"pixel is {np.asarray(pixel).tolist()}; expected inside the image of {width}x{height}")
+        geoms, local = np.zeros(worlds, dtype=int), np.zeros((worlds, 3))
+        for world in range(worlds):
+            state = self._physics.host_state(world)
+            pose = surface_points.camera_pose(state, self._scene.camera)
+            geoms[world], local[world] = surface_points.surface_point(
+                self._physics.models.host(world), state, self._intrinsics, pose, pixels[world]
+            )
+        if np.any(geoms < 0):
+            raise DenseVSError(f"pixel {np.asarray(pixel).tolist()} shows no surface; expected one that does")
+        return SurfacePoint(geoms, local)
+
+    def project(self, point: str | SurfacePoint) -> np.ndarray:
+        """Pixel (2,) of a surface point or of the site (or body, or geom) of that name; nan behind the camera."""
+        return self._out(np.stack([self._located(point, world)[0] for world in range(self._shape[0])]))
+
+    def visible(self, point: SurfacePoint) -> bool | np.ndarray:
+        """Whether the surface point is inside the image and nothing covers it; (B,) for several worlds."""
+        worlds, height, width = self._shape
+        seen = np.zeros(worlds, dtype=bool)
+        for world in range(worlds):
+            pixel, position, state, pose = self._located(point, world)
+            inside = bool(np.all(pixel > -0.5) and np.all(pixel < (width - 0.5, height - 0.5)))
+            seen[world] = inside and surface_points.is_seen(
+                self._physics.models.host(world), state, pose, int(point.geoms[world]), position
+            )
+        return bool(seen[0]) if worlds == 1 else seen
+
+    @property
+    def time(self) -> float:
+        """Time of the present frame [s], a whole number of frames."""
+        return self._frame * FRAME_SECONDS
+
+    @property
+    def joint_names(self) -> tuple[str, ...]:
+        """Names of the N chosen joints."""
+        return self._scene.joint_names
+
+    @property
+    def joint_limits(self) -> np.ndarray:
+        """(N, 2) lowest and highest target [rad]; infinite where the model sets none."""
+        return self._scene.joint_limits.copy()
+
+    @property
+    def intrinsics(self) -> np.ndarray:
+        """(3, 3) camera matrix [px], pixel centres at integer coordinates."""
+        return self._intrinsics.copy()
+
+    @property
+    def T_world_camera(self) -> np.ndarray:
+        """(4, 4) camera to world; camera axes x right, y down, z forward."""
+        states = (self._physics.host_state(world) for world in range(self._shape[0]))
+        return self._out(np.stack([surface_points.camera_pose(state, self._scene.camera) for state in states]))
+
+    @property
+    def shape(self) -> tuple[int, int, int]:
+        """(worlds, height, width)."""
+        return self._shape
+
+    @property
+    def device(self) -> wp.Device:
+        """Where images and truth are computed."""
+        return self._device
+
+    @property
+    def threads(self) -> int:
+        """CPU threads."""
+        return self._threads
+
+    @property
+    def scene(self) -> Scene:
+        """The compiled model and the ids of camera, joints and actuators."""
+        return self._scene
+
+    @property
+    def physics(self) -> Physics:
+        """The engine, its MuJoCo-Warp model and data."""
+        return self._physics
+
+    def _load(self, seed: int) -> None:
+        worlds, height, width = self._shape
+        scene = load_scene(**self._choice, seed=seed)
+        rngs = [_world_rng(seed, world, 2) for world in range(worlds)]
+        models = WorldModels(scene.model, scene.camera, rngs, self._randomization)
+        with room_for("a simulation", worlds, BYTES_PER_PIXEL * height * width + BYTES_OF_PHYSICS, self._device):
+            physics = make_physics(scene, worlds, self._device, models, self._physics_on_device)
+            renderer = Renderer(
+                scene.model, physics.model, physics.data, scene.camera, self._shape, self._device, self._threads
+            )
+        self._intrinsics = camera_intrinsics(scene.model, scene.camera, height, width)
+        self._truth = GroundTruth(scene, physics.data, renderer, self._intrinsics, self._device, self._threads)
+        self._scene, self._physics, self._renderer, self._seed = scene, physics, renderer, seed
+        self._distractor: Distractor | None = None
+        if scene.distractor >= 0:
+            rngs = [_world_rng(seed, world, 1) for world in range(worlds)]
+            path = DistractorPath.draw(rngs, self._choice["distractor"])
+            self._distractor = Distractor(path, scene.distractor, self._device)
+        self._begin()
+
+    def _begin(self) -> None:
+        scene = self._scene
+        qpos = np.repeat(scene.home_qpos[None], self._shape[0], axis=0)
+        columns = scene.model.jnt_qposadr[scene.joints]
+        for world, row in enumerate(qpos):
+            offset = _world_rng(self._seed, world, 0).uniform(-1.0, 1.0, len(columns))
+            row[columns] += scene.posture_range * offset
+            row[:] = scene.chain.closed(self._physics.models.host(world), row)[0]
+        self._physics.reset(qpos)
+        self._frame = 0
+        self._settle()
+        self._truth.remember_poses()
+
+    def _settle(self) -> None:
+        """Put the distractor where the time says, and mark the image as old."""
+        data = self._physics.data
+        if self._distractor is not None:
+            self._distractor.place(data.time, data.mocap_pos)
+        self._physics.update_poses()
+        self._rendered = False
+
+    def _read(self, positions: np.ndarray) -> np.ndarray:
+        """Positions (B, S, N) with the noise of their readings, the same whenever a frame's are asked for."""
+        if self._compliance is None or not self._compliance.reading_noise:
+            return positions.copy()
+        worlds, count, joints = positions.shape
+        rngs = [_world_rng(self._seed, world, 3, self._frame) for world in range(worlds)]
+        # The last reading first, so that it is the same alone.
+        noise = np.stack([rng.normal(0.0, self._compliance.reading_noise, (count, joints))[::-1] for rng in rngs])
+        return positions + noise
+
+    def _located(self, point: str | SurfacePoint, world: int) -> tuple:
+        """Pixel, world position, poses and camera pose of a point in one world."""
+        state = self._physics.host_state(world)
+        pose = surface_points.camera_pose(state, self._scene.camera)
+        if isinstance(point, SurfacePoint):
+            position = surface_points.world_point(state, int(point.geoms[world]), point.local[world])
+        else:
+            position = surface_points.named_point(self._physics.models.host(world), state, point)
+        return surface_points.project(position, self._intrinsics, pose), position, state, pose
+
+    def _joint_step(self, delta: Any) -> np.ndarray:
+        if delta is None:
+            return np.zeros((self._shape[0], len(self._scene.joints)))
+        return self._per_world(delta, len(self._scene.joints), "delta")
+
+    def _per_world(self, value: Any, columns: int, name: str) -> np.ndarray:
+        """(B, columns) float64 from one row for all worlds or one for each."""
+        worlds = self._shape[0]
+        try:
+            array = np.asarray(value, dtype=np.float64)
+        except (TypeError, ValueError) as error:
+            raise DenseVSError(f"{name} is {value!r}; expected numbers of shape ({columns},)") from error
+        if array.shape not in ((columns,), (worlds, columns)):
+            expected = f"({columns},)" if worlds == 1 else f"({columns},) or ({worlds}, {columns})"
+            raise DenseVSError(f"{name} has shape {array.shape}; expected {expected}")
+        if not np.all(np.isfinite(array)):
+            raise DenseVSError(f"{name} is {array.tolist()}; expected finite numbers")
+        return np.broadcast_to(array, (worlds, columns))
+
+    def _out(self, array: np.ndarray) -> np.ndarray:
+        return array[0] if self._shape[0] == 1 else array
+
+
+def _world_rng(seed: int, world: int, purpose: int, *more: int) -> np.random.Generator:
+    # Purposes apart, so that a distractor leaves the posture as it is; textures take [seed, 0].
+    return np.random.default_rng([seed, 1 + purpose, world, *more])
+
+
+def _whole(name: str, value: Any, least: int) -> int:
+    if isinstance(value, bool) or not isinstance(value, (int, np.integer)) or value < least:
+        raise DenseVSError(f"{name} is {value!r}; expected a whole number of at least {least}")
+    return int(value)

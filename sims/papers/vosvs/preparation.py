@@ -1,0 +1,78 @@
+"""What an experiment with learnt parameters begins with: a world, segmenters, and J+ learnt by servoing, then kept."""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from dense_vs.errors import DenseVSError
+from dense_vs.segmentation import Segmenter
+from dense_vs.sims.mobile_manipulator.annotations import learn_segmenter
+from dense_vs.sims.mobile_manipulator.world import MobileWorld
+from dense_vs.sims.papers.vosvs.configurations import configuration
+from dense_vs.sims.papers.vosvs.learning import Learning, learn
+
+TEACHERS = {"base": "Plastic Chain", "base grasp": "Tuna"}  # the object that a configuration learns with
+TEACHER = "Mug"
+LOOKS = 150  # images that learning may take
+ATTEMPTS = 3  # each from the beginning, with the object elsewhere
+
+
+def require_cpu(device: str) -> None:
+    """These experiments step one world with MuJoCo's C engine and render it beside, on the CPU.
+
+    Raises:
+        DenseVSError: another device was asked for.
+    """
+    if device not in ("auto", "cpu"):
+        raise DenseVSError(f"device is {device!r}; expected 'cpu' or 'auto': this experiment runs on the CPU")
+
+
+class Preparation:
+    """A world of one seed; segmenters and J+ are learnt when first asked for, and J+ is then kept (alpha = 0).
+
+    Args:
+        objects: that the experiment needs; all 24 when None.
+        seed: of everything.
+        threads: of the renderer.
+    """
+
+    def __init__(self, objects: Sequence[str] | None, seed: int, threads: int | None = None):
+        self.seed = seed
+        self.world = MobileWorld(objects, seed=seed, threads=threads)
+        self._segmenters: dict[str, Segmenter] = {}
+        self._learnt: dict[str, Learning] = {}
+
+    def segmenter(self, name: str) -> Segmenter:
+        """Of an object, from ten annotated images; the robot's posture and the other objects are not kept."""
+        if name not in self._segmenters:
+            self._segmenters[name] = learn_segmenter(self.world, name, self.seed)
+        return self._segmenters[name]
+
+    def learning(self, config: str) -> Learning:
+        """How J+ of a configuration was learnt.
+
+        Raises:
+            DenseVSError: it did not converge.
+        """
+        if config not in self._learnt:
+            name = TEACHERS.get(config, TEACHER)
+            segmenter = self.segmenter(name)
+            for attempt in range(ATTEMPTS):
+                self.world.store()
+                rng = np.random.default_rng([self.seed, 51, attempt])
+                one = configuration(config)
+                learning = learn(self.world, one, name, segmenter, rng, update="featurewise", looks=LOOKS)
+                self.world.store()
+                if learning.converged:
+                    break
+            else:
+                raise DenseVSError(
+                    f"J+ of {config!r} was not learnt in {ATTEMPTS} times {LOOKS} looks; "
+                    "expected a step response to converge"
+                )
+            self._learnt[config] = learning
+        return self._learnt[config]
+
+    def pinv(self, config: str) -> np.ndarray:
+        """J+ ``(n, 2)`` of a configuration, learnt."""
+        return self.learning(config).pinv

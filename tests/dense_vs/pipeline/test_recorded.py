@@ -1,0 +1,109 @@
+"""The estimator on a recording: aligned clocks, chosen joints, and the same J as from the images themselves."""
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+from dense_vs import DenseVSError, JointLog
+from dense_vs.pipeline.recorded import estimate_recording
+from dense_vs.recording.video_recording import Recording
+
+FRAMES = 40
+
+
+def estimate(recording, **options):
+    frames, estimators = zip(*estimate_recording(recording, device="cpu", **options), strict=True)
+    return frames, estimators[-1]
+
+
+def median_error(scene, estimator, q):
+    inner = (slice(16, -16), slice(16, -16))
+    true = scene.jacobian(q)[inner]
+    return np.median(np.linalg.norm(estimator.jacobian[inner] - true, axis=(2, 3)) / np.linalg.norm(true, axis=(2, 3)))
+
+
+def test_learns_from_the_files(scene, recording, postures):
+    source = Recording(recording / "video.mp4", recording / "joints.csv")
+    frames, estimator = estimate(source)
+    assert (len(frames), source.skipped_frames, estimator.updates) == (FRAMES, 0, FRAMES - 1)
+    np.testing.assert_allclose([frame.time for frame in frames], np.arange(FRAMES) / 25, atol=1e-3)
+    for frame, q in zip(frames, postures, strict=False):
+        np.testing.assert_allclose(frame.positions, q, atol=2e-3)
+    assert median_error(scene, estimator, postures[FRAMES - 1]) < 0.3
+
+
+def test_chosen_joints_come_in_their_order(recording):
+    whole = Recording(recording / "video.mp4", recording / "joints.csv")
+    some = Recording(recording / "video.mp4", recording / "joints.csv", joint_names=["zoom", "x", "turn", "y"])
+    all_frames, _ = estimate(whole)
+    frames, estimator = estimate(some)
+    assert estimator.options.joints == 4
+    np.testing.assert_array_equal(frames[5].positions, all_frames[5].positions[[3, 0, 2, 1]])
+
+
+def test_offset_brings_a_late_log_back(recording, tmp_path):
+    lines = (recording / "joints.csv").read_text().splitlines()
+    rows = [line.split(",", 1) for line in lines[1:]]
+    late = tmp_path / "late.csv"
+    late.write_text("\n".join([lines[0], *[f"{float(t) + 0.5},{rest}" for t, rest in rows]]))
+    on_time, _ = estimate(Recording(recording / "video.mp4", recording / "joints.csv"))
+    shifted, _ = estimate(Recording(recording / "video.mp4", late, time_offset=-0.5))
+    for a, b in zip(on_time, shifted, strict=True):
+        np.testing.assert_allclose(a.positions, b.positions, atol=1e-9)
+
+
+def test_frames_outside_the_log_are_left_out_and_counted(recording, tmp_path):
+    log = JointLog.read_csv(recording / "joints.csv")
+    inside = (log.times >= 0.4) & (log.times <= 1.0)
+    short = tmp_path / "short.csv"
+    rows = np.column_stack([log.times[inside], log.positions[inside]])
+    np.savetxt(short, rows, delimiter=",", header="time,x,y,turn,zoom", comments="")
+    source = Recording(recording / "video.mp4", short)
+    frames, estimator = estimate(source)
+    # A frame whose stamp differs from the log's end by rounding alone is within it.
+    first, last = log.times[inside][0] - 1e-4, log.times[inside][-1] + 1e-4
+    assert first <= frames[0].time <= frames[-1].time <= last
+    assert source.skipped_frames == FRAMES - len(frames) > 0
+    assert estimator.updates == len(frames) - 1
+
+
+def test_scale(recording):
+    frames, estimator = estimate(Recording(recording / "video.mp4", recording / "joints.csv"), scale=0.5)
+    assert estimator.jacobian.shape == (48, 64, 2, 4)
+    assert frames[0].gray.shape == (48, 64)
+
+
+def test_clocks_apart_are_refused_at_once(recording):
+    for offset in (100.0, -100.0):
+        with pytest.raises(DenseVSError, match=r"video covers 0.000 to .* s and the joint log .*expected at least two"):
+            Recording(recording / "video.mp4", recording / "joints.csv", time_offset=offset)
+
+
+def test_a_single_common_frame_is_refused(recording):
+    source = Recording(recording / "video.mp4", recording / "joints.csv", time_offset=-1.59)
+    with pytest.raises(DenseVSError, match="expected at least two frames within the log"):
+        estimate(source)
+    assert source.skipped_frames >= FRAMES - 1
+
+
+def test_bad_options_are_refused_before_the_first_frame(recording):
+    source = Recording(recording / "video.mp4", recording / "joints.csv")
+    bad_options: list[tuple[dict[str, Any], str]] = [
+        ({"method": "raft"}, "flow method 'raft' is unknown"),
+        ({"device": "tpu"}, "device 'tpu' is not present"),
+        ({"covariance": "huge"}, "covariance is 'huge'"),
+        ({"threads": 0}, "threads is 0"),
+        ({"scale": 0}, "scale is 0"),
+        ({"scale": 2.0}, "scale is 2.0; expected a number above 0 and at most 1"),
+    ]
+    for options, message in bad_options:
+        with pytest.raises(DenseVSError, match=message):
+            estimate_recording(source, **options)
+    bad_arguments: list[tuple[dict[str, Any], str]] = [
+        ({"time_offset": float("nan")}, "time_offset is nan"),
+        ({"joint_names": ["x", "elbow"]}, "joint 'elbow' is not in the log; it has x, y, turn, zoom"),
+    ]
+    for arguments, message in bad_arguments:
+        with pytest.raises(DenseVSError, match=message):
+            Recording(recording / "video.mp4", recording / "joints.csv", **arguments)

@@ -1,0 +1,245 @@
+"""Patch alignment against exact motion and OpenCV's ECC (the same criterion, its own sampling and iterations)."""
+
+from functools import cache
+from types import SimpleNamespace
+
+import cv2
+import numpy as np
+import pytest
+import warp as wp
+
+from dense_vs.kernels.tracking.patch_alignment import Patches, align_patches, define_patches
+
+COUNT = 60
+HEIGHT, WIDTH = 96, 128
+BORDER = 3  # px of image around OpenCV's template, so that its blur sees what is there; masked out
+
+# Means of 60 patches: pixels [px]. OpenCV samples bilinearly after a blur, which is its own error, see below.
+MEDIAN_DIFFERENCE, NEARLY_ALL_DIFFERENCE = 0.02, 0.05
+
+
+def textures(rng, count):
+    """Functions of (..., 2) places to grey values: sums of 24 waves of 5 to 25 px."""
+    for _ in range(count):
+        angle, wavelength = rng.uniform(0, np.pi, 24), rng.uniform(5, 25, 24)
+        waves = 2 * np.pi / wavelength * np.array([np.cos(angle), np.sin(angle)])
+        phases = rng.uniform(0, 2 * np.pi, 24)
+        yield lambda places, k=waves, c=phases: 127 + 11.5 * np.cos(places @ k + c).sum(axis=-1)
+
+
+def quantised(grey, noise, rng):
+    return np.clip(np.rint(grey + rng.normal(0, noise, grey.shape)), 0, 255).astype(np.uint8)
+
+
+def affine_cases(*, noise, offset, mask, seed=0, count=COUNT):
+    """Patches seen again turned, scaled, sheared, moved, and in another light; each in a world of its own."""
+    return SimpleNamespace(**{name: a.copy() for name, a in make_cases(noise, offset, mask, seed, count).items()})
+
+
+@cache
+def make_cases(noise, offset, mask, seed, count):
+    rng = np.random.default_rng(seed)
+    y, x = np.mgrid[:HEIGHT, :WIDTH].astype(float)
+    pixels = np.stack([x, y], axis=-1)
+    cases = SimpleNamespace(before=[], after=[], weights=[], start=[], truth=[], affine=[], guess=[])
+    for texture in textures(rng, count):
+        start = np.array([64.0, 48.0]) + rng.integers(-40, 40, 2) / 10
+        angle, scale = rng.normal(0, 0.2), np.exp(rng.normal(0, 0.1))
+        turn = np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
+        affine = scale * turn + rng.normal(0, 0.05, (2, 2))
+        truth = start + rng.uniform(-3, 3, 2)
+        there = start + (pixels - truth) @ np.linalg.inv(affine).T
+        gain, light = rng.uniform(0.8, 1.1), rng.uniform(-10, 10)
+        cases.before.append(quantised(texture(pixels), noise, rng))
+        cases.after.append(quantised(127 + gain * (texture(there) - 127) + light, noise, rng))
+        direction = rng.uniform(0, 2 * np.pi)
+        side = (pixels - start) @ [np.cos(direction), np.sin(direction)]
+        cases.weights.append(np.ones((HEIGHT, WIDTH)) if mask == "whole" else side < 6)
+        toward = rng.uniform(0, 2 * np.pi)
+        cases.start.append(start)
+        cases.truth.append(truth)
+        cases.affine.append(affine + rng.normal(0, 0.03, (2, 2)))
+        cases.guess.append(truth + offset * np.array([np.cos(toward), np.sin(toward)]))
+    return {name: np.array(value) for name, value in vars(cases).items()}
+
+
+def run(cases, window, device="cpu"):
+    """Places, affine maps and correlations by the kernels; outputs begin as NaN, so what is not written shows."""
+    worlds = len(cases.start)
+    start, guess = (wp.array(a[:, None], dtype=wp.vec2d, device=device) for a in (cases.start, cases.guess))
+    affine = wp.array(cases.affine[:, None].astype(np.float32), dtype=wp.mat22, device=device)
+    patches = Patches.empty(worlds, 1, window, device)
+    weights = wp.array(cases.weights.astype(np.float32), device=device)
+    every = wp.full(worlds, 1, dtype=int, device=device)
+    define_patches(patches, wp.array(cases.before, device=device), weights, start, every)
+    outputs = [wp.empty_like(guess), wp.empty_like(affine), wp.empty((worlds, 1), dtype=float, device=device)]
+    for array in outputs:
+        array.fill_(float("nan"))
+    align_patches(patches, wp.array(cases.after, device=device), guess, affine, *outputs)
+    return [array.numpy()[:, 0] for array in outputs]
+
+
+def crop(image, point, half, flags=cv2.INTER_LINEAR):
+    matrix = np.array([[1, 0, point[0] - half], [0, 1, point[1] - half]])
+    side = 2 * half + 1
+    image = image.astype(np.float32)
+    return cv2.warpAffine(
+        image, matrix, (side, side), flags=flags | cv2.WARP_INVERSE_MAP, borderMode=cv2.BORDER_REPLICATE
+    )
+
+
+def opencv(cases, window):
+    """Places and correlations by cv2.findTransformECCWithMask; NaN and -1 where it gives up."""
+    half = window // 2 + BORDER
+    margin = half + half // 2 + 3
+    centre = np.array([margin, margin])
+    places, correlations = [], []
+    for k in range(len(cases.start)):
+        mask = (crop(cases.weights[k], cases.start[k], half) >= 0.5).astype(np.uint8) * 255
+        inner = np.zeros_like(mask)
+        inner[BORDER:-BORDER, BORDER:-BORDER] = 255
+        region = crop(cases.after[k], cases.guess[k], margin)
+        warp = np.column_stack([cases.affine[k], centre - cases.affine[k] @ (half, half)]).astype(np.float32)
+        criteria = (cv2.TERM_CRITERIA_EPS | cv2.TERM_CRITERIA_COUNT, 50, 1e-6)
+        template, everywhere = crop(cases.before[k], cases.start[k], half), np.full(region.shape, 255, np.uint8)
+        try:
+            correlation, warp = cv2.findTransformECCWithMask(
+                template, region, mask & inner, everywhere, warp, cv2.MOTION_AFFINE, criteria, 3
+            )
+            places.append(cases.guess[k] + warp @ (half, half, 1.0) - centre)
+        except cv2.error:
+            correlation = -1.0
+            places.append([np.nan, np.nan])
+        correlations.append(correlation)
+    return np.array(places), np.array(correlations)
+
+
+def distance(a, b):
+    return np.linalg.norm(a - b, axis=-1)
+
+
+@pytest.mark.parametrize(
+    ("window", "mask", "noise"),
+    [(25, "whole", 0), (25, "whole", 3), (25, "part", 1), (35, "whole", 3), (35, "part", 3), (41, "part", 2)],
+)
+def test_same_places_as_opencv(window, mask, noise):
+    cases = affine_cases(noise=noise, offset=1.0, mask=mask)
+    ours, _, correlation = run(cases, window)
+    theirs, their_correlation = opencv(cases, window)
+    between = distance(ours, theirs)
+    assert np.median(between) < MEDIAN_DIFFERENCE
+    assert np.quantile(between, 0.95) < NEARLY_ALL_DIFFERENCE
+    np.testing.assert_allclose(correlation, their_correlation, atol=0.01)
+
+
+@pytest.mark.parametrize("window", [15, 25, 41])
+@pytest.mark.parametrize("mask", ["whole", "part"])
+@pytest.mark.parametrize("noise", [0, 2, 5])
+def test_nearer_the_truth_than_opencv(window, mask, noise):
+    cases = affine_cases(noise=noise, offset=1.0, mask=mask, seed=1)
+    ours, affine, _ = run(cases, window)
+    theirs, _ = opencv(cases, window)
+    assert np.median(distance(ours, cases.truth)) < np.nanmedian(distance(theirs, cases.truth))
+    if noise == 0:
+        assert np.quantile(distance(ours, cases.truth), 0.95) < 0.03
+        assert np.abs(affine - cases.affine).max() < 0.2  # warm starts are that far away
+        assert np.linalg.det(affine).min() > 0
+
+
+@pytest.mark.parametrize("offset", [2, 3, 4, 5])
+def test_finds_patches_from_as_far_as_opencv(offset):
+    cases = affine_cases(noise=2, offset=offset, mask="whole", seed=2, count=100)
+    ours, _, _ = run(cases, 25)
+    theirs, _ = opencv(cases, 25)
+    found, theirs_found = (int((distance(places, cases.truth) < 0.5).sum()) for places in (ours, theirs))
+    assert found >= theirs_found - 3
+    if offset <= 3:
+        assert found >= 90
+
+
+def test_correlation_says_where_the_patch_is_not():
+    cases = affine_cases(noise=2, offset=1.0, mask="whole", count=30)
+    cases.after = np.roll(cases.after, 1, axis=0)  # each world sees another one's texture
+    _, _, correlation = run(cases, 25)
+    assert correlation.max() < 0.85
+    assert (correlation >= -1).all()
+
+
+@pytest.mark.parametrize("what", ["before", "after", "weights"])
+def test_nothing_to_align(what):
+    """A flat patch, a flat image, or no pixel that counts: the guess stays."""
+    cases = affine_cases(noise=2, offset=1.0, mask="whole", count=3)
+    getattr(cases, what)[...] = 0
+    places, affine, correlation = run(cases, 25)
+    np.testing.assert_array_equal(places, cases.guess)
+    np.testing.assert_array_equal(affine, cases.affine.astype(np.float32))
+    np.testing.assert_array_equal(correlation, -1)
+
+
+def test_one_edge_holds_the_point_across_and_lets_it_slide_along():
+    image = np.full((2, HEIGHT, WIDTH), 60, np.uint8)
+    image[:, :, 64:] = 180
+    image[1] = np.roll(image[1], 2, axis=1)
+    one = np.array([[64.0, 48.0]])
+    cases = SimpleNamespace(
+        before=image[:1],
+        after=image[1:],
+        weights=np.ones((1, HEIGHT, WIDTH)),
+        start=one,
+        guess=one + np.array([1.0, 0.5]),
+        affine=np.eye(2)[None],
+    )
+    places, _, _ = run(cases, 25)
+    assert abs(places[0, 0] - 66) < 0.1 or (places == cases.guess).all()
+    assert np.isfinite(places).all()
+
+
+def test_what_left_the_image_does_not_count():
+    """Up to 40 % of a patch is beyond the right border, where its nearest pixel would answer."""
+    cases = affine_cases(noise=1, offset=0.5, mask="whole", seed=3)
+    cut = 70
+    cases.after = np.ascontiguousarray(cases.after[:, :, :cut])
+    places, _, correlation = run(cases, 25)
+    shown = (cases.truth[:, 0] < cut - 3) & (cases.truth[:, 0] > cut - 10)
+    assert shown.sum() > 10
+    assert np.median(distance(places, cases.truth)[shown]) < 0.03
+    assert correlation[shown].min() > 0.98
+
+
+def test_far_outside_the_image_and_without_a_number():
+    cases = affine_cases(noise=1, offset=0.5, mask="whole", count=4)
+    cases.guess[:] = [[1e30, 5.0], [-4000.0, 20.0], [np.nan, 0.0], [60.0, np.inf]]
+    places, _, correlation = run(cases, 25)
+    np.testing.assert_array_equal(places, cases.guess)
+    np.testing.assert_array_equal(correlation, -1)
+
+
+def test_worlds_and_points_are_independent():
+    cases = affine_cases(noise=2, offset=1.0, mask="part", count=6)
+    together = run(cases, 25)
+    for k in range(6):
+        alone = run(SimpleNamespace(**{name: a[k : k + 1] for name, a in vars(cases).items()}), 25)
+        for many, one in zip(together, alone, strict=True):
+            np.testing.assert_array_equal(many[k : k + 1], one)
+
+
+def test_defines_only_the_chosen_worlds():
+    cases = affine_cases(noise=0, offset=1.0, mask="whole", count=3)
+    patches = Patches.empty(3, 1, 9, "cpu")
+    start = wp.array(cases.start[:, None], dtype=wp.vec2d, device="cpu")
+    weights = wp.ones((3, HEIGHT, WIDTH), dtype=float, device="cpu")
+    image = wp.array(cases.before, device="cpu")
+    define_patches(patches, image, weights, start, wp.array([0, 1, 0], dtype=int, device="cpu"))
+    pixels = patches.pixels.numpy()
+    assert (pixels[1, 0, :, 1] == 1).all()
+    assert pixels[1, 0, :, 0].std() > 1
+    np.testing.assert_array_equal(pixels[[0, 2]], 0)
+
+
+@pytest.mark.gpu
+def test_the_same_on_a_gpu():
+    if not wp.is_cuda_available():
+        pytest.skip("no CUDA device")
+    cases = affine_cases(noise=2, offset=2.0, mask="part")
+    for cpu, gpu in zip(run(cases, 25), run(cases, 25, "cuda:0"), strict=True):
+        np.testing.assert_allclose(cpu, gpu, atol=0.01)  # px: what the last iteration may leave

@@ -1,0 +1,195 @@
+"""Many robots at once: the loop closes, worlds differ, finish and begin anew alone, and a GPU does as a CPU does."""
+
+import numpy as np
+import pytest
+import warp as wp
+
+from dense_vs import DenseVSError
+from dense_vs.jacobian.filter import JacobianFilter
+from dense_vs.sims import BatchServo, DomainRandomization, SimWorld
+from dense_vs.sims.batch.episode import EpisodeOptions
+
+RANDOMIZATION = DomainRandomization(
+    link_size=0.1, texture_sets=2, light=0.3, light_angle=0.3, camera_position=0.03, camera_angle=0.03
+)
+SIZE = {"height": 120, "width": 160}
+
+
+def make(worlds=2, device="cpu", targets=1, babble=2.0, seed=0, **options):
+    world = SimWorld(
+        "planar", worlds=worlds, device=device, seed=seed, randomization=RANDOMIZATION, physics_on_device=True, **SIZE
+    )
+    return BatchServo(world, targets=targets, seed=seed, episode=EpisodeOptions(babble_seconds=babble), **options)
+
+
+@pytest.fixture(scope="module")
+def finished():
+    batch = make(targets=2)
+    batch.run()
+    return batch
+
+
+def test_every_world_reaches_its_targets_by_the_simulators_truth(finished):
+    results = finished.results()
+    assert finished.resting.all()
+    assert (results.outcome == "reached").all()
+    assert results.true_error_px.max() < 2.0
+    assert results.error_px.max() <= 1.0
+    assert not results.restarts.any()
+    # At its own pace: the reaches take as long as they take.
+    assert len(set(results.frames.ravel())) > 1
+    for error in finished.jacobian_errors():
+        assert error.median < 0.35
+
+
+def test_resting_worlds_hold_still(finished):
+    before = finished.joint_positions.numpy()
+    finished.frame()
+    np.testing.assert_allclose(finished.joint_positions.numpy(), before, atol=1e-4)
+
+
+def test_tracked_points_are_where_the_surface_points_are(finished):
+    true = np.asarray(finished.world.project(finished.surface_point))
+    assert np.hypot(*(finished.points - true).T).max() < 1.0
+
+
+def test_worlds_differ_as_asked():
+    batch = make(worlds=3)
+    models = [batch.world.physics.models.host(world).geom_size.copy() for world in range(3)]
+    assert not np.allclose(models[0], models[1])
+    images = batch.world.frame().rgb
+    assert np.abs(images[0].astype(int) - images[1]).mean() > 5
+    poses = batch.world.T_world_camera
+    assert not np.allclose(poses[0], poses[1])
+    device = batch.world.physics.model.geom_size.numpy()
+    for world, host in enumerate(models):
+        np.testing.assert_allclose(device[world], host, rtol=1e-6)
+
+
+def test_a_randomized_world_is_rendered_where_its_truth_says():
+    world = SimWorld("arm", worlds=2, device="cpu", seed=5, randomization=RANDOMIZATION)
+    ids, depth = world.frame().ids, world.frame().depth
+    for name in ("hand", "forearm"):
+        geom = world.scene.model.geom(name).id
+        for number in range(2):
+            places = np.argwhere(ids[number] == geom)
+            y, x = places[np.argmin(np.linalg.norm(places - places.mean(axis=0), axis=1))]
+            point = world.track_point((x, y))
+            assert point.geoms[number] == geom
+            pose = world.T_world_camera[number]
+            state = world.physics.host_state(number)
+            position = state.geom_xpos[geom] + state.geom_xmat[geom].reshape(3, 3) @ point.local[number]
+            assert (pose[:3, :3].T @ (position - pose[:3, 3]))[2] == pytest.approx(depth[number, y, x], rel=1e-4)
+
+
+def test_without_randomization_worlds_share_one_model():
+    world = SimWorld("planar", worlds=2, device="cpu", seed=0, **SIZE)
+    assert world.physics.model.geom_size.shape[0] == 1
+
+
+def test_a_world_that_ends_in_nan_begins_anew_alone():
+    batch = make(babble=5.0)
+    batch.run(20)
+    learnt = batch.jacobian.numpy().copy()
+    qvel = batch.world.physics.data.qvel.numpy()
+    qvel[0, 1] = np.nan
+    batch.world.physics.data.qvel.assign(qvel)
+    batch.frame()
+    np.testing.assert_array_equal(batch.results().restarts, [1, 0])
+    J = batch.jacobian.numpy()
+    assert np.abs(J[0]).max() == 0.0
+    assert np.abs(J[1]).max() > 0.5 * np.abs(learnt[1]).max()
+    assert np.isfinite(batch.joint_positions.numpy()).all()
+    batch.run(20)
+    assert np.abs(batch.jacobian.numpy()[0]).max() > 1.0
+    np.testing.assert_array_equal(batch.results().restarts, [1, 0])
+
+
+def test_restarting_one_world_leaves_the_other(finished):
+    batch = finished
+    before = batch.results()
+    batch.restart(np.array([False, True]))
+    batch.frame()
+    results = batch.results()
+    np.testing.assert_array_equal(results.outcome[0], before.outcome[0])
+    assert (results.outcome[1] == "pending").all()
+    np.testing.assert_array_equal(batch.resting, [True, False])
+    batch.run()
+    np.testing.assert_array_equal(batch.results().outcome[1], "reached")
+    assert batch.results().true_error_px.max() < 2.0
+
+
+def test_the_same_seed_gives_the_same_run():
+    one, other, different = make(seed=3), make(seed=3), make(seed=4)
+    for batch in (one, other, different):
+        batch.run(5)
+    np.testing.assert_array_equal(one.joint_positions.numpy(), other.joint_positions.numpy())
+    assert not np.allclose(one.joint_positions.numpy(), different.joint_positions.numpy())
+    np.testing.assert_array_equal(one.targets, other.targets)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        ({"targets": 0}, "targets is 0; expected at least 1"),
+        ({"targets": np.zeros((3, 1, 2))}, r"targets have shape \(3, 1, 2\); expected finite"),
+        ({"point": "nose"}, "'nose' is not in the model"),
+        ({"estimator": {"covariance": "diagonal"}}, "expected 'shared' in a batch"),
+        ({"flow": "dis"}, "flow method 'dis' is unknown"),
+    ],
+)
+def test_refuses(arguments, message):
+    world = SimWorld("planar", worlds=2, device="cpu", **SIZE)
+    with pytest.raises(DenseVSError, match=message):
+        BatchServo(world, **arguments)
+
+
+def test_refuses_a_world_of_the_c_engine():
+    with pytest.raises(DenseVSError, match="physics_on_device=True"):
+        BatchServo(SimWorld("planar", device="cpu", **SIZE))
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"babble_seconds": 0}, "babble_seconds is 0; expected"),
+        ({"tolerance": float("nan")}, "tolerance is nan; expected"),
+        ({"max_frames": 1.5}, "max_frames is 1.5; expected"),
+    ],
+)
+def test_refuses_episode_options(options, message):
+    with pytest.raises(DenseVSError, match=message):
+        EpisodeOptions(**options)
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [({"link_size": 0.6}, "from 0 to 0.5"), ({"texture_sets": 0}, "at least 1"), ({"light": -1}, "from 0 to 1")],
+)
+def test_refuses_randomization(options, message):
+    with pytest.raises(DenseVSError, match=message):
+        DomainRandomization(**options)
+
+
+@pytest.mark.parametrize("where", [np.zeros(3, bool), np.zeros(2)])
+def test_refuses_to_restart(finished, where):
+    with pytest.raises(DenseVSError, match=r"expected bool of shape \(2,\)"):
+        finished.restart(where)
+
+
+@pytest.mark.gpu
+@pytest.mark.skipif(not wp.is_cuda_available(), reason="no CUDA device")
+def test_on_a_gpu_the_loop_closes_and_j_is_that_of_a_cpu():
+    batch = make(worlds=8, device="cuda:0")
+    batch.run(10)
+    cpu = JacobianFilter(batch.filter.options, wp.get_device("cpu"), 2)
+    cpu.restore(batch.filter.stored())
+    for _ in range(40):  # captured frames, both halves of the double buffer
+        batch.frame()
+        cpu.stage(wp.array(batch.flow.flow.numpy(), dtype=wp.vec2, device="cpu"))
+        cpu.advance(batch.filter.dq.numpy())
+    ours, theirs = cpu.present().numpy(), batch.jacobian.numpy()
+    assert np.abs(ours).max() > 1
+    np.testing.assert_allclose(theirs, ours, atol=1e-3 * np.abs(ours).max(), rtol=0)
+    batch.run()
+    assert (batch.results().true_error_px < 3.0).mean() > 0.9

@@ -1,0 +1,111 @@
+"""The experiments on self-recognition: what they count, and that the default knows the body from a walker."""
+
+import json
+from argparse import Namespace
+
+import cv2
+import numpy as np
+import pytest
+
+from dense_vs.cli.main import main
+from dense_vs.errors import DenseVSError
+from dense_vs.sims.papers.dije.labeling import Labeller, View, views
+from dense_vs.sims.papers.dije.labeling_arguments import check_labelling_arguments
+from dense_vs.sims.papers.dije.leak import leak_rows
+from dense_vs.sims.papers.dije.leak_run import LeakRun
+from dense_vs.sims.papers.dije.transport import Transport
+
+
+class FixedLabels:
+    def __init__(self, own):
+        self.own = own
+
+    def labels(self, _):
+        return self.own
+
+
+def view(robot, walker, flow=None, dq=None):
+    flow = np.zeros((*robot.shape, 2), np.float32) if flow is None else flow
+    return View(1, 0.5, np.zeros((*robot.shape, 3), np.uint8), flow, np.zeros(1) if dq is None else dq, robot, walker)
+
+
+def columns(first, last, width=40):
+    mask = np.zeros((20, width), bool)
+    mask[:, first:last] = True
+    return mask
+
+
+def test_scores():
+    labeller = Labeller(Namespace(jacobian=None), FixedLabels(columns(0, 12)))
+    labeller.score(view(columns(0, 10), columns(11, 21)))
+    labeller.score(view(columns(0, 12), columns(0, 0)))
+    assert labeller.iou == [pytest.approx(10 / 12), 1.0]
+    assert labeller.leak[0] == pytest.approx(0.1)
+    assert np.isnan(labeller.leak[1])
+    assert labeller.leak_px == [20, 0]
+
+
+def test_rows_are_means_over_seeds_and_the_worst_one():
+    runs = []
+    for seed, iou, leak in ((3, 0.9, 0.01), (4, 0.7, 0.05)):
+        labeller = Namespace(iou=[iou, iou, 0.0], leak=[leak, float("nan")], leak_px=[10, 20])
+        moved = {"(13)": (0.4, 0.0, 0.2), "(14)": (0.1, 0.3, float("nan"))}
+        runs.append(LeakRun(seed, {name: labeller for name in ("default", "(13)", "(14)")}, moved))
+    rows = {row.name: row for row in leak_rows(runs)}
+    assert rows["default: IoU, median over time"].ours == pytest.approx(0.8)
+    assert rows["default: IoU, worst seed"].ours == 0.7
+    assert rows["default: leak, share of the walker"].ours == pytest.approx(0.03)
+    assert rows["default: leak, worst seed"].ours == 0.05
+    assert rows["default: leak"].ours == 15
+    assert rows["J only transported, (13): leaked area / arm area at the end"].ours == pytest.approx(0.4)
+    assert np.isnan(rows["J only transported, (14): leak, share of the walker"].ours)
+    assert rows["default: leak"].seeds == (3, 4)
+
+
+def test_transport_alone_leaks_with_the_measured_flow_only():
+    """A body at rest; what passes before it moves on with a J that (13) gives it and (14) does not."""
+    jacobian = np.zeros((20, 40, 2, 1), np.float32)
+    jacobian[..., 0, 0] = 50.0
+    passing = np.zeros((20, 40, 2), np.float32)
+    passing[..., 0] = 2.0
+    own = columns(5, 15)
+    moved = {}
+    for name, prediction in (("(13)", "flow"), ("(14)", "model")):
+        transport = Transport(jacobian, own, prediction, "cpu", 1)
+        np.testing.assert_array_equal(transport.own(), own)
+        for _ in range(5):
+            transport.take(view(own, columns(18, 25), passing, np.array([1e-4])))
+        moved[name] = transport
+    np.testing.assert_array_equal(moved["(13)"].own(), columns(15, 25))
+    np.testing.assert_array_equal(moved["(14)"].own(), own)
+    assert moved["(13)"].leak() > 0.2
+    assert moved["(14)"].leak() == 0.0
+
+
+def test_refuses_times_out_of_range():
+    for seconds, period in ((3.0, 0.7), (float("nan"), 0.7), (9.0, -0.1), (9.0, float("inf"))):
+        with pytest.raises(DenseVSError, match=r"--(seconds|period) is .*expected"):
+            check_labelling_arguments(Namespace(seconds=seconds, period=period), 5.0)
+
+
+def test_a_walker_is_seen_and_is_not_the_robot():
+    arguments = Namespace(distractor="walker-behind", device="cpu", threads=None, seconds=0.1, period=0.0)
+    frames = list(views(1, arguments))
+    assert [frame.index for frame in frames] == [1, 2, 3]
+    assert frames[-1].robot.mean() > 0.05
+    assert frames[-1].walker.mean() > 0.01
+    assert not (frames[-1].robot & frames[-1].walker).any()
+    assert np.abs(frames[-1].dq).max() > 0
+
+
+def test_labels_command(tmp_path, capsys):
+    out, figures = tmp_path / "out", tmp_path / "rows.json"
+    command = ["reproduce", "dije", "labels", "--seconds", "5", "--seed", "1", "--device", "cpu"]
+    assert main([*command, "--out", str(out), "--json", str(figures)]) in (None, 0)
+    assert "IoU of the labels in the picture, default" in capsys.readouterr().out
+    rows = {row["name"]: row for row in json.loads(figures.read_text())["rows"]}
+    assert rows["IoU of the labels in the picture, default"]["ours"] > 0.6
+    assert rows["threshold of a cluster's value"]["paper"] == 0.2
+    picture = cv2.imread(str(out / "seed1.png"))
+    assert picture.shape == (3 * 480, 4 * 640, 3)
+    assert picture.std() > 20

@@ -1,0 +1,61 @@
+"""The experiment on the recorded approach: its table, its picture, and files that are no log."""
+
+import json
+
+import numpy as np
+import pytest
+
+pytest.importorskip("mujoco", reason="commands of the simulator need MuJoCo")
+
+from shared_data import SHARED_DATA
+
+from dense_vs.cli.main import main
+from dense_vs.sims.papers.vosvs.depth_log import COLUMNS, PUBLISHED_Z, read_log
+
+LOG = SHARED_DATA / "sugar_box_approach.csv"
+
+
+def command(tmp_path, log):
+    return [
+        "reproduce",
+        "vosvs",
+        "depth-log",
+        "--log",
+        str(log),
+        "--out",
+        str(tmp_path),
+        "--json",
+        f"{tmp_path}/r.json",
+    ]
+
+
+@pytest.mark.skipif(not LOG.is_file(), reason="needs ../shared/data/sugar_box_approach.csv")
+def test_the_recorded_log_gives_the_published_depth(tmp_path, capsys):
+    assert main(command(tmp_path, LOG)) == 0
+    assert "z_object" in capsys.readouterr().out
+    rows = {row["name"]: row for row in json.loads((tmp_path / "r.json").read_text())["rows"]}
+    assert rows["z_object"]["paper"] == PUBLISHED_Z
+    assert rows["z_object"]["ours"] == pytest.approx(0.17978791, abs=1e-6)
+    assert (tmp_path / "depth_log.png").stat().st_size > 10_000
+
+
+def test_a_log_of_one_s_own(tmp_path):
+    z = np.linspace(0.7, 0.4, 9)
+    log = tmp_path / "mine.csv"
+    np.savetxt(log, np.stack([(25 / (z - 0.2)) ** 2, z], axis=1), delimiter=",", header=",".join(COLUMNS), comments="")
+    assert main(command(tmp_path, log)) == 0
+    rows = {row["name"]: row for row in json.loads((tmp_path / "r.json").read_text())["rows"]}
+    assert rows["z_object"]["ours"] == pytest.approx(0.2)
+    assert rows["z_object"]["paper"] is None
+    areas, camera_z = read_log(log)
+    np.testing.assert_allclose(camera_z, z)
+    assert len(areas) == 9
+
+
+@pytest.mark.parametrize("content", [None, "a,b\n1,2\n", "mask_area_px,camera_z_m\n1,two\n"])
+def test_a_file_that_is_no_log_is_refused(tmp_path, capsys, content):
+    log = tmp_path / "log.csv"
+    if content is not None:
+        log.write_text(content)
+    assert main(command(tmp_path, log)) == 2
+    assert "expected a CSV file with the columns mask_area_px,camera_z_m" in capsys.readouterr().err

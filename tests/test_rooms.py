@@ -1,0 +1,118 @@
+"""Rooms keep to their place: who imports whom, how large a file and a function may be, and that each names its duty."""
+
+import ast
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parents[1]
+FOLDERS = {"dense_vs": "dense_vs", "dense_vs.kernels": "kernels", "dense_vs.sims": "sims"}
+
+# From the ground up. A room imports itself and what is named for it; nothing imports upward.
+GROUND = {"errors", "checks", "arrays", "device", "files"}
+KERNEL_ROOMS = {
+    "kernels.launch": set(),
+    "kernels.image": set(),
+    "kernels.flow": {"kernels.image"},
+    "kernels.jacobian": {"kernels.image"},
+    "kernels.tracking": {"kernels.image"},
+    "kernels.body": {"kernels.image", "kernels.jacobian"},
+    "kernels.masks": {"kernels.image"},
+    "kernels.arm": set(),
+    "kernels.control": set(),
+    "kernels.simulation": {"kernels.image"},
+}
+ROOMS = {
+    "robot": set(),
+    "recording": {"robot"},
+    "flow": set(),
+    "jacobian": set(),
+    "body": {"jacobian"},
+    "pipeline": {"recording", "flow", "jacobian", "body"},
+    "point_servo": {"robot", "recording", "flow", "jacobian", "body", "pipeline"},
+    "segmentation": set(),
+    "mask_servo": {"robot", "segmentation"},
+    "depth": {"robot", "segmentation"},
+    "grasp": {"robot", "segmentation", "mask_servo"},
+    "generative": set(),
+}
+ALGORITHMS = set(ROOMS)
+ROOMS["view"] = ALGORITHMS
+ROOMS["cli"] = ALGORITHMS | {"view"}
+SIMS_ROOMS = {
+    "sims.engine": set(),
+    "sims.batch": {"sims.engine"},
+    "sims.marked_arm": set(),
+    "sims.workcell": {"sims.engine", "sims.marked_arm"},
+    "sims.mobile_manipulator": {"sims.engine"},
+    "sims.depth_training": set(),
+    "sims.papers": {"sims.engine", "sims.batch", "sims.marked_arm", "sims.workcell", "sims.mobile_manipulator"},
+    "sims.cli": {"sims.engine", "sims.batch", "sims.papers", "sims.depth_training"},
+}
+EXTERNAL = {"sims.cli": {"cli"}}  # the simulator's commands share the command line's arguments
+
+
+def modules():
+    """Import name and file of every module."""
+    for name, folder in FOLDERS.items():
+        for file in sorted((ROOT / folder).rglob("*.py")):
+            parts = file.relative_to(ROOT / folder).with_suffix("").parts
+            yield ".".join([name, *(part for part in parts if part != "__init__")]), file
+
+
+def room_of(module: str) -> str:
+    """Room of an import name; a module outside of any room is a room by itself."""
+    parts = module.split(".")[1:]
+    if not parts:
+        return ""
+    return ".".join(parts[:2]) if parts[0] in ("kernels", "sims") else parts[0]
+
+
+def imports(file: Path):
+    """Modules of ours that a file imports, wherever in it."""
+    for node in ast.walk(ast.parse(file.read_text(encoding="utf-8"))):
+        if isinstance(node, ast.ImportFrom) and node.module and node.module.split(".")[0] == "dense_vs":
+            for alias in node.names:
+                yield node.module if node.module.count(".") > 1 else f"{node.module}.{alias.name}"
+        elif isinstance(node, ast.Import):
+            yield from (alias.name for alias in node.names if alias.name.split(".")[0] == "dense_vs")
+
+
+def allowed(room: str) -> set[str]:
+    kernels = set(KERNEL_ROOMS) - {"kernels.simulation"}
+    if room in GROUND:
+        return GROUND | kernels
+    if room in KERNEL_ROOMS:
+        return KERNEL_ROOMS[room] | {"kernels.launch"}
+    if room in ROOMS:
+        return GROUND | kernels | ROOMS[room]
+    return GROUND | set(KERNEL_ROOMS) | ALGORITHMS | {"view"} | SIMS_ROOMS[room] | EXTERNAL.get(room, set())
+
+
+FACES = {"", "kernels", "sims"}  # they name what lies below them
+FILES = [(module, file) for module, file in modules() if room_of(module) not in FACES and room_of(module) != "__main__"]
+
+
+def test_every_module_is_in_a_room():
+    known = GROUND | set(KERNEL_ROOMS) | set(ROOMS) | set(SIMS_ROOMS)
+    assert {room_of(module) for module, _ in FILES} <= known
+
+
+@pytest.mark.parametrize("room", sorted({room_of(module) for module, _ in FILES}))
+def test_a_room_imports_only_what_it_may(room):
+    wrong = [
+        f"{module} imports {name}"
+        for module, file in FILES
+        if room_of(module) == room
+        for name in imports(file)
+        if room_of(name) not in allowed(room) | {room}
+    ]
+    assert not wrong
+
+
+def test_the_order_of_rooms_has_no_cycle():
+    for table in (KERNEL_ROOMS, ROOMS, SIMS_ROOMS):
+        done: set[str] = set()
+        for room, below in table.items():
+            assert below <= done, f"{room} stands before what it imports"
+            done.add(room)
