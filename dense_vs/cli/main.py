@@ -16,6 +16,7 @@ COMMANDS = {
     "depth-eval": "dense_vs.cli.depth_eval",
     "depth-train": "dense_vs.sims.cli.depth_train",
     "estimate": "dense_vs.cli.estimate",
+    "flow-train": "dense_vs.sims.cli.flow_train",
     "learn-model": "dense_vs.cli.learn_model",
     "reach": "dense_vs.sims.cli.reach",
     "record": "dense_vs.sims.cli.record",
@@ -23,7 +24,15 @@ COMMANDS = {
     "segment": "dense_vs.cli.segment",
     "segment-train": "dense_vs.cli.segment_train",
 }
-EXTRAS = {"mujoco": "sims", "mujoco_warp": "sims", "av": "viz", "matplotlib": "viz", "sklearn": "vos"}
+EXTRAS = {
+    "mujoco": "sims",
+    "mujoco_warp": "sims",
+    "av": "viz",
+    "matplotlib": "viz",
+    "sklearn": "vos",
+    "onnx": "dev",
+    "torch": "bench",
+}
 
 
 def build_parser() -> argparse.ArgumentParser:

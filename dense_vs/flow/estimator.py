@@ -48,6 +48,12 @@ def _on_device(method: str) -> Callable[..., Callable]:
     return make
 
 
+def _learned(threads: int | None = None) -> Callable:
+    from dense_vs.flow.learned import LearnedFlow
+
+    return LearnedFlow(threads)
+
+
 ON_DEVICE = ("farneback-warp", "farneback-paper-warp", "farneback-gaussian-warp")  # as in batch_flow.py
 METHODS: dict[str, Callable[..., Callable]] = {
     # Found by profiling/flow_methods.py --scan, by the error of J after babbling for the time the flow takes.
@@ -61,6 +67,7 @@ METHODS: dict[str, Callable[..., Callable]] = {
     "dis-fast": _dis(cv2.DISOPTICAL_FLOW_PRESET_ULTRAFAST, FinestScale=0, PatchStride=5, GradientDescentIterations=25),
     "dis-medium": _dis(cv2.DISOPTICAL_FLOW_PRESET_MEDIUM),
     "dis-ultrafast": _dis(cv2.DISOPTICAL_FLOW_PRESET_ULTRAFAST),
+    "learned": _learned,
     "farneback": _farneback(window=11, levels=2, iterations=1),
     "farneback-paper": _farneback(window=15, levels=3, iterations=3),
     **{name: _on_device(name) for name in ON_DEVICE},
@@ -74,14 +81,16 @@ class FlowEstimator:
         method: ``"dis"``, dense inverse search down to the full resolution with one step of refinement (default);
             ``"dis-fast"``, without the refinement; ``"farneback"``, polynomial expansion with a small window;
             ``"farneback-paper"``, window 15, 3 levels, 3 iterations; ``"dis-medium"`` and ``"dis-ultrafast"``,
-            OpenCV's presets; ``"farneback-warp"`` and ``"farneback-paper-warp"``, the same two in Warp;
+            OpenCV's presets; ``"learned"``, a network that corrects dense inverse search on plain surfaces;
+            ``"farneback-warp"`` and ``"farneback-paper-warp"``, the same two in Warp;
             ``"farneback-gaussian-warp"``, more accurate than either. Those in Warp do less where an image is one
             call's present and the next one's previous.
         height, width: image size [px].
-        device, threads: of the methods in Warp; ``"auto"`` is a GPU where there is one. OpenCV's run on the CPU.
+        device, threads: of the methods in Warp; ``"auto"`` is a GPU where there is one. OpenCV's and the network run
+            on the CPU; the network takes ``threads`` too.
 
     Raises:
-        DenseVSError: unknown method or device, or a size below 16.
+        DenseVSError: unknown method or device, a size below 16, or ONNX Runtime is missing for ``"learned"``.
     """
 
     def __init__(
@@ -100,7 +109,13 @@ class FlowEstimator:
                 raise DenseVSError(f"{name} is {value!r}; expected a whole number of at least 16")
         self.method = method
         self.height, self.width = int(height), int(width)
-        self._calculate = METHODS[method](device, threads) if method in ON_DEVICE else METHODS[method]()
+        arguments = (device, threads) if method in ON_DEVICE else (threads,) if method == "learned" else ()
+        self._calculate = METHODS[method](*arguments)
+
+    @property
+    def expected_error(self) -> np.ndarray | None:
+        """How far off the last flow is expected to be, float32 ``(H, W)`` [px]; None where the method cannot say."""
+        return getattr(self._calculate, "expected_error", None)
 
     def __call__(self, previous_gray: Any, gray: Any) -> np.ndarray:
         """Flow of the present image, float32 ``(H, W, 2)`` [px per frame].

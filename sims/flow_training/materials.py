@@ -94,7 +94,7 @@ def albedo_at(m: Tensor, point: Tensor) -> Tensor:
     spacing, radius, depth, which = m[..., SCREW].unbind(-1)
     across = torch.where(which > 0.5, y, x)
     lattice = [c - spacing * (c / spacing).round() for c in (across, z)]
-    albedo = albedo * (1 - depth * (-((lattice[0] ** 2 + lattice[1] ** 2) / radius**2) ** 2).exp())
+    albedo = albedo * (1 - depth * (-(((lattice[0] ** 2 + lattice[1] ** 2) / radius**2) ** 2)).exp())
     my, mz, hy, hz, paint, print_, side = m[..., LABEL].unbind(-1)
     inside = ((y - my).abs() < hy) & ((z - mz).abs() < hz) & (x * side > 0)
     letters = torch.sin(6.283 * y / print_) * torch.sin(6.283 * z / print_ * 0.37 + 3 * torch.sin(4 * y / print_))
@@ -102,7 +102,9 @@ def albedo_at(m: Tensor, point: Tensor) -> Tensor:
     return albedo.clamp(0.01, 1.0)
 
 
-def shade(m: Tensor, albedo: Tensor, normal: Tensor, ray: Tensor, lit: Tensor, light: Tensor, strength: Tensor) -> Tensor:
+def shade(
+    m: Tensor, albedo: Tensor, normal: Tensor, ray: Tensor, lit: Tensor, light: Tensor, strength: Tensor
+) -> Tensor:
     """Gray value ``(B, P)`` by ambient, directional and camera light, gloss and mirrored surroundings."""
     facing = (normal * light).sum(-1).clamp_min(0) * lit
     head = -(normal * ray).sum(-1)

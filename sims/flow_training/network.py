@@ -9,13 +9,13 @@ pixel, adds to it, and says how far off it expects to be: the scale of a Laplace
 import math
 from pathlib import Path
 
+import numpy as np
 import torch
 from torch import Tensor, nn
 from torch.nn import functional
 
-CHANNELS = (16, 32, 48, 80)  # at 1/2, 1/4, 1/8 and 1/16 of the resolution
-BLOCKS = (1, 1, 2, 2)
-MULTIPLE = 16  # px, of the sizes that it takes
+CHANNELS = (16, 32, 64, 96)  # at 1/2, 1/4, 1/8 and 1/16 of the resolution
+BLOCKS = (1, 2, 2, 2)  # residual ones, going down; the first is the stem
 LARGEST = 16.0  # px, initial flow beyond it is cut
 
 
@@ -24,7 +24,7 @@ class FlowRefiner(nn.Module):
 
     The same weights serve every image size. ``forward`` takes images 0 to 255 as float ``(B, 1, H, W)``: the present
     one, the previous one, and the previous one moved by the initial flow; it returns the flow and ``(B, 1, H, W)``
-    log of the expected error [log px].
+    log of the scale of its error [log px].
     """
 
     def __init__(self, channels: tuple[int, ...] = CHANNELS, blocks: tuple[int, ...] = BLOCKS):
@@ -44,8 +44,8 @@ class FlowRefiner(nn.Module):
         self.register_buffer("sobel", torch.stack([across, across.T])[:, None], persistent=False)
 
     def forward(self, present: Tensor, previous: Tensor, moved: Tensor, initial: Tensor) -> tuple[Tensor, Tensor]:
-        flow, log_error, _ = self.all_scales(present, previous, moved, initial)
-        return flow, log_error
+        flow, log_scale, _ = self.all_scales(present, previous, moved, initial)
+        return flow, log_scale
 
     def all_scales(self, present: Tensor, previous: Tensor, moved: Tensor, initial: Tensor) -> tuple:
         """As ``forward``, and coarse flows at 1/16, 1/8 and 1/4 of the resolution [px of the full one]."""
@@ -106,7 +106,7 @@ def warp(image: Tensor, flow: Tensor) -> Tensor:
     return functional.grid_sample(image, grid, padding_mode="border", align_corners=True)
 
 
-def loss_of(flow: Tensor, log_error: Tensor, coarse: list[Tensor], true: Tensor, moving: Tensor) -> Tensor:
+def loss_of(flow: Tensor, log_scale: Tensor, coarse: list[Tensor], true: Tensor, moving: Tensor) -> Tensor:
     """Distance to the true flow over the image's speed, and the Laplace distribution's negative log-likelihood.
 
     An image counts by how fast its moving pixels are, all of its pixels alike: were each pixel's error relative to
@@ -117,26 +117,52 @@ def loss_of(flow: Tensor, log_error: Tensor, coarse: list[Tensor], true: Tensor,
     moving = moving[:, None].float()
     size = true.norm(dim=1, keepdim=True)
     speed = (size * moving).sum((2, 3), keepdim=True) / moving.sum((2, 3), keepdim=True).clamp_min(1)
-    weight = (1 + 3 * moving) / (speed + 0.3)
+    weight = (1 + 3 * moving) / (speed + 0.7)
     total = (weight * distance).mean()
     for answer in coarse:
         factor = true.shape[2] // answer.shape[2]
         target, counts = functional.avg_pool2d(true, factor), functional.avg_pool2d(weight, factor)
         total = total + 0.1 * (counts * ((answer - target) ** 2).sum(1, keepdim=True).add(1e-4).sqrt()).mean()
-    likelihood = distance.detach() * (-log_error).exp() + 2 * log_error
+    likelihood = distance.detach() * (-log_scale).exp() + 2 * log_scale
     return total + 0.03 * likelihood.clamp_max(20).mean()
 
 
+class _Exported(nn.Module):
+    """What the shipped file computes: the flow and the expected error itself [px]."""
+
+    def __init__(self, network: FlowRefiner):
+        super().__init__()
+        self.network = network
+
+    def forward(self, present: Tensor, previous: Tensor, moved: Tensor, initial: Tensor) -> tuple[Tensor, Tensor]:
+        flow, log_scale = self.network(present, previous, moved, initial)
+        return flow, 2 * log_scale.exp()  # the mean distance, in two dimensions
+
+
 def export(network: FlowRefiner, path: str | Path) -> None:
-    """Write the network as ONNX for any image size that is a multiple of 16."""
+    """Write the network as ONNX for any image size that is a multiple of 16, its weights in half precision."""
+    import onnx
+
     network = network.cpu().eval()
     image, flow = torch.zeros(1, 1, 64, 96), torch.zeros(1, 2, 64, 96)
     names = ["present", "previous", "moved", "initial"]
-    sizes = {name: {2: "height", 3: "width"} for name in [*names, "flow", "log_error"]}
+    sizes = {name: {2: "height", 3: "width"} for name in [*names, "flow", "expected_error"]}
     torch.onnx.export(
-        network, (image, image, image, flow), str(path), input_names=names, output_names=["flow", "log_error"],
-        dynamic_axes=sizes, opset_version=17, dynamo=False,
+        _Exported(network), (image, image, image, flow), str(path), input_names=names,
+        output_names=["flow", "expected_error"], dynamic_axes=sizes, opset_version=17, dynamo=False,
     )  # fmt: skip
+    model = onnx.load(str(path))
+    graph, casts = model.graph, []
+    for weight in [w for w in graph.initializer if w.data_type == onnx.TensorProto.FLOAT and len(w.dims) == 4]:
+        values = onnx.numpy_helper.to_array(weight).astype(np.float16)
+        name = weight.name
+        weight.CopyFrom(onnx.numpy_helper.from_array(values, f"{name}_half"))
+        casts.append(onnx.helper.make_node("Cast", [f"{name}_half"], [name], to=onnx.TensorProto.FLOAT))
+    rest = list(graph.node)
+    del graph.node[:]
+    graph.node.extend(casts + rest)
+    onnx.checker.check_model(model)
+    onnx.save(model, str(path))
 
 
 def parameters_of(network: nn.Module) -> int:

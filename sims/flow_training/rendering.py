@@ -56,7 +56,9 @@ class Renderer:
         self._set_speed(dice, scenes, centers, hit, distance, ~still & (link < STATIC))
         flow = self._flow(scenes, centers, hit, distance)
         shadows = bool(torch.rand((), generator=dice.generator, device=dice.device) < 0.6)
-        images = [self._image(scenes, step, shadows) for step in (-1.0, 0.0)]
+        # Some cameras and renderers do not smooth edges.
+        aliased = dice.chance(0.15, batch, 1, 1)
+        images = [self._image(scenes, step, shadows, aliased) for step in (-1.0, 0.0)]
         moving = ~still & (link != STATIC)
         size = (batch, self.height, self.width)
         return Pairs(*images, flow.reshape(*size, 2).permute(0, 3, 1, 2).contiguous(), moving.reshape(size))
@@ -108,9 +110,7 @@ class Renderer:
         project = lambda p: p[..., :2] / p[..., 2:].clamp_min(NEAR)  # noqa: E731
         return scenes.focal[:, None, None] * (project(point) - project(old))
 
-    def _set_speed(
-        self, dice: Dice, scenes: Scenes, rays: Tensor, hit: Tensor, distance: Tensor, arm: Tensor
-    ) -> None:
+    def _set_speed(self, dice: Dice, scenes: Scenes, rays: Tensor, hit: Tensor, distance: Tensor, arm: Tensor) -> None:
         """Scale the joints' steps so that the arm's fast pixels move as fast as drawn: 0.3 to 8 px, some not at all."""
         B = rays.shape[0]
         sway, own = scenes.sway, scenes.own
@@ -124,20 +124,22 @@ class Renderer:
         step = scenes.joint_step * (asked / fast)[:, None]
         scenes.joint_step = step.clamp(-0.25, 0.25)
 
-    def _image(self, scenes: Scenes, step: float, shadows: bool) -> Tensor:
+    def _image(self, scenes: Scenes, step: float, shadows: bool, aliased: Tensor) -> Tensor:
         """Gray image ``(B, H, W)``."""
         s = self.samples
         rays = self._rays(scenes, s)
         hit, distance = self._first(scenes, step, rays)
         R, t = self._poses(scenes, step)
-        point, local, normal = self._hit_point(rays, distance, hit, R, t, scenes.half, scenes.quadric, scenes.offset, scenes.plane)
+        point, local, normal = self._hit_point(
+            rays, distance, hit, R, t, scenes.half, scenes.quadric, scenes.offset, scenes.plane
+        )
         lit = torch.ones_like(distance)
         if shadows:
             _, blocked = self._first(scenes, step, scenes.light[:, None].expand_as(rays), point + 2e-3 * normal)
             lit = torch.where(blocked < FAR, 0.15, 1.0)
         value = self._hit_shade(rays, hit, local, normal, lit, scenes.material, scenes.light, scenes.strength)
         image = value.unflatten(1, (self.height * s, self.width * s))
-        return torch.nn.functional.avg_pool2d(image[:, None], s)[:, 0] if s > 1 else image
+        return torch.where(aliased, image[:, ::s, ::s], torch.nn.functional.avg_pool2d(image[:, None], s)[:, 0])
 
 
 def _hit_points(

@@ -9,13 +9,13 @@ import time
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import cv2
 import numpy as np
 import torch
 from torch import Tensor
 
+from dense_vs.flow.learned import initial_flow
 from dense_vs.sims.flow_training.network import FlowRefiner, loss_of, warp
 from dense_vs.sims.flow_training.rendering import Renderer
 from dense_vs.sims.flow_training.scenes import Dice
@@ -44,7 +44,7 @@ class TrainingOptions:
     ring: int = 20000
     first: int = 512
     rate: float = 1.5e-3
-    reuse: float = 6.0
+    reuse: float = 12.0
     passes: int = 1
     compiled: bool = True
 
@@ -113,13 +113,6 @@ class PairRing:
             sign[0, axis] = -1
             flows = [torch.where(flip[:, None, None, None], x.flip(3 - axis) * sign, x) for x in flows]
         return *images, *flows, moving
-
-
-def initial_flow() -> Any:
-    """The classical flow that the network corrects: dense inverse search down to half the resolution."""
-    method = cv2.DISOpticalFlow.create(cv2.DISOPTICAL_FLOW_PRESET_ULTRAFAST)
-    method.setFinestScale(1)
-    return method
 
 
 def initial_flows(pool: ThreadPoolExecutor, previous: Tensor, present: Tensor) -> Tensor:
@@ -229,7 +222,9 @@ def train(
         since += 1
         if time.monotonic() - said > 20 or since == 1 == trainer.steps:
             said = time.monotonic()
-            scores = ", ".join(f"{k} {v:.4f}" for k, v in score(trainer.average.module, held_out, options.passes).items())
+            scores = ", ".join(
+                f"{k} {v:.4f}" for k, v in score(trainer.average.module, held_out, options.passes).items()
+            )
             print(f"{passed:5.0f} s, step {trainer.steps}, {ring.rendered} pairs, loss {float(mean) / since:.4f}; {scores}",
                   flush=True)  # fmt: skip
             mean, since = 0.0, 0
