@@ -48,13 +48,17 @@ def _on_device(method: str) -> Callable[..., Callable]:
     return make
 
 
-def _learned(threads: int | None = None) -> Callable:
-    from dense_vs.flow.learned import LearnedFlow
+def _learned(classical: str, keep_textured: bool) -> Callable[..., Callable]:
+    def make(threads: int | None = None) -> Callable:
+        from dense_vs.flow.learned import LearnedFlow
 
-    return LearnedFlow(threads)
+        return LearnedFlow(METHODS[classical](), keep_textured=keep_textured, threads=threads)
+
+    return make
 
 
 ON_DEVICE = ("farneback-warp", "farneback-paper-warp", "farneback-gaussian-warp")  # as in batch_flow.py
+LEARNED = ("learned", "learned-fast")
 METHODS: dict[str, Callable[..., Callable]] = {
     # Found by profiling/flow_methods.py --scan, by the error of J after babbling for the time the flow takes.
     "dis": _dis(
@@ -67,7 +71,10 @@ METHODS: dict[str, Callable[..., Callable]] = {
     "dis-fast": _dis(cv2.DISOPTICAL_FLOW_PRESET_ULTRAFAST, FinestScale=0, PatchStride=5, GradientDescentIterations=25),
     "dis-medium": _dis(cv2.DISOPTICAL_FLOW_PRESET_MEDIUM),
     "dis-ultrafast": _dis(cv2.DISOPTICAL_FLOW_PRESET_ULTRAFAST),
-    "learned": _learned,
+    # The network was trained to correct "dis-half".
+    "dis-half": _dis(cv2.DISOPTICAL_FLOW_PRESET_ULTRAFAST, FinestScale=1),
+    "learned": _learned("dis", keep_textured=True),
+    "learned-fast": _learned("dis-half", keep_textured=False),
     "farneback": _farneback(window=11, levels=2, iterations=1),
     "farneback-paper": _farneback(window=15, levels=3, iterations=3),
     **{name: _on_device(name) for name in ON_DEVICE},
@@ -79,10 +86,11 @@ class FlowEstimator:
 
     Args:
         method: ``"dis"``, dense inverse search down to the full resolution with one step of refinement (default);
-            ``"dis-fast"``, without the refinement; ``"farneback"``, polynomial expansion with a small window;
-            ``"farneback-paper"``, window 15, 3 levels, 3 iterations; ``"dis-medium"`` and ``"dis-ultrafast"``,
-            OpenCV's presets; ``"learned"``, a network that corrects dense inverse search on plain surfaces;
-            ``"farneback-warp"`` and ``"farneback-paper-warp"``, the same two in Warp;
+            ``"dis-fast"``, without the refinement; ``"dis-half"``, down to half the resolution; ``"dis-medium"`` and
+            ``"dis-ultrafast"``, OpenCV's presets; ``"learned"``, a network that corrects ``"dis"`` on plain surfaces;
+            ``"learned-fast"``, the same network after ``"dis-half"``, less precise on textured surfaces;
+            ``"farneback"``, polynomial expansion with a small window; ``"farneback-paper"``, window 15, 3 levels, 3
+            iterations; ``"farneback-warp"`` and ``"farneback-paper-warp"``, the same two in Warp;
             ``"farneback-gaussian-warp"``, more accurate than either. Those in Warp do less where an image is one
             call's present and the next one's previous.
         height, width: image size [px].
@@ -90,7 +98,7 @@ class FlowEstimator:
             on the CPU; the network takes ``threads`` too.
 
     Raises:
-        DenseVSError: unknown method or device, a size below 16, or ONNX Runtime is missing for ``"learned"``.
+        DenseVSError: unknown method or device, a size below 16, or ONNX Runtime is missing for the learned ones.
     """
 
     def __init__(
@@ -109,7 +117,7 @@ class FlowEstimator:
                 raise DenseVSError(f"{name} is {value!r}; expected a whole number of at least 16")
         self.method = method
         self.height, self.width = int(height), int(width)
-        arguments = (device, threads) if method in ON_DEVICE else (threads,) if method == "learned" else ()
+        arguments = (device, threads) if method in ON_DEVICE else (threads,) if method in LEARNED else ()
         self._calculate = METHODS[method](*arguments)
 
     @property

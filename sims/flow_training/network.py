@@ -7,6 +7,8 @@ pixel, adds to it, and says how far off it expects to be: the scale of a Laplace
 """
 
 import math
+import warnings
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -31,10 +33,10 @@ class FlowRefiner(nn.Module):
         super().__init__()
         self.stem = convolution(5, channels[0], 5, 2)
         self.stem_gradients = convolution(9, channels[0], 3, 1)
-        self.down = nn.ModuleList(convolution(a, b, 3, 2) for a, b in zip(channels, channels[1:], strict=False))
+        self.down = nn.ModuleList(convolution(a, b, 3, 2) for a, b in pairwise(channels))
         self.encode = nn.ModuleList(nn.Sequential(*(Residual(c) for _ in range(n)))
                                     for c, n in zip(channels[1:], blocks[1:], strict=True))  # fmt: skip
-        self.lateral = nn.ModuleList(nn.Conv2d(b, a, 1) for a, b in zip(channels, channels[1:], strict=False))
+        self.lateral = nn.ModuleList(nn.Conv2d(b, a, 1) for a, b in pairwise(channels))
         self.decode = nn.ModuleList(Residual(c) for c in channels[:-1])
         self.coarse = nn.ModuleList(nn.Conv2d(c, 2, 1) for c in channels[1:])  # only while training
         self.head = nn.Conv2d(channels[0], 16, 3, 1, 1)
@@ -44,6 +46,7 @@ class FlowRefiner(nn.Module):
         self.register_buffer("sobel", torch.stack([across, across.T])[:, None], persistent=False)
 
     def forward(self, present: Tensor, previous: Tensor, moved: Tensor, initial: Tensor) -> tuple[Tensor, Tensor]:
+        """Flow and the log of the scale of its error."""
         flow, log_scale, _ = self.all_scales(present, previous, moved, initial)
         return flow, log_scale
 
@@ -94,6 +97,7 @@ class Residual(nn.Module):
         nn.init.constant_(self.second[1].weight, 0.2)
 
     def forward(self, x: Tensor) -> Tensor:
+        """The same size."""
         return functional.relu(x + self.second(functional.relu(self.first(x))))
 
 
@@ -135,6 +139,7 @@ class _Exported(nn.Module):
         self.network = network
 
     def forward(self, present: Tensor, previous: Tensor, moved: Tensor, initial: Tensor) -> tuple[Tensor, Tensor]:
+        """Flow and expected error."""
         flow, log_scale = self.network(present, previous, moved, initial)
         return flow, 2 * log_scale.exp()  # the mean distance, in two dimensions
 
@@ -143,14 +148,16 @@ def export(network: FlowRefiner, path: str | Path) -> None:
     """Write the network as ONNX for any image size that is a multiple of 16, its weights in half precision."""
     import onnx
 
-    network = network.cpu().eval()
+    network = network.to("cpu", memory_format=torch.contiguous_format).eval()
     image, flow = torch.zeros(1, 1, 64, 96), torch.zeros(1, 2, 64, 96)
     names = ["present", "previous", "moved", "initial"]
     sizes = {name: {2: "height", 3: "width"} for name in [*names, "flow", "expected_error"]}
-    torch.onnx.export(
-        _Exported(network), (image, image, image, flow), str(path), input_names=names,
-        output_names=["flow", "expected_error"], dynamic_axes=sizes, opset_version=17, dynamo=False,
-    )  # fmt: skip
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # that it is the older exporter, and what it does not fold
+        torch.onnx.export(
+            _Exported(network), (image, image, image, flow), str(path), input_names=names,
+            output_names=["flow", "expected_error"], dynamic_axes=sizes, opset_version=17, dynamo=False,
+        )  # fmt: skip
     model = onnx.load(str(path))
     graph, casts = model.graph, []
     for weight in [w for w in graph.initializer if w.data_type == onnx.TensorProto.FLOAT and len(w.dims) == 4]:

@@ -48,7 +48,11 @@ class Renderer:
 
     def pairs(self, dice: Dice, batch: int) -> Pairs:
         """``batch`` new scenes, each two frames."""
-        scenes = random_scenes(dice, batch, self.height)
+        return self.render(dice, random_scenes(dice, batch, self.height))
+
+    def render(self, dice: Dice, scenes: Scenes) -> Pairs:
+        """Two frames of each scene, its joints' steps scaled to a drawn image speed."""
+        batch = len(scenes.focal)
         centers = self._rays(scenes, 1)
         hit, distance = self._first(scenes, 0.0, centers)
         still = hit >= PRIMITIVES

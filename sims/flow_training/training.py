@@ -15,7 +15,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from dense_vs.flow.learned import initial_flow
+from dense_vs.flow.estimator import METHODS
 from dense_vs.sims.flow_training.network import FlowRefiner, loss_of, warp
 from dense_vs.sims.flow_training.rendering import Renderer
 from dense_vs.sims.flow_training.scenes import Dice
@@ -29,8 +29,10 @@ class TrainingOptions:
     Attributes:
         minutes: of training. seed: of scenes and weights. device: of PyTorch.
         height, width: of the images [px], multiples of 16.
-        batch: pairs a step. scenes: pairs rendered at once. ring: pairs kept. first: rendered before training starts.
-        reuse: how often a pair is trained on before rendering goes on. rate: the highest learning rate. passes: times that the network corrects its own flow.
+        batch: pairs a step. scenes: pairs rendered at once. ring: pairs kept.
+        first: pairs rendered before training starts, half of them to judge by.
+        rate: the highest learning rate.
+        reuse: how often a pair is trained on before rendering goes on.
         compiled: fuse the ray casting, for a GPU.
     """
 
@@ -43,9 +45,8 @@ class TrainingOptions:
     scenes: int = 32
     ring: int = 20000
     first: int = 512
-    rate: float = 1.5e-3
+    rate: float = 2e-3
     reuse: float = 12.0
-    passes: int = 1
     compiled: bool = True
 
 
@@ -74,6 +75,8 @@ class PairRing:
         for store, new in zip([*self.images, *self.flows, self.moving],
                               [previous, present, true, initial, moving], strict=True):  # fmt: skip
             store[where] = new.to(store.dtype)
+        if true.is_cuda:  # written before anyone may look
+            torch.cuda.current_stream().synchronize()
         self.rendered += n
         self.filled = min(self.filled + n, self.options.ring)
 
@@ -119,7 +122,7 @@ def initial_flows(pool: ThreadPoolExecutor, previous: Tensor, present: Tensor) -
     """``(B, 2, H, W)`` of a batch, one image a thread, from the old places to the new ones."""
     cv2.setNumThreads(1)
     pairs = zip(present.cpu().numpy(), previous.cpu().numpy(), strict=True)
-    flows = list(pool.map(lambda pair: initial_flow().calc(*pair, None), pairs))
+    flows = list(pool.map(lambda pair: METHODS["dis-half"]()(*pair), pairs))
     return -torch.from_numpy(np.stack(flows)).permute(0, 3, 1, 2).to(present.device)
 
 
@@ -155,11 +158,9 @@ class Trainer:
         for group in self.optimizer.param_groups:
             group["lr"] = rate
         previous, present, true, initial, moving = sample
-        flow, total = disturbed(initial), torch.zeros((), device=self.device)
-        for _ in range(self.options.passes):
-            flow = flow.detach()
-            flow, *rest = self.network.all_scales(present, previous, warp(previous, flow), flow)
-            total = total + loss_of(flow, *rest, true, moving)
+        initial = disturbed(initial)
+        answer = self.network.all_scales(present, previous, warp(previous, initial), initial)
+        total = loss_of(*answer, true, moving)
         self.optimizer.zero_grad(set_to_none=True)
         total.backward()
         torch.nn.utils.clip_grad_norm_(self.network.parameters(), 1.0)
@@ -173,16 +174,14 @@ class Trainer:
         torch.save(self.average.module.state_dict(), path)
 
 
-def score(network: FlowRefiner, samples: list[tuple[Tensor, ...]], passes: int = 1) -> dict[str, float]:
+def score(network: FlowRefiner, samples: list[tuple[Tensor, ...]]) -> dict[str, float]:
     """Initial and corrected flow on moving pixels: error over motion, a mean of images, and the share of the motion
     that is found (1: none missing on average); on still pixels: error [px]."""
     found: dict[str, list[Tensor]] = {name: [] for name in ("initial", "corrected")}
     network.eval()
     with torch.no_grad():
         for previous, present, true, initial, moving in samples:
-            flow = initial
-            for _ in range(passes):
-                flow, _ = network(present, previous, warp(previous, flow), flow)
+            flow, _ = network(present, previous, warp(previous, initial), initial)
             size = true.norm(dim=1)
             fast, still = (moving & (size > 0.3)).float(), (size < 1e-3).float()
             used = fast.sum((1, 2)) > 100
@@ -222,11 +221,10 @@ def train(
         since += 1
         if time.monotonic() - said > 20 or since == 1 == trainer.steps:
             said = time.monotonic()
-            scores = ", ".join(
-                f"{k} {v:.4f}" for k, v in score(trainer.average.module, held_out, options.passes).items()
-            )
-            print(f"{passed:5.0f} s, step {trainer.steps}, {ring.rendered} pairs, loss {float(mean) / since:.4f}; {scores}",
-                  flush=True)  # fmt: skip
+            scores = score(trainer.average.module, held_out).items()
+            said_scores = ", ".join(f"{name} {value:.4f}" for name, value in scores)
+            done = f"{passed:5.0f} s, step {trainer.steps}, {ring.rendered} pairs, loss {float(mean) / since:.4f}"
+            print(f"{done}; {said_scores}", flush=True)
             mean, since = 0.0, 0
             trainer.save(out)
     ring.stop.set()
@@ -234,5 +232,5 @@ def train(
     if ring.failure is not None:
         raise ring.failure
     trainer.save(out)
-    print("held out:", score(trainer.average.module, held_out, options.passes), flush=True)
+    print("held out:", score(trainer.average.module, held_out), flush=True)
     return trainer.average.module
