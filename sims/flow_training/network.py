@@ -148,14 +148,14 @@ def export(network: FlowRefiner, path: str | Path) -> None:
     """Write the network as ONNX for any image size that is a multiple of 16, its weights in half precision."""
     import onnx
 
-    network = network.to("cpu", memory_format=torch.contiguous_format).eval()
+    network = network.cpu().eval()
     image, flow = torch.zeros(1, 1, 64, 96), torch.zeros(1, 2, 64, 96)
     names = ["present", "previous", "moved", "initial"]
     sizes = {name: {2: "height", 3: "width"} for name in [*names, "flow", "expected_error"]}
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # that it is the older exporter, and what it does not fold
         torch.onnx.export(
-            _Exported(network), (image, image, image, flow), str(path), input_names=names,
+            _Exported(network).eval(), (image, image, image, flow), str(path), input_names=names,
             output_names=["flow", "expected_error"], dynamic_axes=sizes, opset_version=17, dynamo=False,
         )  # fmt: skip
     model = onnx.load(str(path))
