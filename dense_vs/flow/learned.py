@@ -12,6 +12,7 @@ this library and no real image took part. ONNX Runtime runs it on the CPU.
 
 from collections.abc import Callable
 from importlib.resources import files
+from typing import Any
 
 import cv2
 import numpy as np
@@ -68,13 +69,15 @@ class LearnedFlow:
             y, x = np.indices(present.shape, dtype=np.float32)
             self._pixels = np.stack([x, y], axis=2)
         last = previous.astype(np.float32)
-        moved = cv2.remap(last, self._pixels + classical, None, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+        one_map: Any = None
+        moved = cv2.remap(last, self._pixels + classical, one_map, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
         images = {"present": present.astype(np.float32), "previous": last, "moved": moved}
-        flow, expected_error = self._session.run(
+        answers: Any = self._session.run(
             ["flow", "expected_error"],
             {name: image[None, None] for name, image in images.items()}
             | {"initial": np.ascontiguousarray(-classical.transpose(2, 0, 1))[None]},
         )
+        flow, expected_error = answers
         self.expected_error = np.ascontiguousarray(expected_error[0, 0, :height, :width])
         answer = -flow[0].transpose(1, 2, 0)
         if self._keep_textured:

@@ -29,6 +29,8 @@ class FlowRefiner(nn.Module):
     log of the scale of its error [log px].
     """
 
+    sobel: Tensor
+
     def __init__(self, channels: tuple[int, ...] = CHANNELS, blocks: tuple[int, ...] = BLOCKS):
         super().__init__()
         self.stem = convolution(5, channels[0], 5, 2)
@@ -40,8 +42,8 @@ class FlowRefiner(nn.Module):
         self.decode = nn.ModuleList(Residual(c) for c in channels[:-1])
         self.coarse = nn.ModuleList(nn.Conv2d(c, 2, 1) for c in channels[1:])  # only while training
         self.head = nn.Conv2d(channels[0], 16, 3, 1, 1)
-        nn.init.zeros_(self.head.weight)
-        nn.init.zeros_(self.head.bias)
+        for parameter in self.head.parameters():
+            nn.init.zeros_(parameter)
         across = torch.tensor([[-1.0, 0, 1], [-2, 0, 2], [-1, 0, 1]]) / 8
         self.register_buffer("sobel", torch.stack([across, across.T])[:, None], persistent=False)
 
@@ -82,7 +84,7 @@ class FlowRefiner(nn.Module):
         return torch.cat([*found, (sums[:, :1] + sums[:, 2:3] + 1).log() / 3 - 1], 1)
 
 
-def convolution(inputs: int, outputs: int, size: int, stride: int) -> nn.Module:
+def convolution(inputs: int, outputs: int, size: int, stride: int) -> nn.Sequential:
     """Convolution and batch normalization, which become one convolution in the exported network."""
     return nn.Sequential(nn.Conv2d(inputs, outputs, size, stride, size // 2, bias=False), nn.BatchNorm2d(outputs))
 
@@ -94,7 +96,8 @@ class Residual(nn.Module):
         super().__init__()
         self.first = convolution(channels, channels, 3, 1)
         self.second = convolution(channels, channels, 3, 1)
-        nn.init.constant_(self.second[1].weight, 0.2)
+        for parameter in list(self.second.parameters())[1:2]:  # scale of the normalization
+            nn.init.constant_(parameter, 0.2)
 
     def forward(self, x: Tensor) -> Tensor:
         """The same size."""

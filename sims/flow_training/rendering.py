@@ -62,10 +62,10 @@ class Renderer:
         shadows = bool(torch.rand((), generator=dice.generator, device=dice.device) < 0.6)
         # Some cameras and renderers do not smooth edges.
         aliased = dice.chance(0.15, batch, 1, 1)
-        images = [self._image(scenes, step, shadows, aliased) for step in (-1.0, 0.0)]
+        previous, present = (self._image(scenes, step, shadows, aliased) for step in (-1.0, 0.0))
         moving = ~still & (link != STATIC)
         size = (batch, self.height, self.width)
-        return Pairs(*images, flow.reshape(*size, 2).permute(0, 3, 1, 2).contiguous(), moving.reshape(size))
+        return Pairs(previous, present, flow.reshape(*size, 2).permute(0, 3, 1, 2).contiguous(), moving.reshape(size))
 
     def _rays(self, scenes: Scenes, samples: int) -> Tensor:
         """Unit directions ``(B, P, 3)`` through the pixels' middles or ``samples`` squared points of each."""
@@ -221,7 +221,7 @@ def cast_rays(
     """
     enter = torch.full((), -1e9, device=d.device)
     leave = torch.full((), 1e9, device=d.device)
-    a, b, c = 0.0, 0.0, -1.0
+    a, b, c = (torch.full((), value, device=d.device) for value in (0.0, 0.0, -1.0))
     for i in range(3):
         row = rotation[:, None, :, i]
         along = (d[:, :, None, 0] * row[..., 0] + d[:, :, None, 1] * row[..., 1]) + d[:, :, None, 2] * row[..., 2]

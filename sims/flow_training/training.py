@@ -13,7 +13,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 import torch
-from torch import Tensor
+from torch import Tensor, nn
 
 from dense_vs.flow.estimator import METHODS
 from dense_vs.sims.flow_training.network import FlowRefiner, loss_of, warp
@@ -145,7 +145,8 @@ class Trainer:
         if self.device.type == "cuda":
             torch.backends.cudnn.allow_tf32 = True  # of convolutions alone: poses need every digit
             torch.backends.cudnn.benchmark = True
-        self.network = (network or FlowRefiner()).to(self.device, memory_format=torch.channels_last)
+        self.network = (network or FlowRefiner()).to(self.device)
+        self.network.to(memory_format=torch.channels_last)  # pyright: ignore[reportCallIssue]
         self.average = torch.optim.swa_utils.AveragedModel(
             self.network, multi_avg_fn=torch.optim.swa_utils.get_ema_multi_avg_fn(0.999), use_buffers=True
         )
@@ -159,8 +160,8 @@ class Trainer:
             group["lr"] = rate
         previous, present, true, initial, moving = sample
         initial = disturbed(initial)
-        answer = self.network.all_scales(present, previous, warp(previous, initial), initial)
-        total = loss_of(*answer, true, moving)
+        flow, log_scale, coarse = self.network.all_scales(present, previous, warp(previous, initial), initial)
+        total = loss_of(flow, log_scale, coarse, true, moving)
         self.optimizer.zero_grad(set_to_none=True)
         total.backward()
         torch.nn.utils.clip_grad_norm_(self.network.parameters(), 1.0)
@@ -174,7 +175,7 @@ class Trainer:
         torch.save(self.average.module.state_dict(), path)
 
 
-def score(network: FlowRefiner, samples: list[tuple[Tensor, ...]]) -> dict[str, float]:
+def score(network: nn.Module, samples: list[tuple[Tensor, ...]]) -> dict[str, float]:
     """Initial and corrected flow on moving pixels: error over motion, a mean of images, and the share of the motion
     that is found (1: none missing on average); on still pixels: error [px]."""
     found: dict[str, list[Tensor]] = {name: [] for name in ("initial", "corrected")}
@@ -233,4 +234,5 @@ def train(
         raise ring.failure
     trainer.save(out)
     print("held out:", score(trainer.average.module, held_out), flush=True)
-    return trainer.average.module
+    network.load_state_dict(trainer.average.module.state_dict())
+    return network
