@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from dense_vs.cli.main import build_parser, main
+from dense_vs.cli.main import _by_interrupt, build_parser, main
 
 DEVICE = "--device --threads"
 WORLD = f"--robot --joints --camera --height --width --distractor --compliance --seed {DEVICE}"
@@ -177,3 +177,11 @@ def test_an_interrupt_leaves_no_traceback(delay, tmp_path):
     said = started.communicate(timeout=120)[1]
     assert started.returncode in (130, -signal.SIGINT)
     assert "Traceback" not in said
+
+
+def test_an_interrupt_that_python_wrapped_is_one():
+    """As happens while a module with dataclasses is imported."""
+    wrapped = RuntimeError("Error calling __set_name__")
+    wrapped.__cause__ = KeyboardInterrupt()
+    assert _by_interrupt(wrapped)
+    assert not _by_interrupt(RuntimeError("of its own"))

@@ -48,8 +48,16 @@ SIMS_ROOMS = {
     "sims.workcell": {"sims.engine", "sims.marked_arm"},
     "sims.mobile_manipulator": {"sims.engine"},
     "sims.depth_training": set(),
+    "sims.flow_training": set(),
     "sims.papers": {"sims.engine", "sims.batch", "sims.marked_arm", "sims.workcell", "sims.mobile_manipulator"},
-    "sims.cli": {"sims.engine", "sims.arms", "sims.batch", "sims.papers", "sims.depth_training"},
+    "sims.cli": {
+        "sims.engine",
+        "sims.arms",
+        "sims.batch",
+        "sims.papers",
+        "sims.depth_training",
+        "sims.flow_training",
+    },
 }
 EXTERNAL = {"sims.cli": {"cli"}}  # the simulator's commands share the command line's arguments
 

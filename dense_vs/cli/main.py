@@ -19,9 +19,11 @@ EXTRAS = {
     "matplotlib": "viz",
     "mujoco": "sims",
     "mujoco_warp": "sims",
+    "onnx": "dev",
     "pyarrow": "recordings",
     "rosbags": "recordings",
     "sklearn": "vos",
+    "torch": "bench",
 }
 USER_ERROR, INTERRUPTED, READER_GONE = 2, 130, 141  # the last two as a shell reports SIGINT and SIGPIPE
 
@@ -57,6 +59,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except KeyboardInterrupt:
         _say("interrupted")
         return INTERRUPTED
+    except RuntimeError as error:
+        if not _by_interrupt(error):
+            raise
+        _say("interrupted")
+        return INTERRUPTED
     except BrokenPipeError:
         _discard(sys.stdout)
         return READER_GONE
@@ -74,6 +81,12 @@ def _run(arguments: Sequence[str] | None) -> int:
     _note_first_run()
     import_module(parsed.home).run(parsed)
     return 0
+
+
+def _by_interrupt(error: BaseException) -> bool:
+    """Whether an interrupt stands behind an error: Python wraps one that comes while a class is being made."""
+    cause = error.__cause__ or error.__context__
+    return isinstance(error, KeyboardInterrupt) or (cause is not None and _by_interrupt(cause))
 
 
 def _say(line: str) -> None:

@@ -60,7 +60,17 @@ def _on_device(method: str) -> Callable[..., Callable]:
     return make
 
 
+def _learned(classical: str, keep_textured: bool) -> Callable[..., Callable]:
+    def make(threads: int | None = None) -> Callable:
+        from dense_vs.flow.learned import LearnedFlow
+
+        return LearnedFlow(METHODS[classical](), keep_textured=keep_textured, threads=threads)
+
+    return make
+
+
 ON_DEVICE = ("farneback-warp", "farneback-paper-warp", "farneback-gaussian-warp")  # as in batch_flow.py
+LEARNED = ("learned", "learned-fast")
 METHODS: dict[str, Callable[..., Callable]] = {
     "lucas-kanade": _lucas_kanade,
     # Found by profiling/flow_methods.py --scan, by the error of J after babbling for the time the flow takes.
@@ -74,6 +84,10 @@ METHODS: dict[str, Callable[..., Callable]] = {
     "dis-fast": _dis(cv2.DISOPTICAL_FLOW_PRESET_ULTRAFAST, FinestScale=0, PatchStride=5, GradientDescentIterations=25),
     "dis-medium": _dis(cv2.DISOPTICAL_FLOW_PRESET_MEDIUM),
     "dis-ultrafast": _dis(cv2.DISOPTICAL_FLOW_PRESET_ULTRAFAST),
+    # The network was trained to correct "dis-half".
+    "dis-half": _dis(cv2.DISOPTICAL_FLOW_PRESET_ULTRAFAST, FinestScale=1),
+    "learned": _learned("dis", keep_textured=True),
+    "learned-fast": _learned("dis-half", keep_textured=False),
     "farneback": _farneback(window=11, levels=2, iterations=1),
     "farneback-paper": _farneback(window=15, levels=3, iterations=3),
     **{name: _on_device(name) for name in ON_DEVICE},
@@ -86,16 +100,19 @@ class FlowEstimator:
     Args:
         method: ``"lucas-kanade"``, least squares in windows that narrow, the best for arms with plain links (default);
             ``"dis"``, dense inverse search down to the full resolution with one step of refinement;
-            ``"dis-fast"``, without the refinement; ``"farneback"``, polynomial expansion with a small window;
-            ``"farneback-paper"``, window 15, 3 levels, 3 iterations; ``"dis-medium"`` and ``"dis-ultrafast"``,
-            OpenCV's presets; ``"farneback-warp"`` and ``"farneback-paper-warp"``, the same two in Warp;
+            ``"dis-fast"``, without the refinement; ``"dis-half"``, down to half the resolution; ``"dis-medium"`` and
+            ``"dis-ultrafast"``, OpenCV's presets; ``"learned"``, a network that corrects ``"dis"`` on plain surfaces;
+            ``"learned-fast"``, the same network after ``"dis-half"``, less precise on textured surfaces;
+            ``"farneback"``, polynomial expansion with a small window; ``"farneback-paper"``, window 15, 3 levels, 3
+            iterations; ``"farneback-warp"`` and ``"farneback-paper-warp"``, the same two in Warp;
             ``"farneback-gaussian-warp"``, more accurate than either. Those in Warp do less where an image is one
             call's present and the next one's previous.
         height, width: image size [px].
-        device, threads: of the methods in Warp; ``"auto"`` is a GPU where there is one. OpenCV's run on the CPU.
+        device, threads: of the methods in Warp; ``"auto"`` is a GPU where there is one. OpenCV's and the network run
+            on the CPU; the network takes ``threads`` too.
 
     Raises:
-        DenseVSError: unknown method or device, or a size below 16.
+        DenseVSError: unknown method or device, a size below 16, or ONNX Runtime is missing for the learned ones.
     """
 
     def __init__(
@@ -112,7 +129,13 @@ class FlowEstimator:
         self.method = method
         self.height = check_whole("height", height, least=16)
         self.width = check_whole("width", width, least=16)
-        self._calculate = METHODS[method](device, threads) if method in ON_DEVICE else METHODS[method]()
+        arguments = (device, threads) if method in ON_DEVICE else (threads,) if method in LEARNED else ()
+        self._calculate = METHODS[method](*arguments)
+
+    @property
+    def expected_error(self) -> np.ndarray | None:
+        """How far off the last flow is expected to be, float32 ``(H, W)`` [px]; None where the method cannot say."""
+        return getattr(self._calculate, "expected_error", None)
 
     def __call__(self, previous_gray: Any, gray: Any) -> np.ndarray:
         """Flow of the present image, float32 ``(H, W, 2)`` [px per frame].

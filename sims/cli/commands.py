@@ -7,6 +7,9 @@ COMMANDS = {
     "depth-train": Command(
         "dense_vs.sims.cli.depth_train", "train the learned depth from masks on simulated sequences"
     ),
+    "flow-train": Command(
+        "dense_vs.sims.cli.flow_train", "train the network of the flow method 'learned' on random simulated arms"
+    ),
     "reach": Command(
         "dense_vs.sims.cli.reach", "learn J on a simulated robot and bring a point of it to image targets"
     ),

@@ -130,7 +130,10 @@ BAD_INPUT = {
         lambda r, f: [r / "video.mp4", r / "joints.csv", "--time-offset", "60"],
         "expected at least two frames within the log",
     ),
-    "unknown flow": (lambda r, f: [r / "video.mp4", r / "joints.csv", "--flow", "raft"], "expected one of lucas-kanade, dis, "),
+    "unknown flow": (
+        lambda r, f: [r / "video.mp4", r / "joints.csv", "--flow", "raft"],
+        "expected one of lucas-kanade, dis, ",
+    ),
     "unknown device": (lambda r, f: [r / "video.mp4", r / "joints.csv", "--device", "tpu"], "'tpu' is not present"),
     "threads": (lambda r, f: [r / "video.mp4", r / "joints.csv", "--threads", "0"], "threads is 0"),
     "scale": (lambda r, f: [r / "video.mp4", r / "joints.csv", "--scale", "3"], "scale is 3.0"),

@@ -1,0 +1,58 @@
+"""``dense-vs flow-train``: train the network of the flow method "learned" on random simulated arms.
+
+It needs PyTorch and, for weights worth having, a GPU: some eight minutes of an H200. On a CPU it only shows that it
+runs; make the images small there. Beside the ONNX file it leaves PyTorch's weights (.pt), from which --start goes on.
+"""
+
+import argparse
+from pathlib import Path
+
+from dense_vs.errors import DenseVSError
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the command's arguments."""
+    parser.add_argument("--out", type=Path, required=True, metavar="FILE", help="where to write the network (.onnx)")
+    parser.add_argument("--minutes", type=float, default=8.0, metavar="M", help="of training (default: %(default)s)")
+    parser.add_argument("--seed", type=int, default=0, metavar="N", help="(default: %(default)s)")
+    parser.add_argument("--device", default="cuda", help="PyTorch's (default: %(default)s)")
+    parser.add_argument("--size", default="320x240", metavar="WxH", help="multiples of 16 (default: %(default)s)")
+    parser.add_argument("--batch", type=int, default=32, metavar="N", help="pairs a step (default: %(default)s)")
+    parser.add_argument("--first", type=int, default=512, metavar="N",
+                        help="pairs kept aside, to judge by (default: %(default)s)")  # fmt: skip
+    parser.add_argument("--reuse", type=float, default=12.0, metavar="N",
+                        help="times that a pair is trained on (default: %(default)s)")  # fmt: skip
+    parser.add_argument("--start", type=Path, metavar="FILE", help="weights to start from (.pt of an earlier run)")
+
+
+def run(arguments: argparse.Namespace) -> None:
+    """Run the command."""
+    import torch
+
+    from dense_vs.sims.flow_training.network import export
+    from dense_vs.sims.flow_training.training import TrainingOptions, train
+
+    width, height = _size(arguments.size)
+    if arguments.device.startswith("cuda") and not torch.cuda.is_available():
+        raise DenseVSError(f"--device is {arguments.device} and PyTorch finds no GPU; expected cpu")
+    if arguments.start is not None and not arguments.start.is_file():
+        raise DenseVSError(f"--start {arguments.start} is not a file")
+    for name in ("minutes", "batch", "first", "reuse"):
+        if getattr(arguments, name) <= 0:
+            raise DenseVSError(f"--{name} is {getattr(arguments, name)}; expected a number above 0")
+    options = TrainingOptions(
+        minutes=arguments.minutes, seed=arguments.seed, device=arguments.device, height=height, width=width,
+        batch=arguments.batch, scenes=arguments.batch, first=arguments.first, reuse=arguments.reuse,
+        ring=max(arguments.first, 20_000 if arguments.device != "cpu" else 1000),
+        compiled=arguments.device != "cpu",
+    )  # fmt: skip
+    arguments.out.parent.mkdir(parents=True, exist_ok=True)
+    export(train(options, arguments.out.with_suffix(".pt"), arguments.start), arguments.out)
+    print(f"network in {arguments.out}")
+
+
+def _size(text: str) -> tuple[int, int]:
+    parts = text.lower().split("x")
+    if len(parts) != 2 or not all(part.isdigit() and int(part) >= 32 and int(part) % 16 == 0 for part in parts):
+        raise DenseVSError(f"--size is {text!r}; expected WxH in multiples of 16 from 32 on, as 320x240")
+    return int(parts[0]), int(parts[1])

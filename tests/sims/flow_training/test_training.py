@@ -1,0 +1,65 @@
+"""A few steps of training on the CPU, and the exported file against the network it came from."""
+
+import numpy as np
+import pytest
+
+torch = pytest.importorskip("torch")
+onnxruntime = pytest.importorskip("onnxruntime")
+pytest.importorskip("onnx")
+
+from dense_vs.cli.main import main  # noqa: E402
+from dense_vs.sims.flow_training.network import FlowRefiner, export, parameters_of, warp  # noqa: E402
+from dense_vs.sims.flow_training.training import PairRing, Trainer, TrainingOptions, score  # noqa: E402
+
+TINY = TrainingOptions(
+    device="cpu", height=32, width=48, batch=4, scenes=8, ring=8, first=8, seed=1, compiled=False, rate=2e-3
+)
+WEIGHT_ROUNDING = 2e-2  # px, of weights in half precision
+
+
+@pytest.fixture(scope="module")
+def sample():
+    torch.manual_seed(0)
+    ring = PairRing(TINY)
+    ring.fill()
+    return ring.sample(4)
+
+
+def test_steps_on_one_batch_bring_the_flow_closer(sample):
+    trainer = Trainer(TINY)
+    losses = [float(trainer.step(sample, 0.1)) for _ in range(60)]
+    assert np.mean(losses[-5:]) < 0.6 * np.mean(losses[:5])
+    assert score(trainer.network, [sample])["corrected error"] < 0.9 * score(trainer.network, [sample])["initial error"]
+
+
+def test_the_exported_file_computes_what_the_network_does(sample, tmp_path):
+    trainer = Trainer(TINY)
+    for _ in range(3):
+        trainer.step(sample, 0.1)
+    network = trainer.network.eval()
+    export(network, tmp_path / "network.onnx")
+    session = onnxruntime.InferenceSession(str(tmp_path / "network.onnx"), providers=["CPUExecutionProvider"])
+    for repeat in (1, 2):  # a larger image than the one it was exported with
+        previous, present, _, initial, _ = (x[:1].repeat(*[1] * (x.ndim - 2), repeat, repeat) for x in sample)
+        moved = warp(previous, initial)
+        with torch.no_grad():
+            flow, log_scale = network(present, previous, moved, initial)
+        inputs = {"present": present, "previous": previous, "moved": moved, "initial": initial}
+        answer = session.run(["flow", "expected_error"], {name: x.numpy() for name, x in inputs.items()})
+        np.testing.assert_allclose(answer[0], flow, atol=WEIGHT_ROUNDING)
+        np.testing.assert_allclose(answer[1], 2 * log_scale.exp(), rtol=0.05, atol=WEIGHT_ROUNDING)
+
+
+def test_the_command_trains_and_goes_on(tmp_path, capsys):
+    small = ["--device", "cpu", "--size", "48x32", "--batch", "4", "--first", "8", "--minutes", "0.02"]
+    assert main(["flow-train", "--out", str(tmp_path / "a.onnx"), *small]) == 0
+    assert main(["flow-train", "--out", str(tmp_path / "b.onnx"), "--start", str(tmp_path / "a.pt"), *small]) == 0
+    assert (tmp_path / "b.onnx").stat().st_size < 5e6
+    assert "held out" in capsys.readouterr().out
+    assert parameters_of(FlowRefiner()) < 1e6
+
+
+@pytest.mark.parametrize("wrong", [["--size", "50x32"], ["--minutes", "0"], ["--start", "nowhere.pt"]], ids=" ".join)
+def test_what_makes_no_sense_is_said(wrong, tmp_path, capsys):
+    assert main(["flow-train", "--out", str(tmp_path / "a.onnx"), "--device", "cpu", *wrong]) == 2
+    assert wrong[0] in capsys.readouterr().err
