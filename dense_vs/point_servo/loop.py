@@ -14,7 +14,7 @@ from dense_vs.checks import check_number
 from dense_vs.errors import DenseVSError
 from dense_vs.flow.estimator import FlowEstimator
 from dense_vs.jacobian.estimator import DenseJacobian
-from dense_vs.pipeline.frame_pipeline import Frame, FramePipeline
+from dense_vs.pipeline.frame_pipeline import BODY_FLOW, Frame, FramePipeline
 from dense_vs.point_servo.law import VisualServo
 from dense_vs.point_servo.tracker import Method, PointTracker
 from dense_vs.recording.joint_delay import joint_delay as found_joint_delay
@@ -145,6 +145,10 @@ class ServoLoop:
         self.babbling = babbling or Babbling(count, seed=seed, **pace)
         self._next_command = time
         self.pipeline = FramePipeline(estimator, flow, scale=scale, body=body)
+        # Sharper at outlines than J's flow needs to be: a point near one would be carried off with the background.
+        size = estimator.options.height, estimator.options.width
+        shared = self.pipeline.flow.method == BODY_FLOW
+        self._tracking_flow = self.pipeline.flow if shared else FlowEstimator(BODY_FLOW, *size)
         self.tracker: PointTracker | None = None
         self.target: np.ndarray | None = None
         self.on_frame = on_frame
@@ -177,7 +181,7 @@ class ServoLoop:
         last = self._frame
         frame = self._take(*self.camera.read())
         if self.tracker is not None and frame is not last:
-            self.tracker.update(frame.flow, frame.gray)
+            self.tracker.update(self._tracking_flow(last.gray, frame.gray), frame.gray)
             self._renew_patch(self.tracker)
         if self.on_frame is not None:
             self.on_frame(self)
