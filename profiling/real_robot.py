@@ -19,6 +19,7 @@ from g1_episodes import ARM, ARM_AND_HAND, CONFIRMED, DATA, FPS, SIZE, TUNED, ma
 from metrics import Metric, add_report_arguments, report
 
 from dense_vs import DenseJacobian, FlowEstimator, PointTracker, SelfBody
+from dense_vs.pipeline.frame_pipeline import Frame
 from dense_vs.pipeline.recorded import RecordedEstimate
 from dense_vs.recording import ClockOffset, Episode, open_recording, survey_episode
 from dense_vs.recording.distinct_images import DistinctImages
@@ -34,18 +35,17 @@ NEAR = 0.12  # s between a marked row and the even time of its image
 class Judge:
     """Motion and what J leaves of it, frame by frame [px^2]; beside the estimator, with a flow of its own."""
 
-    def __init__(self, episode: Episode, **options: Any):
+    def __init__(self, episode: Episode, *, label: bool = False, **options: Any):
         self.frames: list[tuple[float, float, float]] = []  # rest, rest of the moved prediction, motion
         self.done = RecordedEstimate(episode, scale=0.5, device="cpu", before_update=self._predict, **options)
         flow: Any = cv2.DISOpticalFlow.create(cv2.DISOPTICAL_FLOW_PRESET_MEDIUM)
-        body = SelfBody(joint_scale=self.done.estimator.options.joint_scale, device="cpu")
-        self.labels = Labels(episode, body)
+        self.labels = Labels(episode, self.done.estimator) if label else None
         last = None
         for frame, estimator in self.done:
             if frame.flow is not None and last is not None:
                 self._add(-flow.calc(frame.gray, last, None))
-                body.observe(frame.flow, frame.dq)
-                self.labels.take(frame.time, frame.image, estimator)
+                if self.labels is not None:
+                    self.labels.take(frame, estimator)
             last = frame.gray
 
     @property
@@ -79,19 +79,21 @@ class Judge:
 class Labels:
     """Labels of an episode beside the masks drawn by hand."""
 
-    def __init__(self, episode: Episode, body: SelfBody):
-        self.body, self.masks = body, marked_masks(episode.number)
+    def __init__(self, episode: Episode, estimator: DenseJacobian):
+        self.body = SelfBody(joint_scale=estimator.options.joint_scale, device="cpu")
+        self.masks = marked_masks(episode.number)
         self.images: dict[int, np.ndarray] = {}
-        for row, (image, _) in enumerate(episode.images() if self.masks else ()):
+        for row, (image, _) in enumerate(episode.images()):
             if row in self.masks:
                 self.images[row] = cv2.resize(image, SIZE[::-1], interpolation=cv2.INTER_AREA).astype(np.float32)
         self._nearest: dict[int, tuple[float, np.ndarray]] = {}
 
-    def take(self, time: float, image: np.ndarray, estimator: DenseJacobian) -> None:
-        """Keep the labels of the frame that shows a marked row's image, which may be encoded anew there."""
+    def take(self, frame: Frame, estimator: DenseJacobian) -> None:
+        """Label a frame; kept where it shows a marked row's image, which may be encoded anew there."""
+        self.body.observe(frame.flow, frame.dq)
         for row, marked in self.images.items():
-            if abs(time - row / FPS) < NEAR:
-                difference = float(np.abs(image - marked).mean())
+            if abs(frame.time - row / FPS) < NEAR:
+                difference = float(np.abs(frame.image - marked).mean())
                 if difference < self._nearest.get(row, (np.inf,))[0]:
                     self._nearest[row] = difference, self.body.labels(estimator.jacobian)
 
@@ -136,8 +138,8 @@ class OneEpisode:
         self.offset_errors = [
             survey_episode(arm.shifted(shift)).offset.seconds + shift - offset.seconds for shift in (-SHIFT, SHIFT)
         ]
-        whole = Judge(arm.shifted(offset))
-        self.labels = whole.labels.quality()
+        whole = Judge(arm.shifted(offset), label=True)
+        self.labels = whole.labels.quality() if whole.labels else []
         self.repeated = whole.done.repeated / whole.done.images
         rest = (0.25, 1.0)
         others = {
