@@ -19,7 +19,7 @@ from dense_vs.files import output_folder, write_json
 from dense_vs.jacobian.error import jacobian_error
 from dense_vs.jacobian.estimator import DenseJacobian
 from dense_vs.pipeline.explained_motion import share_of_pixels_known
-from dense_vs.pipeline.recorded import RecordedEstimate
+from dense_vs.pipeline.recorded import JOINT_SMOOTHING, RecordedEstimate
 from dense_vs.recording import ClockOffset, Recording, TruthFile, VideoWriter, survey_episode
 from dense_vs.recording.survey import joint_motions, moved_together
 from dense_vs.view.advice import advice
@@ -53,9 +53,17 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument(
         "--flow",
-        default="lucas-kanade",
+        default="dis-medium",
         metavar="METHOD",
-        help="optical flow method; an unknown one lists them all (default: lucas-kanade)",
+        help="optical flow method; an unknown one lists them all (default: dis-medium)",
+    )
+    parser.add_argument(
+        "--smoothing",
+        type=float,
+        default=JOINT_SMOOTHING,
+        metavar="S",
+        help="smooth the joints over time by a Gaussian of so many seconds where repeated images show that stamps are "
+        f"late; 0 takes them as logged (default: {JOINT_SMOOTHING})",
     )
     parser.add_argument(
         "--covariance",
@@ -135,6 +143,7 @@ def _episode(
         episode if offset is None else episode.shifted(offset),
         scale=arguments.scale,
         method=arguments.flow,
+        smoothing=arguments.smoothing,
         device=arguments.device,
         threads=arguments.threads,
         start=start,

@@ -29,12 +29,14 @@ class DistinctImage:
         gray: uint8 ``(H, W)``.
         time: on the camera's own clock [s].
         after_gap: whether images are missing before it, so that nothing can be learned from its step.
+        evened: whether ``time`` is that of the even clock, as the stamps are the recorder's and not the camera's.
     """
 
     image: np.ndarray
     gray: np.ndarray
     time: float
     after_gap: bool
+    evened: bool = False
 
 
 class DistinctImages:
@@ -100,7 +102,7 @@ class DistinctImages:
         found = waiting.popleft()
         if self.repeated > REPEATING * self.images:
             time = even_time(np.array(stamps), place, self._step)
-            found = replace(found, time=max(time, newest + 0.1 * self._step))
+            found = replace(found, time=max(time, newest + 0.1 * self._step), evened=True)
         del stamps[: max(place - HALF, 0)]
         return found
 

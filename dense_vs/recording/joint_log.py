@@ -10,8 +10,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.ndimage import gaussian_filter1d
 
 from dense_vs.arrays import real_vector
+from dense_vs.checks import check_number
 from dense_vs.errors import DenseVSError
 from dense_vs.robot.joint_group import joint_indices
 
@@ -76,6 +78,28 @@ class JointLog:
     def shifted(self, seconds: float) -> "JointLog":
         """The log with ``seconds`` added to its times."""
         return JointLog(self.names, self.times + seconds, self.positions)
+
+    def smoothed(self, seconds: float) -> "JointLog":
+        """The log with its positions smoothed over time by a Gaussian; the ends are held.
+
+        A recorder stamps a reading when it writes it, up to one of its own periods late, and encoders tremble; both
+        make joint steps between neighboring images wrong, motion hardly.
+
+        Args:
+            seconds: standard deviation of the Gaussian [s]; 0 changes nothing.
+
+        Raises:
+            DenseVSError: a width that is not finite or less than 0.
+        """
+        check_number("smoothing", seconds, least=0)
+        span = self.times[-1] - self.times[0]
+        # Finer than the readings or a quarter of the width there is nothing to gain.
+        step = max(min(float(np.median(np.diff(self.times))), seconds), seconds / 4)
+        if seconds == 0 or step >= span:
+            return self
+        ticks = np.linspace(self.times[0], self.times[-1], round(span / step) + 1)
+        even = gaussian_filter1d(self.at(ticks), seconds * (len(ticks) - 1) / span, axis=0, mode="nearest")
+        return JointLog(self.names, self.times, JointLog(self.names, ticks, even).at(self.times))
 
     @classmethod
     def read_csv(cls, path: str | os.PathLike[str]) -> "JointLog":

@@ -105,3 +105,34 @@ def test_bad_options_are_refused_before_the_first_frame(recording):
         source.shifted(float("nan"))
     with pytest.raises(DenseVSError, match="joint 'elbow' is not in the log; expected"):
         open_recording(recording / "video.mp4", recording / "joints.csv", joint_names=["x", "elbow"])
+
+
+def test_joints_are_taken_as_logged_where_no_image_repeats(recording):
+    source = open_recording(recording / "video.mp4", recording / "joints.csv").episode()
+    plain, _ = estimate(source, smoothing=0.0)
+    frames, _ = estimate(source)
+    for a, b in zip(plain, frames, strict=True):
+        np.testing.assert_array_equal(a.positions, b.positions)
+
+
+def test_a_judge_sees_the_estimator_before_each_frame(recording):
+    source = open_recording(recording / "video.mp4", recording / "joints.csv").episode()
+    seen = []
+
+    def judge(time, flow, dq):
+        seen.append((time, flow.copy(), dq.copy(), done.estimator.updates))
+
+    done = estimate_recording(source, device="cpu", before_update=judge)
+    frames = [frame for frame, _ in done][1:]
+    assert [updates for *_, updates in seen] == list(range(FRAMES - 1))
+    for (time, flow, dq, _), frame in zip(seen, frames, strict=True):
+        assert time == frame.time
+        np.testing.assert_array_equal(flow, frame.flow)
+        np.testing.assert_array_equal(dq, frame.dq)
+
+
+def test_bad_smoothing_is_refused(recording):
+    source = open_recording(recording / "video.mp4", recording / "joints.csv").episode()
+    for smoothing in (-1.0, float("nan")):
+        with pytest.raises(DenseVSError, match="smoothing is"):
+            estimate_recording(source, device="cpu", smoothing=smoothing)

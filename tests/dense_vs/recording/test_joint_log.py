@@ -42,6 +42,35 @@ def test_refuses_times_outside(log):
             log.at(np.array(times))
 
 
+def test_smoothed_keeps_lines_and_lowers_noise_at_any_rate():
+    rng = np.random.default_rng(0)
+    for rate in (30, 200, 1000):
+        times = np.cumsum(rng.uniform(0.8, 1.2, 20 * rate)) / rate
+        positions = np.stack([times, rng.normal(size=len(times))], axis=1)
+        smooth = JointLog(("line", "noise"), times, positions).smoothed(0.05)
+        np.testing.assert_array_equal(smooth.times, times)
+        inside = (times > times[0] + 0.3) & (times < times[-1] - 0.3)
+        np.testing.assert_allclose(smooth.positions[inside, 0], times[inside], atol=2e-3)
+        # White noise through a Gaussian of s readings keeps 1 / sqrt(2 sqrt(pi) s) of its deviation.
+        assert smooth.positions[inside, 1].std() < 1.6 / np.sqrt(2 * np.sqrt(np.pi) * min(0.05 * rate, 4))
+
+
+def test_smoothed_is_the_gaussian_of_evenly_stamped_readings():
+    q = np.random.default_rng(1).normal(size=(60, 2))
+    times = np.arange(60) / 30
+    weights = np.exp(-0.5 * ((times[:, None] - times[None, :]) / 0.05) ** 2)
+    expected = (weights / weights.sum(axis=1, keepdims=True)) @ q
+    found = JointLog(("a", "b"), times, q).smoothed(0.05).positions
+    np.testing.assert_allclose(found[9:-9], expected[9:-9], atol=2e-3)
+
+
+def test_smoothed_by_nothing_or_wrongly(log):
+    np.testing.assert_array_equal(log.smoothed(0.0).positions, log.positions)
+    for width in (-0.1, np.nan, np.inf):
+        with pytest.raises(DenseVSError, match="smoothing is"):
+            log.smoothed(width)
+
+
 def test_select(log):
     chosen = log.select(["c", "a"])
     assert chosen.names == ("c", "a")

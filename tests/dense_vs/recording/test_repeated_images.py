@@ -84,13 +84,15 @@ def test_rest_is_no_repetition():
 
 def test_joint_steps_of_repetitions_are_joined(tmp_path):
     from dense_vs.pipeline import estimate_recording
+    from dense_vs.pipeline.recorded import JOINT_SMOOTHING
 
     new = pattern("15 in 30", 41)
     times, positions = joint_table(41)
     rows = np.column_stack([times, positions])
     np.savetxt(tmp_path / "joints.csv", rows, delimiter=",", header="time,a,b", comments="")
     encode(tmp_path / "video.mp4", shown_images(new, 1.5))
-    done = estimate_recording(open_recording(tmp_path / "video.mp4"), device="cpu")
+    source = open_recording(tmp_path / "video.mp4")
+    done = estimate_recording(source, device="cpu", smoothing=0.0)
     frames = [frame for frame, _ in done]
     assert done.images == 41
     assert abs(done.repeated - 20) <= 1
@@ -99,6 +101,11 @@ def test_joint_steps_of_repetitions_are_joined(tmp_path):
     np.testing.assert_allclose(way, frames[-1].positions - positions[0], atol=1e-9)
     assert len(frames) <= 23
     np.testing.assert_allclose(np.diff([f.time for f in frames]).mean(), 2 / 30, rtol=0.1)
+    # Where images repeat the stamps are the recorder's, so by default the joints are those of the smoothed log.
+    smoothed = source.episode().log.smoothed(JOINT_SMOOTHING)
+    for frame, _ in estimate_recording(source, device="cpu"):
+        time = np.clip([frame.time], smoothed.times[0], smoothed.times[-1])
+        np.testing.assert_allclose(frame.positions, smoothed.at(time)[0], atol=1e-9)
 
 
 def test_a_slip_of_the_recorder_is_evened_out():
