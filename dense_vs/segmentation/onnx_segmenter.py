@@ -96,8 +96,9 @@ class OnnxSegmenter:
 
     Args:
         path: of the file.
-        layout, colours, size, multiple, scale, mean, std, image_input, mask_output, activation, channel, threshold,
-            mask_input, states, threads, providers: see :class:`OnnxOptions`.
+        layout, colours, size, multiple, scale, mean, std: of the image, see :class:`OnnxOptions`.
+        image_input, mask_output, activation, channel, threshold, mask_input, states: of the network, likewise.
+        threads, providers: of ONNX Runtime, likewise.
 
     Attributes:
         options: what it was made with.

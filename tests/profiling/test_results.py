@@ -1,6 +1,7 @@
 """Every committed result says where it comes from, and every table of figures is what the results say."""
 
 import json
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -12,7 +13,6 @@ RESULTS = ROOT / "profiling" / "results"
 ORIGIN = {"date", "commit", "arguments", "machine", "versions"}
 # Measured before the programs wrote all of that down; to be measured again, then nothing stands here.
 BEFORE = {
-    "accuracy",
     "closed_loop_h200",
     "closed_loop_h200_one",
     "experiments",
@@ -55,7 +55,9 @@ def test_an_altered_figure_is_found(page, tmp_path):
     assert subprocess.run([*script, "--check"], check=False).returncode == 0
     text = (copy / page).read_text(encoding="utf-8")
     before, rest = text.split("<!-- measured: begin -->")
-    (copy / page).write_text(f"{before}<!-- measured: begin -->{rest.replace('0.070', '0.060', 1)}", encoding="utf-8")
+    altered = re.sub(r"\d\.\d+", lambda figure: f"{float(figure[0]) + 1:.3f}", rest, count=1)
+    assert altered != rest
+    (copy / page).write_text(f"{before}<!-- measured: begin -->{altered}", encoding="utf-8")
     assert subprocess.run([*script, "--check"], check=False).returncode == 1
     assert subprocess.run(script, check=False).returncode == 0
     assert (copy / page).read_text(encoding="utf-8") == text
