@@ -35,7 +35,7 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument("--robot", default="arm")
     parser.add_argument("--frames", type=int, default=60, help="frames that are timed, per seed")
     parser.add_argument("--seeds", default="0", help="by comma")
-    parser.add_argument("--flow", choices=METHODS, default="dis")
+    parser.add_argument("--flow", choices=METHODS, default="lucas-kanade")
     parser.add_argument("--device", default="cpu", help="of the estimator and of Warp's flow methods (default: cpu)")
     parser.add_argument("--threads", type=int)
     parser.add_argument("--budget", type=float, metavar="FPS", help="frames a second that are needed")
@@ -89,10 +89,12 @@ def stage_times(
     with clock.installed():
         clock.wrap(dense_vs.pipeline.frame_pipeline, "to_gray", "gray")
         clock.wrap(loop.pipeline, "flow", "flow")
+        clock.wrap(loop, "_tracking_flow", "flow")
         clock.wrap(loop.robot, "joints", "joint step")
         clock.wrap(loop._buffer, "add", "joint step")
         clock.wrap(loop._buffer, "at", "joint step")
         clock.wrap(estimator, "update", "update")
+        clock.wrap(estimator, "predict", "update")
         launches = {"regress": "gain", "update_gain": "gain", "predict": "predicted flow", "correct": "correction"}
         for name, part in launches.items():
             clock.wrap_items(getattr(estimator.filter, name), part)

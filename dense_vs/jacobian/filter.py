@@ -6,6 +6,7 @@ frame can be captured in a graph, one for each role.
 """
 
 from collections.abc import Callable
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -125,8 +126,7 @@ class JacobianFilter:
 
     def advance_on_device(self) -> None:
         """Predict and correct by what ``flow`` and ``dq`` hold."""
-        for regress in self.regress[self.now]:
-            regress()
+        self.regress[self.now]()
         self.update_gain[self.now]()
         self.predict[self.now]()
         self.correct[self.now]()
@@ -266,9 +266,10 @@ class JacobianFilter:
             state, next_state = self.state[now], self.state[1 - now]
             covariance, next_covariance = self.covariance[now], self.covariance[1 - now]
             displacement, next_displacement = self.displacement[now], self.displacement[1 - now]
-            self.regress.append([self._regress(self.dq, displacement, self.regressor)])
-            if self.measured is not self.regressor:
-                self.regress[now].append(self._regress(self.span, displacement, self.measured))
+            rows = [self._regress(self.dq, displacement, self.regressor)]
+            if spans:
+                rows.append(self._regress(self.span, displacement, self.measured))
+            self.regress.append(partial(_launch_all, rows))
             if self._once:
                 self.predict.append(_nothing)  # the correction computes J dq where it wants it
                 kernel = kernels.update_shared_once(by_model, iterations, or_flow, spans)
@@ -313,6 +314,11 @@ def filter_bytes(options: JacobianOptions) -> int:
     own = {"diagonal": options.joints, "full": options.joints**2}.get(options.covariance, 0)
     # Both halves of state and covariance, flow and model flow; a float32 each.
     return 4 * options.height * options.width * (4 * columns + 2 * own + 4)
+
+
+def _launch_all(launches: list[Callable[[], None]]) -> None:
+    for launch in launches:
+        launch()
 
 
 def _nothing() -> None:
