@@ -56,7 +56,7 @@ class BatchServo:
         seed: of babbling, dither and targets; every world has streams of its own.
         flow: method of :class:`BatchFlow`.
         estimator: options of :class:`dense_vs.DenseJacobian` that differ from the default; ``order`` is 1 unless
-            given, as the state of order 2 takes 3.5 times the memory with four joints.
+            given, as the state of order 2 takes 3.5 times the memory with four joints, and ``prediction`` ``"model"``.
         servo, babbling, tracker, episode: options of the parts.
 
     Attributes:
@@ -95,7 +95,8 @@ class BatchServo:
         self._episode_options = episode or EpisodeOptions()
         worlds, height, width = world.shape
         joints = len(world.joint_names)
-        chosen: EstimatorOptions = {"order": 1, "on_bad_flow": "skip", **(estimator or {})}
+        # "nearest" samples the state twice where the model does not fit, and moving the state is what a GPU spends.
+        chosen: EstimatorOptions = {"order": 1, "prediction": "model", "on_bad_flow": "skip", **(estimator or {})}
         options = JacobianOptions(height=height, width=width, joints=joints, worlds=worlds, **chosen)
         if options.covariance != "shared":
             raise DenseVSError(f"covariance is {options.covariance!r}; expected 'shared' in a batch")
