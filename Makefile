@@ -17,7 +17,7 @@ arms: $(VENV)/.sims
 test: $(VENV)/.dev
 	$(RUN)/python -m pytest $(TESTS)
 
-check: $(VENV)/.dev
+check: $(VENV)/.bench
 	$(RUN)/ruff check .
 	$(RUN)/ruff format --check .
 	$(RUN)/pyright --pythonpath $(RUN)/python
