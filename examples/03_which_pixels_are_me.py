@@ -15,7 +15,7 @@ ARM = ["left-shoulder-p", "left-shoulder-r", "left-shoulder-y", "left-elbow-p"]
 world = SimWorld("upper-body", joints=ARM, distractor="walker-behind", seed=2)
 estimator = DenseJacobian(height=240, width=320, joints=4)
 body = SelfBody()
-flow_estimator, babbling = FlowEstimator(height=240, width=320), Babbling(4)
+flow_estimator, babbling = FlowEstimator("dis", height=240, width=320), Babbling(4)  # sharp at outlines
 
 gray, q = to_gray(world.frame().rgb), world.joints()[0]
 for _ in range(240):

@@ -112,8 +112,7 @@ class Renderer:
         point = rays * distance[..., None]
         index = hit[..., None]
         old = rotate(gather(back.flatten(2), index).unflatten(-1, (3, 3)), point) + gather(shift, index)
-        project = lambda p: p[..., :2] / p[..., 2:].clamp_min(NEAR)  # noqa: E731
-        return scenes.focal[:, None, None] * (project(point) - project(old))
+        return scenes.focal[:, None, None] * (_projected(point) - _projected(old))
 
     def _set_speed(self, dice: Dice, scenes: Scenes, rays: Tensor, hit: Tensor, distance: Tensor, arm: Tensor) -> None:
         """Scale the joints' steps so that the arm's fast pixels move as fast as drawn: 0.3 to 8 px, some not at all."""
@@ -244,3 +243,8 @@ def cast_rays(
     enter, leave = torch.maximum(enter, first), torch.minimum(leave, last)
     met = torch.where((enter < leave) & (enter > NEAR), enter, torch.inf)
     return met.amin(-1), met.argmin(-1)
+
+
+def _projected(points: Tensor) -> Tensor:
+    """Image places ``(..., 2)`` of camera coordinates ``(..., 3)`` for a focal length of 1."""
+    return points[..., :2] / points[..., 2:].clamp_min(NEAR)

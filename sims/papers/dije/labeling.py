@@ -15,6 +15,7 @@ from dense_vs.body.self_body import SelfBody
 from dense_vs.flow.estimator import FlowEstimator, to_gray
 from dense_vs.jacobian.estimator import DenseJacobian
 from dense_vs.jacobian.options import Prediction
+from dense_vs.pipeline.frame_pipeline import BODY_FLOW
 from dense_vs.robot.babbling import Babbling
 from dense_vs.sims.engine.adapters import SimRobot
 from dense_vs.sims.engine.scene import FRAME_SECONDS
@@ -103,7 +104,7 @@ def views(seed: int, arguments: argparse.Namespace) -> Iterator[View]:
     period = max(1, round(arguments.period / FRAME_SECONDS))
     # At a steady pace: a walker's motion is no reason to slow down.
     babbling = Babbling(len(JOINTS), seed=seed, frame_time=period * FRAME_SECONDS)
-    robot, flow = SimRobot(world, command_seconds=arguments.period), FlowEstimator()
+    robot, flow = SimRobot(world, command_seconds=arguments.period), FlowEstimator(BODY_FLOW)
     gray, (target, _) = to_gray(world.frame().rgb), world.joints()
     q = target
     for index in range(1, round(arguments.seconds / FRAME_SECONDS) + 1):
