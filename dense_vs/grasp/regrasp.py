@@ -18,7 +18,7 @@ class GraspAction(Enum):
 
     FINISH = "finish"  # go on with the object in the hand
     REGRASP = "regrasp"  # open, center again, grasp as the step says
-    SEARCH = "search"  # open, go back to where the object was last seen whole and look for it
+    SEARCH = "search"  # open, go back to where the object was last seen from, look around there, grasp what is found
     GIVE_UP = "give_up"
 
 

@@ -37,8 +37,7 @@ BYTES_OF_PHYSICS = 50_000  # of a world, about
 class SimWorld:
     """B simulated worlds of one robot with N chosen joints, seen by one camera each, 30 frames a second.
 
-    Arrays come without the leading B for a single world. Positions are rad for hinges and m for slides; the
-    word "rad" below stands for both.
+    Arrays come without the leading B for a single world. "rad" stands for m too where a joint is a slide.
 
     Args:
         robot: ``"arm"`` (4 joints in 3D), ``"planar"`` (3 joints, a plane that faces the camera),
@@ -49,7 +48,7 @@ class SimWorld:
         joints: names of the joints that are commanded and that Jacobians have columns for, in this order;
             all joints that a position actuator drives when None. Others keep their position.
         camera: name of the camera; the first one when None.
-        worlds: B. Worlds share textures; posture and distractor path differ.
+        worlds: B. They share textures; postures and distractor paths differ.
         device: Warp device, see :func:`dense_vs.device.resolve_device`.
         height, width: of the image [px].
         seed: textures, initial posture and distractor path of our robots. An MJCF file is taken as it is, at its
@@ -275,6 +274,11 @@ class SimWorld:
     def joint_limits(self) -> np.ndarray:
         """(N, 2) lowest and highest target [rad]; infinite where the model sets none."""
         return self._scene.joint_limits.copy()
+
+    @property
+    def joint_units(self) -> tuple[str, ...]:
+        """Unit of each of the N joints: ``"rad"`` of a hinge, ``"m"`` of a slide."""
+        return self._scene.joint_units
 
     @property
     def intrinsics(self) -> np.ndarray:

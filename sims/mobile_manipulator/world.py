@@ -110,6 +110,11 @@ class MobileWorld:
         return self.scene.joint_limits.copy()
 
     @property
+    def joint_units(self) -> tuple[str, ...]:
+        """Unit of each of the ten joints: ``"rad"`` of a hinge, ``"m"`` of a slide."""
+        return self.scene.joint_units
+
+    @property
     def time(self) -> float:
         """[s]."""
         return self.frames * FRAME_SECONDS
