@@ -33,7 +33,7 @@ EXPERIMENTS = (
     (BOUND, "noisy-states", "0.02 rad, noise modeled: bound (Cramer-Rao), mean", {}),
     ("grasps with an inaccurate arm, of 20", "grasp", "baxter: grasped of 20", {}),
     ("pegs inserted with 1 mm clearance, of 20", "insertion", "baxter: inserted of 20", {}),
-    ("J+ of 7 configurations learned by (11) as printed", "learn", "converged of 7, (11)", {}),
+    ("J+ of 7 configurations learned by (11), denominator held away from zero", "learn", "converged of 7, (11)", {}),
     ("by (11) a feature at a time, beyond the paper", "learn", "converged of 7, (11) a feature at a time", {}),
     ("by Broyden's original update", "learn", "converged of 7, original Broyden", {}),
     ("objects centered (VS) with J+ of (11) a feature at a time, of 24", "trial", VS, ROBUST),
