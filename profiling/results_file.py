@@ -35,8 +35,7 @@ def origin(content: dict[str, Any]) -> str:
     if caches and not machine.get("gpus"):
         words.append(", ".join(f"{name} {size}" for name, size in caches.items()))
     words.append(content.get("date", "no date")[:10])
-    if content.get("commit"):
-        words.append(f"commit {content['commit'][:10]}")
+    words.append(f"commit {content['commit'][:10]}" if content.get("commit") else "commit not noted")
     words.append(f"Warp {content['versions']['warp-lang']}")
     return ", ".join(words)
 
