@@ -34,7 +34,7 @@ class MaskQuality:
     Attributes:
         verdict: the worst of what applies.
         area: pixels s_A, VOS-VS (3).
-        centroid: (s_x, s_y), VOS-VS (4) and (5) [px]; nan when empty.
+        centroid: (s_x, s_y), VOS-VS (4) and VOS-VS (5) [px]; nan when empty.
         fraction: area over the image's.
         parts: number of 8-connected regions.
         largest_share: share of the area in the largest region, 0 when empty.
