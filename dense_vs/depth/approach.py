@@ -36,7 +36,7 @@ class ApproachEnd(Enum):
 
 @dataclass(frozen=True)
 class Approach:
-    """What an approach came to.
+    """Result of an approach.
 
     Attributes:
         end: why it ended.

@@ -1,5 +1,5 @@
 """Grasping from masks, VOS-Grasp: where to stop, VOS-VS (21), how to turn the wrist,
-VOS-VS (22), and whether the object came along, VOS-VS (23).
+VOS-VS (22), and whether the hand holds the object, VOS-VS (23).
 
 May import: the ground, :mod:`dense_vs.robot`, :mod:`dense_vs.segmentation` and :mod:`dense_vs.mask_servo`.
 """

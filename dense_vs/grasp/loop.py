@@ -35,7 +35,7 @@ from dense_vs.segmentation.segmenter import forget_images
 
 @dataclass(frozen=True)
 class HandGeometry:
-    """What is known of the hand: no calibration of joints against the image, but the gripper in its own camera.
+    """Geometry of the gripper in its own camera; joints need no calibration against the image.
 
     Attributes:
         z_gripper: from the camera to the center of the closed fingertips along the optical axis, VOS-VS (21) [m].

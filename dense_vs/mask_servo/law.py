@@ -18,7 +18,7 @@ from dense_vs.errors import DenseVSError
 
 
 class FeatureState(StrEnum):
-    """What a feature servo is about."""
+    """State of a feature servo."""
 
     SERVOING = "servoing"
     CONVERGED = "converged"  # the error is within the tolerance; dq is zero
@@ -28,7 +28,7 @@ class FeatureState(StrEnum):
 
 @dataclass(frozen=True)
 class FeatureCommand:
-    """What :meth:`FeatureServo.step` commands.
+    """A command of :meth:`FeatureServo.step`.
 
     Attributes:
         dq: ``(n,)`` joint step [rad, m].

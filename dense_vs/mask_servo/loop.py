@@ -59,7 +59,7 @@ class ServoLook:
 
 @dataclass(frozen=True)
 class ServoRun:
-    """What a run did.
+    """Result of a run.
 
     Attributes:
         end: why it ended.

@@ -1,4 +1,4 @@
-"""What is wrong with a mask, as a typed result that a servo loop can act on; beyond the paper.
+"""Quality of a mask, as a typed result that a servo loop can act on; beyond the paper.
 
 Segmentation errors are the paper's only cause of failures (section 7.4): masks that are empty, in several parts, cut
 by the image border, or leaking over the background. The figures here need nothing but the mask and the one before.
@@ -17,7 +17,7 @@ from dense_vs.segmentation.segmenter import check_mask
 
 
 class MaskVerdict(Enum):
-    """What a mask is good for; the worst that applies."""
+    """Verdict on a mask; the worst that applies."""
 
     GOOD = "good"  # one region inside the image
     CUT = "cut"  # touches the image border or what hides the scene: centroid and area are of a part

@@ -379,5 +379,5 @@ class BatchServo:
 
 
 def _bytes_per_world(options: JacobianOptions) -> int:
-    """What a world takes on a device beside the simulation, about: filter, flow, and 10 bytes a pixel of images."""
+    """Memory of a world beside its simulation, about [bytes]: filter, flow, and 10 bytes a pixel of images."""
     return filter_bytes(options) + options.height * options.width * (BYTES_PER_PIXEL + 10)

@@ -1,4 +1,4 @@
-"""What a real camera and a real robot add to a simulated one: noise, compression, flicker, late joint readings."""
+"""Disturbances of real cameras and robots, for simulated ones: noise, compression, flicker, late joint readings."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, fields

@@ -57,7 +57,7 @@ class ManipulatorRobot:
 
 @dataclass(frozen=True)
 class GripperReport:
-    """What the gripper's encoder says after a command."""
+    """Reading of the gripper's encoder after a command."""
 
     opening: float  # m
     jammed: bool  # it did not get where an empty gripper gets
