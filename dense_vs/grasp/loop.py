@@ -14,17 +14,11 @@ import numpy as np
 
 from dense_vs.checks import check_number
 from dense_vs.errors import DenseVSError
-from dense_vs.grasp import (
-    GraspAction,
-    GraspCheck,
-    GraspOutcome,
-    GripperModel,
-    RegraspPolicy,
-    WristVerdict,
-    check_grasp,
-    choose_wrist_angle,
-    grasp_camera_position,
-)
+from dense_vs.grasp.camera_height import grasp_camera_position
+from dense_vs.grasp.grasp_check import GraspCheck, GraspOutcome, check_grasp
+from dense_vs.grasp.gripper_mask import GripperModel
+from dense_vs.grasp.regrasp import GraspAction, RegraspPolicy
+from dense_vs.grasp.wrist_angle import WristVerdict, choose_wrist_angle
 from dense_vs.mask_servo.loop import MaskServo, ServoEnd
 from dense_vs.mask_servo.object_search import search_object
 from dense_vs.robot.joint_group import JointGroup
