@@ -239,7 +239,7 @@ class BatchServo:
         self._unsound = wp.zeros(worlds, dtype=int, device=device)
         self._true_points = wp.zeros((worlds, 1), dtype=wp.vec2d, device=device)
         self._limits = limits_array(world.joint_limits, joints, device)
-        self._columns = wp.array(scene.model.jnt_qposadr[scene.joints], dtype=int, device=device)
+        self._columns = wp.array(scene.model.jnt_qposadr[scene.joint_ids], dtype=int, device=device)
         self._geoms = wp.array(self.surface_point.geoms, dtype=int, device=device)
         self._local = wp.array(self.surface_point.local, dtype=wp.vec3, device=device)
         kernels = self.filter.kernels

@@ -35,7 +35,7 @@ class Scene:
 
     model: mujoco.MjModel
     camera: int
-    joints: np.ndarray  # (N,) joint ids
+    joint_ids: np.ndarray  # (N,) of the chosen joints
     joint_names: tuple[str, ...]
     joint_limits: np.ndarray  # (N, 2) float64, rad or m: commanded positions stay inside
     joint_units: tuple[str, ...]  # "rad" of a hinge, "m" of a slide
@@ -110,7 +110,7 @@ def resolve_scene(
     return Scene(
         model=model,
         camera=camera_id,
-        joints=np.array(joint_ids),
+        joint_ids=np.array(joint_ids),
         joint_names=tuple(_name(model, "joint", j) for j in joint_ids),
         joint_limits=limits,
         joint_units=tuple(_UNITS[mujoco.mjtJoint(model.jnt_type[j])] for j in joint_ids),

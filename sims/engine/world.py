@@ -343,7 +343,7 @@ class SimWorld:
     def _begin(self) -> None:
         scene = self._scene
         qpos = np.repeat(scene.home_qpos[None], self._shape[0], axis=0)
-        columns = scene.model.jnt_qposadr[scene.joints]
+        columns = scene.model.jnt_qposadr[scene.joint_ids]
         for world, row in enumerate(qpos):
             offset = _world_rng(self._seed, world, 0).uniform(-1.0, 1.0, len(columns))
             row[columns] += scene.posture_range * offset
@@ -374,8 +374,8 @@ class SimWorld:
 
     def _joint_step(self, delta: Any) -> np.ndarray:
         if delta is None:
-            return np.zeros((self._shape[0], len(self._scene.joints)))
-        return self._per_world(delta, len(self._scene.joints), "delta")
+            return np.zeros((self._shape[0], len(self._scene.joint_ids)))
+        return self._per_world(delta, len(self._scene.joint_ids), "delta")
 
     def _per_world(self, value: Any, columns: int, name: str) -> np.ndarray:
         """(B, columns) float64 from one row for all worlds or one for each."""
