@@ -106,8 +106,9 @@ def summary_lines(masks: Result, reducers: Result, arms: Result) -> list[str]:
         f"Few-shot masks have IoU {real:.2f} on the hand-drawn masks of VOS-VS, learned from 5 images and asked about "
         f"5 others (worst object {least:.2f}), and {masks['simulated: mean IoU']:.2f} on simulated images "
         f"(`profiling/segmentation.py`; {masks.when()}). The figures of a 640x480 mask take "
-        f"{reducers['mask, object [ms]']:.2f} ms (`profiling/reducers.py`; {reducers.when()}). An arm is learned from 50 images in "
-        f"{arms['learn T = 50']:.2f} s, {calls:.0f} times as fast as three stages of 200 calls of PyTorch's L-BFGS, "
+        f"{reducers['mask, object [ms]']:.2f} ms (`profiling/reducers.py`; {reducers.when()}). "
+        f"An arm is learned from 50 images in {arms['learn T = 50']:.2f} s, {calls:.0f} times as fast as three stages "
+        "of 200 calls of PyTorch's L-BFGS, "
         f"which reach the same error, and {steps:.0f} times as fast as 200 of its steps, which do not; the joints of "
         f"an image take {arms['joints of an image']:.1f} ms (`profiling/generative.py`; {arms.when()}).",
     ]

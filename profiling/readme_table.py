@@ -142,7 +142,8 @@ def _speed() -> list[str]:
     peers, cold = Result("peers"), Result("peers_cold")
     lines = [
         "Speed with 4 joints at 320x240, all implementations in turn in one run, medians (`profiling/peers.py`; "
-        f"{peers.origin()}; with emptied caches {cold.when()}). Predict and update is the paper's diagonal form on every side:",
+        f"{peers.origin()}; with emptied caches {cold.when()}). Predict and update is the paper's diagonal form on "
+        "every side:",
         "",
         "| predict and update: times as fast as | steady loop | caches emptied before each call |",
         "|---|---|---|",
