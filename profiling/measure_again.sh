@@ -29,8 +29,9 @@ timings)
     measure reducers reducers                   # 1
     measure generative generative               # 3, needs PyTorch
     measure startup startup                     # 1
+    measure scaling scaling_cpu --device cpu    # 1
     measure segmentation segmentation           # 12, needs the annotated images of VOS-VS (--data)
-    cp "$out"/{peers,peers_cold,frame_budget,reducers,generative,startup,segmentation}.json "$results"
+    cp "$out"/{peers,peers_cold,frame_budget,reducers,generative,startup,scaling_cpu,segmentation}.json "$results"
     ;;
 experiments)
     for seed in 501 502 503; do reproduce vosvs trial --seed $seed; done                  # 15 each
@@ -48,8 +49,11 @@ experiments)
 gpu)
     measure closed_loop closed_loop_h200 --device cuda:0 --randomize
     measure closed_loop closed_loop_h200_one --device cuda:0 --worlds 1 --speed-only
+    measure closed_loop closed_loop_h200_order2 --device cuda:0 --randomize --order 2
+    measure closed_loop closed_loop_h200_4096 --device cuda:0 --randomize --worlds 4096 --speed-only
+    measure scaling scaling_h200 --device cuda:0
     measure roofline roofline_h200 --device cuda:0 --worlds 1,512
-    cp "$out"/{closed_loop_h200,closed_loop_h200_one,roofline_h200}.json "$results"
+    cp "$out"/{closed_loop_h200,closed_loop_h200_one,closed_loop_h200_order2,closed_loop_h200_4096,scaling_h200,roofline_h200}.json "$results"
     ;;
 esac
 python profiling/readme_table.py

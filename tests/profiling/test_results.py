@@ -13,13 +13,10 @@ RESULTS = ROOT / "profiling" / "results"
 ORIGIN = {"date", "commit", "arguments", "machine", "versions"}
 # Measured before the programs wrote all of that down; to be measured again, then nothing stands here.
 BEFORE = {
-    "closed_loop_h200",
-    "closed_loop_h200_one",
     "experiments",
     "generative",
     "peers_cold",
     "reducers",
-    "roofline_h200",
     "segmentation",
 }
 
