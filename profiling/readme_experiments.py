@@ -9,7 +9,7 @@ GIVEN, NOT_GIVEN = ", lens tolerances given", ", lens tolerances not given"
 ROBUST = {"method": "robust"}
 VS, DE = "VS of 24 (ClickBot 2023: 24), J+ feature by feature", "DE of 24 (ClickBot 2023: 16), depth by robust"
 DEPTH = "depth error by robust, median, against the outline's depth"
-BOUND = "least error possible from those (Cramer-Rao bound)"
+BOUND = "Cramer-Rao bound of an unbiased fit to those images"
 
 # Text, experiment, name of its row, and what it was told; a row without a committed result is left out.
 EXPERIMENTS = (
@@ -25,7 +25,7 @@ EXPERIMENTS = (
     ("the same without tolerances", "few-samples", f"20 samples{NOT_GIVEN}: mean", NORMAL),
     ("15 images, joints anywhere within 1 rad, tolerances given", "few-samples", f"15 samples{GIVEN}: mean", UNIFORM),
     ("the same without tolerances", "few-samples", f"15 samples{NOT_GIVEN}: mean", UNIFORM),
-    ("10 images, the same, tolerances given", "few-samples", f"10 samples{GIVEN}: mean", UNIFORM),
+    ("10 images, joints anywhere within 1 rad, tolerances given", "few-samples", f"10 samples{GIVEN}: mean", UNIFORM),
     (BOUND, "few-samples", f"10 samples{GIVEN}: bound (Cramer-Rao), mean", UNIFORM),
     ("the same without tolerances", "few-samples", f"10 samples{NOT_GIVEN}: mean", UNIFORM),
     (BOUND, "few-samples", f"10 samples{NOT_GIVEN}: bound (Cramer-Rao), mean", UNIFORM),
