@@ -20,7 +20,7 @@ _NO_MOTION: Range = (0.0, 0.0)
 
 @dataclass(frozen=True)
 class DistractorKind:
-    """A distractor, and the ranges that its path is drawn from, one an axis.
+    """A distractor, and for each axis the range that its path is drawn from.
 
     Attributes:
         body: mocap body of the robot's model.
