@@ -34,9 +34,9 @@ timings)
     cp "$out"/{peers,peers_cold,frame_budget,reducers,generative,startup,scaling_cpu,segmentation}.json "$results"
     ;;
 experiments)
-    for seed in 501 502 503; do reproduce vosvs trial --seed $seed; done                  # 15 each
-    reproduce dije leak --seed 100 101 102 103 104                                        # 15
-    reproduce dije labels --seed 100 101 102 103 104                                      # 5
+    for seed in 501 502 503; do reproduce vosvs trial --seed $seed; done                  # 12 each
+    reproduce dije leak --seed 100 101 102 103 104                                        # 7
+    reproduce dije labels --seed 100 101 102 103 104                                      # 4
     for seed in 501 502 503; do reproduce vosvs pick-place --seed $seed; done             # 15 each
     for seed in 501 502 503; do reproduce vosvs learn --responses 2 --seed $seed; done    # 15 each
     for seed in 501 502; do reproduce vosvs step-response --seed $seed; done
