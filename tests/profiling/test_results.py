@@ -21,7 +21,6 @@ BEFORE = {
 RUNS_BEFORE = {
     ("generative", "grasp"): [[501]],
     ("generative", "insertion"): [[501], [502], [503]],
-    ("generative", "servo"): [[500, 501]],
     ("vosvs", "learn"): [[501], [502], [503]],
     ("vosvs", "pick-place"): [[501], [502], [503]],
     ("vosvs", "step-response"): [[501], [502]],
