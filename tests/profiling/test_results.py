@@ -19,7 +19,6 @@ BEFORE = {
     "segmentation",
 }
 RUNS_BEFORE = {
-    ("generative", "grasp"): [[501]],
     ("generative", "insertion"): [[501], [502], [503]],
     ("vosvs", "learn"): [[501], [502], [503]],
     ("vosvs", "pick-place"): [[501], [502], [503]],
