@@ -23,7 +23,6 @@ RUNS_BEFORE = {
     ("vosvs", "learn"): [[501], [502], [503]],
     ("vosvs", "pick-place"): [[501], [502], [503]],
     ("vosvs", "step-response"): [[501], [502]],
-    ("vosvs", "track"): [[501]],
     ("vosvs", "trial"): [[502], [503]],
 }
 
