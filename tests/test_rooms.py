@@ -39,7 +39,8 @@ ROOMS = {
 }
 ALGORITHMS = set(ROOMS)
 ROOMS["view"] = ALGORITHMS
-ROOMS["cli"] = ALGORITHMS | {"view"}
+ROOMS["sweep"] = {"view"}
+ROOMS["cli"] = ALGORITHMS | {"view", "sweep"}
 SIMS_ROOMS = {
     "sims.engine": set(),
     "sims.arms": {"sims.engine"},

@@ -32,6 +32,7 @@ COMMANDS = {
     "segment-train": Command(
         "dense_vs.cli.segment_train", "learn to segment an object from about ten annotated images"
     ),
+    "sweep": Command("dense_vs.cli.sweep", "run commands over seeds and options, on several cores or machines"),
 }
 
 
