@@ -206,3 +206,10 @@ def test_no_room_names_the_simulator():
         for node in ast.walk(ast.parse(file.read_text(encoding="utf-8"))):
             if isinstance(node, ast.Constant) and isinstance(node.value, str):
                 assert not node.value.startswith("dense_vs.sims"), f"{module}, line {node.lineno}"
+
+
+@pytest.mark.parametrize(("paper", "equations"), [("DIJE", 17), ("VOS-VS", 23), ("Gothoskar", 15)])
+def test_every_equation_is_named_where_it_is_implemented(paper, equations):
+    """A reader who searches for "DIJE (14)" lands on the line."""
+    text = "\n".join(file.read_text(encoding="utf-8") for _, file in modules())
+    assert [number for number in range(1, equations + 1) if f"{paper} ({number})" not in text] == []

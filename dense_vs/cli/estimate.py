@@ -60,7 +60,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--flow",
         default="dis-medium",
         metavar="METHOD",
-        help="optical flow method; an unknown one lists them all (default: dis-medium)",
+        help="optical flow: lucas-kanade, dis, dis-medium, learned, farneback and others (default: dis-medium)",
     )
     parser.add_argument(
         "--smoothing",

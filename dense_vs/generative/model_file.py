@@ -21,7 +21,7 @@ ARRAYS["home"] = "parameters_centre"  # what files of this version call it
 
 @dataclass
 class ModelContent:
-    """What a file holds, as :class:`GenerativeModel` takes it."""
+    """Contents of a file, as :class:`GenerativeModel` takes it."""
 
     parameters: ModelParameters
     postures: np.ndarray

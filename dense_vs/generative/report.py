@@ -1,4 +1,4 @@
-"""What a fit says about itself."""
+"""Report of a fit: errors, noise, unobservable parameters, suspicious detections."""
 
 from dataclasses import dataclass, field
 from typing import Any

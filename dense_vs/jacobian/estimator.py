@@ -1,9 +1,9 @@
 """The dense image Jacobian estimator: a Kalman filter at every pixel, DIJE section III.
 
 ``u = J dq`` relates the optical flow u [px] of a pixel to the joint step dq [rad] between two frames, DIJE (1); it is
-the observation of the filter, DIJE (2) to (4). Each frame the estimate is moved with the image, DIJE (8) by (13) or
-(14), and corrected by the flow, DIJE (9) to (12). Beyond the paper, and measured better: one full covariance in place
-of the diagonal one of DIJE (5), shared by all pixels, as it depends on no image data; the image Hessian dJ/dq
+the observation of the filter, DIJE (2), DIJE (3), DIJE (4). Each frame the estimate is moved with the image, DIJE (8)
+by (13) or (14), and corrected by the flow, DIJE (9) to (12). Beyond the paper, and measured better: one full covariance
+in place of the diagonal one of DIJE (5), shared by all pixels, as it depends on no image data; the image Hessian dJ/dq
 estimated beside J, so that J follows the posture (both in ``kernels/jacobian/covariance.py``); process noise that
 grows with the motion; a second step of the fixed point that DIJE (14) begins.
 """
@@ -147,7 +147,7 @@ class DenseJacobian:
 
     @property
     def variance(self) -> np.ndarray:
-        """Variance of J's columns, float32 ``(H, W, N)`` [px^2/rad^2], the same for the rows x and y, DIJE (6), (7).
+        """Variance of J's columns, float32 ``(H, W, N)`` [px^2/rad^2], the same for rows x and y, DIJE (6), DIJE (7).
 
         Infinite for a joint that is not learned.
         """

@@ -22,7 +22,7 @@ STANDARD_STEP = 0.012  # rad a frame, that of the babbling which the variances w
 
 @dataclass(frozen=True, kw_only=True)
 class JacobianOptions:
-    """What fixes a filter's behavior; units px and rad (m for a prismatic joint).
+    """Options of a filter; units px and rad (m for a prismatic joint).
 
     Only the ratios of the three variances matter: scaling all of them leaves J as it is.
 
@@ -140,7 +140,7 @@ class JacobianOptions:
 
     @property
     def step_factors(self) -> tuple[float, ...]:
-        """What each joint's step is multiplied by to be in standard units; 0 for one that is not learned."""
+        """Factor that brings each joint's step to standard units; 0 for one that is not learned."""
         return step_factors(self.joint_scale, self.joints)
 
     def _check_joint_scale(self) -> None:
@@ -153,7 +153,7 @@ class JacobianOptions:
 
 
 class EstimatorOptions(TypedDict, total=False):
-    """What may be chosen of :class:`JacobianOptions` where the size follows from something else."""
+    """Options of :class:`JacobianOptions` that may be chosen where the size follows from something else."""
 
     order: int | None
     covariance: CovarianceForm
@@ -174,7 +174,7 @@ class EstimatorOptions(TypedDict, total=False):
 
 
 def step_factors(joint_scale: Any, joints: int) -> tuple[float, ...]:
-    """What brings each joint's step to standard units: STANDARD_STEP / scale, 0 where the scale is 0, 1 without any.
+    """Factors of the joints' steps to standard units: STANDARD_STEP / scale, 0 where the scale is 0, 1 without any.
 
     Raises:
         DenseVSError: not ``joints`` finite numbers of at least 0.

@@ -1,6 +1,6 @@
 """The servo law on mask features, VOS-VS (10): dq = -lambda J+ e, with limits and a defined end for a lost feature.
 
-It is VOS-VS (8) for joint steps in place of camera velocities; J+ inverts VOS-VS (9), which stands in place of (7).
+It is VOS-VS (8) for joint steps in place of camera velocities; J+ inverts VOS-VS (9), which stands for VOS-VS (7).
 
 Beyond the paper: a command is bounded as a whole, so that its direction stays; joint limits are kept; and while the
 feature is not seen nothing is commanded, until after a set number of frames the servo says that it is lost.
@@ -18,7 +18,7 @@ from dense_vs.errors import DenseVSError
 
 
 class FeatureState(StrEnum):
-    """What a feature servo is about."""
+    """State of a feature servo."""
 
     SERVOING = "servoing"
     CONVERGED = "converged"  # the error is within the tolerance; dq is zero
@@ -28,7 +28,7 @@ class FeatureState(StrEnum):
 
 @dataclass(frozen=True)
 class FeatureCommand:
-    """What :meth:`FeatureServo.step` commands.
+    """A command of :meth:`FeatureServo.step`.
 
     Attributes:
         dq: ``(n,)`` joint step [rad, m].

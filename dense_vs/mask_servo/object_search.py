@@ -19,7 +19,7 @@ from dense_vs.segmentation.segmenter import forget_images
 
 @dataclass(frozen=True)
 class SearchResult:
-    """What a search came to.
+    """Result of a search.
 
     Attributes:
         found: whether the object is seen now.

@@ -30,7 +30,7 @@ _MOVING = 0.1  # of the largest motion: points that move less do not count
 
 @dataclass(frozen=True)
 class Frame:
-    """What one frame brought.
+    """Result of one frame.
 
     Attributes:
         time: stamp of the image [s].

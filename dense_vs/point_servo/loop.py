@@ -24,7 +24,7 @@ from dense_vs.robot.joint_group import JointGroup
 from dense_vs.robot.protocols import Camera, Robot
 
 LEAST_BODY = 0.01  # share of the image that makes the robot's own pixels count as known
-LEARNT_UPDATES = 30  # after which the babbling's pace comes from J dq
+LEARNED_UPDATES = 30  # after which the babbling's pace comes from J dq
 DELAY_FRAMES = 60  # of babbling, that the delay of joint readings is found in
 DELAY_MARGIN = 3  # frames more of readings, as the longest delay that is tried
 DELAY_STEP = 8  # px between the pixels that it is found from
@@ -257,15 +257,15 @@ class ServoLoop:
         return Reach(goal, frames, distance, ReachEnd.LOST if self._lost else end)
 
     def _pacing_flow(self) -> np.ndarray | None:
-        """The last frame's image motion: J dq once J is learnt, which neither noise nor others' motion slows down.
+        """The last frame's image motion: J dq once J is learned, which neither noise nor others' motion slows down.
 
         Without what is known not to be the robot, once the robot itself is known.
         """
         frame, body = self.frame, self.pipeline.body
         if frame.dq is None:
             return None
-        learnt = self.estimator.updates > LEARNT_UPDATES
-        flow = self.estimator.predicted_flow(frame.dq) if learnt else frame.flow
+        learned = self.estimator.updates > LEARNED_UPDATES
+        flow = self.estimator.predicted_flow(frame.dq) if learned else frame.flow
         if flow is None or body is None:
             return flow
         found = body.recognition(self.estimator.jacobian)

@@ -5,6 +5,6 @@ May import: the ground (``errors``, ``checks``, ``arrays``, ``device``, ``files`
 
 from dense_vs.robot.babbling import Babbling, BabblingOptions
 from dense_vs.robot.joint_group import JointGroup
-from dense_vs.robot.protocols import Camera, Gripper, GripperState, Robot
+from dense_vs.robot.protocols import Camera, Gripper, GripperState, JointUnits, Robot
 
-__all__ = ["Babbling", "BabblingOptions", "Camera", "Gripper", "GripperState", "JointGroup", "Robot"]
+__all__ = ["Babbling", "BabblingOptions", "Camera", "Gripper", "GripperState", "JointGroup", "JointUnits", "Robot"]
