@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from dense_vs.arrays import number_array
 from dense_vs.checks import check_number
 from dense_vs.grasp import (
     GraspAction,
@@ -116,7 +117,7 @@ class GraspLoop:
         self.camera, self.robot, self.segmenter, self.gripper, self.hand = camera, robot, segmenter, gripper, hand
         JointGroup.of_robot(robot, [lift, wrist, *base])
         self._lift, self._wrist = JointGroup.of_robot(robot, [lift]), JointGroup.of_robot(robot, [wrist])
-        self._base, self._pinv = base, np.asarray(pinv, dtype=np.float64)
+        self._base, self._pinv = base, number_array(pinv, "pinv", (len(base), 2))
         self.policy = policy if policy is not None else RegraspPolicy()
         self._raise_by = check_number("raise_by", raise_by, above=0.0)
         self._lag = check_number("contact_lag", contact_lag, above=0.0)
