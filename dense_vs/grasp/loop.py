@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 
+from dense_vs.arrays import number_array
 from dense_vs.checks import check_number
 from dense_vs.errors import DenseVSError
 from dense_vs.grasp.camera_height import grasp_camera_position
@@ -115,7 +116,8 @@ class GraspLoop:
         if len(base) != 2:
             raise DenseVSError(f"base is {list(base)}; expected two joints out of {', '.join(robot.joint_names)}")
         self._lift, self._wrist = JointGroup.of_robot(robot, [lift]), JointGroup.of_robot(robot, [wrist])
-        self._base, self._pinv = JointGroup.of_robot(robot, base), np.asarray(pinv, dtype=np.float64)
+        self._base = JointGroup.of_robot(robot, base)
+        self._pinv = number_array(pinv, "pinv", (len(base), 2))
         self.policy = policy if policy is not None else RegraspPolicy()
         self._raise_by = check_number("raise_by", raise_by, above=0.0)
         self._lag = check_number("contact_lag", contact_lag, above=0.0)

@@ -17,15 +17,18 @@ import numpy as np
 import warp as wp
 
 from dense_vs.arrays import points_array, real_vector, vec2_image
+from dense_vs.checks import check_whole
 from dense_vs.device import resolve_device, resolve_threads, room_for
 from dense_vs.errors import DenseVSError
 from dense_vs.files import atomic_write, read_arrays
 from dense_vs.jacobian.filter import JacobianFilter, filter_bytes
 from dense_vs.jacobian.options import CovarianceForm, JacobianOptions, OnBadFlow, Prediction
+from dense_vs.jacobian.stored_state import STATE, check_stored
 from dense_vs.kernels.views import seen_as
 
 FORMAT = "dense-vs dense image Jacobian"
 FORMAT_VERSION = 1
+STORED = ("format", "format_version", "options", "updates", *STATE)
 
 
 class DenseJacobian:
@@ -286,25 +289,19 @@ class DenseJacobian:
         Raises:
             DenseVSError: not such a file, another version of it, or arrays that do not fit its options.
         """
-        content = read_arrays(path, "a saved Jacobian")
+        content = read_arrays(path, "a saved Jacobian", STORED)
         if str(content.get("format")) != FORMAT:
             raise DenseVSError(f"{path} is not a saved Jacobian; expected a file that DenseJacobian.save wrote")
         if str(content.get("format_version")) != str(FORMAT_VERSION):
             raise DenseVSError(f"{path} has format version {content.get('format_version')}; expected {FORMAT_VERSION}")
         try:
-            options = asdict(JacobianOptions(**json.loads(str(content["options"]))))
-            updates = int(content["updates"])
-            estimator = cls(device=device, threads=threads, **options)
-            stored = [(name, array, content[name]) for name, array in estimator.filter.stored().items()]
-        except (KeyError, ValueError, TypeError) as error:
+            options = JacobianOptions(**json.loads(str(content["options"])))
+            updates = check_whole("updates", content["updates"].item(), least=0)
+            check_stored(content, options)  # before memory is taken for sizes that the file only claims
+        except (KeyError, ValueError, TypeError, AttributeError, RecursionError) as error:
             raise DenseVSError(f"{path} is damaged: {error}") from error
-        for name, expected, found in stored:
-            if found.shape != expected.shape or found.dtype != expected.dtype or not np.isfinite(found).all():
-                raise DenseVSError(
-                    f"{path} is damaged: {name} has shape {found.shape} and dtype {found.dtype}; "
-                    f"expected finite values of shape {expected.shape} and dtype {expected.dtype}"
-                )
-        estimator.filter.restore({name: found for name, _, found in stored})
+        estimator = cls(device=device, threads=threads, **asdict(options))
+        estimator.filter.restore({name: content[name] for name in STATE})
         estimator.updates = updates
         return estimator
 

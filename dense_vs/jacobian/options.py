@@ -5,8 +5,8 @@ from typing import Any, Literal, TypedDict, get_args
 
 import numpy as np
 
-from dense_vs.arrays import real_vector
-from dense_vs.checks import check_choice, check_number, check_whole
+from dense_vs.arrays import number_array
+from dense_vs.checks import check_choice, check_flag, check_number, check_whole
 from dense_vs.errors import DenseVSError
 
 CovarianceForm = Literal["shared", "diagonal", "fixed", "full"]
@@ -115,8 +115,11 @@ class JacobianOptions:
         if self.order is None:
             second = self.covariance == "shared" and self.joints <= MAX_JOINTS_DEFAULT_ORDER_2
             object.__setattr__(self, "order", 2 if second else 1)
-        if isinstance(self.order, bool) or self.order not in (1, 2):
+        # A number of NumPy's own would be another order to the kernels' cache, and no literal in their code.
+        if isinstance(self.order, bool) or not isinstance(self.order, (int, np.integer)) or self.order not in (1, 2):
             raise DenseVSError(f"order is {self.order!r}; expected 1 or 2")
+        object.__setattr__(self, "order", int(self.order))
+        object.__setattr__(self, "move_variance", check_flag("move_variance", self.move_variance))
         if self.order == 2 and (self.covariance != "shared" or self.joints > MAX_JOINTS_ORDER_2):
             raise DenseVSError(
                 f"order 2 with covariance {self.covariance!r} and {self.joints} joints; expected covariance "
@@ -181,7 +184,7 @@ def step_factors(joint_scale: Any, joints: int) -> tuple[float, ...]:
     """
     if joint_scale is None:
         return (1.0,) * joints
-    scale = real_vector(np.asarray(joint_scale, dtype=float), "joint_scale", (joints,))
+    scale = number_array(joint_scale, "joint_scale", (joints,))
     if (scale < 0).any():
         raise DenseVSError(f"joint_scale is {scale.tolist()}; expected typical steps of at least 0")
     return tuple(STANDARD_STEP / float(value) if value > 0 else 0.0 for value in scale)

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.ndimage import gaussian_filter1d
 
-from dense_vs.arrays import real_vector
+from dense_vs.arrays import number_array, real_vector
 from dense_vs.checks import check_number
 from dense_vs.errors import DenseVSError
 from dense_vs.robot.joint_group import joint_indices
@@ -35,6 +35,8 @@ class JointLog:
     positions: np.ndarray
 
     def __post_init__(self):
+        object.__setattr__(self, "times", number_array(self.times, "times of a joint log", finite=False))
+        object.__setattr__(self, "positions", number_array(self.positions, "positions of a joint log", finite=False))
         if self.times.ndim != 1 or self.positions.shape != (len(self.times), len(self.names)):
             raise DenseVSError(
                 f"joint log has times of shape {self.times.shape} and positions of shape {self.positions.shape}; "
@@ -58,7 +60,7 @@ class JointLog:
         Raises:
             DenseVSError: a time outside the log.
         """
-        times = np.asarray(times, dtype=np.float64)
+        times = number_array(times, "times", (-1,))
         if times.size and (times.min() < self.times[0] or times.max() > self.times[-1]):
             raise DenseVSError(
                 f"times {times.min():.3f} to {times.max():.3f} s are not all in the joint log, "
@@ -76,7 +78,12 @@ class JointLog:
         return JointLog(tuple(names), self.times, self.positions[:, columns])
 
     def shifted(self, seconds: float) -> "JointLog":
-        """The log with ``seconds`` added to its times."""
+        """The log with ``seconds`` added to its times.
+
+        Raises:
+            DenseVSError: not a finite number, or so many that the times no longer differ.
+        """
+        seconds = check_number("seconds", seconds)
         return JointLog(self.names, self.times + seconds, self.positions)
 
     def smoothed(self, seconds: float) -> "JointLog":
@@ -91,7 +98,7 @@ class JointLog:
         Raises:
             DenseVSError: a width that is not finite or less than 0.
         """
-        check_number("smoothing", seconds, least=0)
+        seconds = check_number("smoothing", seconds, least=0)
         span = self.times[-1] - self.times[0]
         # Finer than the readings or a quarter of the width there is nothing to gain.
         step = max(min(float(np.median(np.diff(self.times))), seconds), seconds / 4)
