@@ -24,6 +24,7 @@ from dense_vs.grasp import (
     grasp_camera_position,
 )
 from dense_vs.mask_servo.loop import MaskServo, ServoEnd
+from dense_vs.robot.command_gate import CommandGate
 from dense_vs.robot.joint_group import JointGroup
 from dense_vs.robot.protocols import Camera, Gripper, Robot
 from dense_vs.segmentation import Segmenter, assess_mask
@@ -90,6 +91,7 @@ class GraspLoop:
         policy: what follows a miss.
         raise_by: way up before VOS-VS (23) [m].
         contact_lag: the lift stays behind its command by more than this when something is below [m].
+        max_step: farthest that one command moves the lift [m] or the wrist [rad]; half a turn unless given.
         on_attempt: called after the check of every attempt, before what follows it.
 
     Raises:
@@ -111,11 +113,13 @@ class GraspLoop:
         policy: RegraspPolicy | None = None,
         raise_by: float = 0.15,
         contact_lag: float = 0.001,
+        max_step: float = np.pi,
         on_attempt: Callable[[GraspAttempt], None] | None = None,
     ):
         self.camera, self.robot, self.segmenter, self.gripper, self.hand = camera, robot, segmenter, gripper, hand
         JointGroup.of_robot(robot, [lift, wrist, *base])
         self._lift, self._wrist = JointGroup.of_robot(robot, [lift]), JointGroup.of_robot(robot, [wrist])
+        self._gates = {g.names: CommandGate(robot, g, max_step=max_step) for g in (self._lift, self._wrist)}
         self._base, self._pinv = base, np.asarray(pinv, dtype=np.float64)
         self.policy = policy if policy is not None else RegraspPolicy()
         self._raise_by = check_number("raise_by", raise_by, above=0.0)
@@ -128,6 +132,8 @@ class GraspLoop:
         The robot is above the object, its wrist where the camera servoes by ``pinv``.
         """
         run = GraspRun()
+        for gate in self._gates.values():
+            gate.restart()
         self.policy.reset()
         start = self._joint(self._wrist)
         hover = self._joint(self._lift)
@@ -211,7 +217,12 @@ class GraspLoop:
         return float(joint.take(self.robot.joints()[0])[0])
 
     def _move(self, joint: JointGroup, by: float) -> None:
-        self.robot.command(joint.spread([by]))
+        """Move as far as the gate lets; in several commands where it is too far for one."""
+        gate, left = self._gates[joint.names], by
+        while left != 0.0:
+            asked = float(np.clip(left, -gate.max_step[0], gate.max_step[0]))
+            sent = float(gate.send([asked], [self._joint(joint)])[0])
+            left = left - sent if abs(sent) > 0.999 * abs(asked) else 0.0  # not on against a limit
 
 
 def _jammed(opening: float) -> GraspAttempt:
