@@ -25,12 +25,13 @@ KERNEL_ROOMS = {
 }
 ROOMS = {
     "robot": set(),
+    "health": {"robot"},
     "recording": {"robot"},
     "flow": set(),
     "jacobian": set(),
     "body": {"jacobian"},
-    "pipeline": {"recording", "flow", "jacobian", "body"},
-    "point_servo": {"robot", "recording", "flow", "jacobian", "body", "pipeline"},
+    "pipeline": {"health", "recording", "flow", "jacobian", "body"},
+    "point_servo": {"robot", "health", "recording", "flow", "jacobian", "body", "pipeline"},
     "segmentation": set(),
     "mask_servo": {"robot", "segmentation"},
     "depth": {"robot", "segmentation"},

@@ -17,6 +17,7 @@ MAX_JOINTS = 64
 MAX_JOINTS_FULL = 8
 MAX_JOINTS_ORDER_2 = 8
 MAX_JOINTS_DEFAULT_ORDER_2 = 6
+MOST_JOINT_STEP = 1000.0  # rad; the covariance of order 2 holds fourth powers of a step
 STANDARD_STEP = 0.012  # rad a frame, that of the babbling which the variances were tuned on
 
 
@@ -57,6 +58,8 @@ class JacobianOptions:
             flow's noise [px]; 0, the default, learns from every flow however small. For ``"shared"`` and ``"fixed"``.
         max_innovation: bound on the length of u - J dq as a multiple of the length of u plus 0.5 px, against
             occlusions and wrong flow; none unless given. For ``"shared"`` and ``"fixed"``.
+        max_joint_step: largest step of a joint between two images that is believed [rad], in standard units where there
+            is a ``joint_scale``; a larger one is refused.
         move_variance: whether ``"diagonal"`` moves the variance with J; the paper does not. The
             other forms keep it in place.
         on_bad_flow: ``"error"`` refuses a flow image with a value that is not finite; ``"skip"`` only
@@ -81,6 +84,7 @@ class JacobianOptions:
     joint_scale: tuple[float, ...] | None = None
     rest: float = 0.0
     max_innovation: float | None = None
+    max_joint_step: float = 100.0
     move_variance: bool = False
     on_bad_flow: OnBadFlow = "error"
 
@@ -134,6 +138,9 @@ class JacobianOptions:
         for name in ("measurement_noise", "initial_variance", "initial_hessian_variance", "max_variance"):
             object.__setattr__(self, name, check_number(name, getattr(self, name), above=0))
         object.__setattr__(self, "rest", check_number("rest", self.rest, least=0))
+        object.__setattr__(
+            self, "max_joint_step", check_number("max_joint_step", self.max_joint_step, above=0, most=MOST_JOINT_STEP)
+        )
         if self.max_innovation is not None:
             object.__setattr__(self, "max_innovation", check_number("max_innovation", self.max_innovation, above=0))
         if self.covariance not in ("shared", "fixed") and (self.rest or self.max_innovation):
@@ -172,6 +179,7 @@ class EstimatorOptions(TypedDict, total=False):
     joint_scale: tuple[float, ...] | None
     rest: float
     max_innovation: float | None
+    max_joint_step: float
     move_variance: bool
     on_bad_flow: OnBadFlow
 
@@ -188,6 +196,26 @@ def step_factors(joint_scale: Any, joints: int) -> tuple[float, ...]:
     if (scale < 0).any():
         raise DenseVSError(f"joint_scale is {scale.tolist()}; expected typical steps of at least 0")
     return tuple(STANDARD_STEP / float(value) if value > 0 else 0.0 for value in scale)
+
+
+def refuse_large_steps(step: np.ndarray, name: str, factors: np.ndarray, most: float) -> None:
+    """Refuse joint displacements ``(..., N)`` that no robot makes between two images.
+
+    Args:
+        step: [rad].
+        name: what to call it in an error.
+        factors: ``(N,)``, what brings each joint's step to standard units.
+        most: largest [rad].
+
+    Raises:
+        DenseVSError: a larger one.
+    """
+    size = np.abs(step) * factors
+    if (size > most).any():
+        raise DenseVSError(
+            f"{name} is {np.asarray(step).tolist()}; expected steps of at most max_joint_step = {most:g} between two "
+            "images"
+        )
 
 
 def recorded_options(joints: int) -> EstimatorOptions:

@@ -385,12 +385,10 @@ class SimWorld:
     def _per_world(self, value: Any, columns: int, name: str) -> np.ndarray:
         """(B, columns) float64 from one row for all worlds or one for each."""
         worlds = self._shape[0]
-        array = number_array(value, name, finite=False)
+        array = number_array(value, name)
         if array.shape not in ((columns,), (worlds, columns)):
             expected = f"({columns},)" if worlds == 1 else f"({columns},) or ({worlds}, {columns})"
             raise DenseVSError(f"{name} has shape {array.shape}; expected {expected}")
-        if not np.all(np.isfinite(array)):
-            raise DenseVSError(f"{name} is {array.tolist()}; expected finite numbers")
         return np.broadcast_to(array, (worlds, columns))
 
     def _out(self, array: np.ndarray) -> np.ndarray:
