@@ -43,6 +43,8 @@ class FitOptions:
         rounds: turns of assignment and adjustment.
         believed: largest mean robust error, 0 to 1, of a track that takes part.
         seed: of the random directions.
+        most_tracks: that take part in the adjustment; the links of all are found at the end.
+        most_images: that take part, spread over the recording.
     """
 
     focal_length: float | None = None
@@ -53,6 +55,8 @@ class FitOptions:
     rounds: int = 3
     believed: float = 0.4
     seed: int = 0
+    most_tracks: int = 400
+    most_images: int = 80
 
     def __post_init__(self):
         if self.focal_length is not None:
@@ -60,7 +64,7 @@ class FitOptions:
         check_number("focal_deviation", self.focal_deviation, above=0)
         check_number("noise", self.noise, above=0)
         check_number("believed", self.believed, above=0, below=1)
-        for name in ("starts", "rounds"):
+        for name in ("starts", "rounds", "most_tracks", "most_images"):
             check_whole(name, getattr(self, name), least=1)
         check_whole("seed", self.seed, least=0)
 
@@ -106,7 +110,7 @@ def fit_body(tracks: PointTracks, options: FitOptions | None = None) -> BodyFit:
     moving = (_travel(tracks.pixels) > MOVING) & (seen >= LEAST_SEEN)
     if moving.sum() < _LEAST_TRACKS:
         raise DenseVSError(f"{int(moving.sum())} tracks move; expected at least {_LEAST_TRACKS}")
-    used = tracks.select(moving)
+    used = _share(tracks.select(moving), options)
     home = np.median(used.joints, axis=0)
     measured = track_jacobians(used, home, options.noise, float(width))
     parents, learned = _parents(measured, used, options)
@@ -114,17 +118,43 @@ def fit_body(tracks: PointTracks, options: FitOptions | None = None) -> BodyFit:
     turn = _Turns(used, center, learned, options)
     candidates, chosen = _start(used, measured, links, parents, focal, center, options)
     begun = [turn.take(turn.begin(state, chosen, measured.places), (focal, _HELD)) for state in candidates]
-    begun = [turn.take(one, (focal, _HELD)) for one in begun]
+    begun = [turn.take(one, (focal, _HELD)) for one in sorted(begun, key=lambda one: one.cost)[:2]]
     found = min(begun, key=lambda one: one.cost)
     for _ in range(options.rounds):
         found = turn.take(found, prior)
-    believed, links, state = found.believed, found.links, found.state
+    state = _in_units(replace(found.state, points=found.points[found.believed]))
     all_links = np.full(tracks.pixels.shape[1], UNKNOWN)
     all_links[~moving & (seen >= LEAST_SEEN)] = BACKGROUND
-    explained = found.costs < options.believed
-    all_links[np.flatnonzero(moving)[explained]] = links[explained]
-    state = _in_units(replace(state, points=found.points[believed]))
-    return BodyFit(state, links[believed], used.select(believed), center, learned, found.error, all_links)
+    all_links[moving] = _links_of_all(state, center, tracks.select(moving), learned, options)
+    links = found.links[found.believed]
+    return BodyFit(state, links, used.select(found.believed), center, learned, found.error, all_links)
+
+
+def _share(tracks: PointTracks, options: FitOptions) -> PointTracks:
+    """The longest of the tracks, the same share of every reference image's, in images spread over the recording."""
+    count = tracks.pixels.shape[1]
+    if count > options.most_tracks:
+        lengths = tracks.seen.sum(axis=0)
+        rank = np.zeros(count)
+        for reference in np.unique(tracks.references):
+            of_one = np.flatnonzero(tracks.references == reference)
+            rank[of_one[np.argsort(-lengths[of_one])]] = (np.arange(len(of_one)) + 0.5) / len(of_one)
+        tracks = tracks.select(np.sort(np.argsort(rank, kind="stable")[: options.most_tracks]))
+    images = len(tracks.joints)
+    if images > options.most_images:
+        rows = np.unique(np.linspace(0, images - 1, options.most_images).round().astype(int))
+        tracks = PointTracks(tracks.joints[rows], tracks.pixels[rows], tracks.references, tracks.size)
+    return tracks
+
+
+def _links_of_all(
+    state: BodyState, center: tuple[float, float], tracks: PointTracks, learned: np.ndarray, options: FitOptions
+) -> np.ndarray:
+    """Link ``(M,)`` of every track, with the chain as it is; :data:`UNKNOWN` where none explains it."""
+    middle = np.nan_to_num(np.nanmean(tracks.pixels, axis=0), nan=center[0])
+    rays = np.column_stack([(middle - center) / state.focal, np.ones(len(middle))])
+    links, _, costs = assign_links(state, center, tracks, rays, learned, options.noise)
+    return np.where(costs < options.believed, links, UNKNOWN)
 
 
 @dataclass(frozen=True)

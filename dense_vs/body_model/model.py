@@ -123,12 +123,24 @@ class BodyModel:
             )
         found = fit_body(tracks, fit_options)
         looked = [np.ascontiguousarray(images[k]) for k in range(0, len(images), followed.stride)]
-        return cls._from_fit(found, looked, q[:: followed.stride], surface_options)
+        return cls.from_fit(found, looked, q[:: followed.stride], surface_options)
 
     @classmethod
-    def _from_fit(
-        cls, found: BodyFit, images: list[np.ndarray], joints: np.ndarray, options: SurfaceOptions | None
+    def from_fit(
+        cls,
+        found: BodyFit,
+        images: Sequence[np.ndarray],
+        joints: np.ndarray,
+        options: SurfaceOptions | None = None,
     ) -> "BodyModel":
+        """The model of a fit that is done, with the surface that some images show.
+
+        Args:
+            found: lines, camera and points.
+            images: gray images uint8 ``(H, W)``.
+            joints: ``(K, N)`` of these images [rad].
+            options: of the surface, as given, or the defaults.
+        """
         state = found.state
         anchors = state.points, found.links
         surface = find_surface(
