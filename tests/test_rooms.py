@@ -37,6 +37,7 @@ ROOMS = {
     "depth": {"robot", "segmentation"},
     "grasp": {"robot", "segmentation", "mask_servo"},
     "generative": set(),
+    "body_model": {"generative"},
 }
 ALGORITHMS = set(ROOMS)
 ROOMS["view"] = ALGORITHMS
