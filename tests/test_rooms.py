@@ -26,6 +26,7 @@ KERNEL_ROOMS = {
 ROOMS = {
     "robot": set(),
     "recording": {"robot"},
+    "drivers": {"robot"},
     "flow": set(),
     "jacobian": set(),
     "body": {"jacobian"},
@@ -39,7 +40,8 @@ ROOMS = {
 }
 ALGORITHMS = set(ROOMS)
 ROOMS["view"] = ALGORITHMS
-ROOMS["cli"] = ALGORITHMS | {"view"}
+ROOMS["live"] = ALGORITHMS | {"view"}
+ROOMS["cli"] = ALGORITHMS | {"view", "live"}
 SIMS_ROOMS = {
     "sims.engine": set(),
     "sims.arms": {"sims.engine"},
@@ -59,7 +61,7 @@ SIMS_ROOMS = {
         "sims.flow_training",
     },
 }
-EXTERNAL = {"sims.cli": {"cli"}}  # the simulator's commands share the command line's arguments
+EXTERNAL = {"sims.cli": {"cli", "live"}}  # its commands share the command line's arguments and show robots on the page
 
 
 def modules():
