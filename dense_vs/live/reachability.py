@@ -17,7 +17,7 @@ FALL = 0.95  # of the least error so far counts as smaller
 LEAST_MOTION = 3.0  # px/rad: J of a point that the joints do not move
 ALONG = 0.15  # share of J's largest singular value that moves the point along its error
 LEFT = 0.2  # share of the wanted image motion that the limits leave
-REACHED_PX = 2.0  # an error below it is no reason to worry
+REACHED_PX = 1.0  # an error below it is no reason to worry
 
 
 class Reachability:

@@ -47,7 +47,8 @@ function curve(canvas, rows, column, top, title, unit, color) {
   const x = (time) => ((time - begin) / Math.max(end - begin, 5)) * (width - 2 * ratio);
   const y = (value) => head + (1 - Math.max(0, Math.min(value / top, 1))) * (height - head - 2 * ratio);
   c.clearRect(0, 0, width, height);
-  c.strokeStyle = style.getPropertyValue("--line");
+  c.strokeStyle = style.color;
+  c.globalAlpha = 0.2;
   c.lineWidth = ratio;
   for (const part of [0, 0.5, 1]) {
     c.beginPath();
@@ -55,6 +56,7 @@ function curve(canvas, rows, column, top, title, unit, color) {
     c.lineTo(width, y(part * top));
     c.stroke();
   }
+  c.globalAlpha = 1;
   c.strokeStyle = color;
   c.lineWidth = 2 * ratio;
   c.beginPath();
