@@ -105,10 +105,7 @@ class Clients:
         self.control.take(client.number)
         tasks = [asyncio.create_task(self._send(client)), asyncio.create_task(self._receive(client))]
         try:
-            done, _ = await asyncio.wait(tasks, return_when=asyncio.FIRST_COMPLETED)
-            for task in done:
-                with suppress(WebSocketDisconnect, TimeoutError, RuntimeError, OSError):
-                    task.result()
+            await asyncio.wait(tasks, return_when=asyncio.FIRST_COMPLETED)
         finally:
             # First of all: whatever else there is to do, the robot stops.
             self.control.leave(client.number, "the page in control was closed")
@@ -116,8 +113,16 @@ class Clients:
             self._keep_wanted()
             for task in tasks:
                 task.cancel()
+            self._tell_errors(await asyncio.gather(*tasks, return_exceptions=True))
             with suppress(RuntimeError, OSError, WebSocketDisconnect):
                 await asyncio.wait_for(socket.close(), 1.0)
+
+    def _tell_errors(self, results: list[Any]) -> None:
+        """A page that went is no error; anything else is one of ours, and is said."""
+        gone = (asyncio.CancelledError, WebSocketDisconnect, TimeoutError, RuntimeError, OSError)
+        for result in results:
+            if isinstance(result, BaseException) and not isinstance(result, gone):
+                self._session.board.log(f"a page failed: {type(result).__name__}: {result}", "error")
 
     async def _send(self, client: Client) -> None:
         await self._pass(client, self._header(client, {"plots": self._session.board.plots(), "hello": True}), b"")
@@ -182,8 +187,9 @@ class Clients:
                 self._session.board.log(str(error), "error")
 
     def _answer(self, client: Client, message: dict[str, Any]) -> None:
-        self.control.heard(client.number)
         kind = message.get("do")
+        if kind != "shown":  # images may go on in a page whose clocks are stopped
+            self.control.heard(client.number)
         if kind == "shown":  # an image was drawn
             client.shown = min(client.shown + 1, client.sent)
             client.ready.set()

@@ -50,9 +50,7 @@ class SlidingRobot:
         self.time += 1 / FPS
         shift = J @ self.q
         map_back = np.array([[1, 0, WIDTH - shift[0]], [0, 1, HEIGHT - shift[1]]])
-        image = cv2.warpAffine(
-            self._board, map_back, (WIDTH, HEIGHT), flags=cv2.INTER_CUBIC | cv2.WARP_INVERSE_MAP
-        )
+        image = cv2.warpAffine(self._board, map_back, (WIDTH, HEIGHT), flags=cv2.INTER_CUBIC | cv2.WARP_INVERSE_MAP)
         return image, self.time
 
     def joints(self):
