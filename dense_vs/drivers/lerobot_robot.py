@@ -1,8 +1,8 @@
 """Robots of LeRobot (SO-100, SO-101, Koch and others) behind the ``Robot`` protocol, without their calibration.
 
-LeRobot's own ``get_observation`` and ``send_action`` need the arm to be calibrated. dense-vs needs no zero and no range,
-only how far a joint moved, so a motor bus is read and written in its raw counts (``normalize=False``), as turns of
-4096 counts: rad, counted from where the joint stood at the start. A robot without a motor bus is used by its
+LeRobot's own ``get_observation`` and ``send_action`` need the arm to be calibrated. dense-vs needs no zero and no
+range, only how far a joint moved, so a motor bus is read and written in its raw counts (``normalize=False``), as turns
+of 4096 counts: rad, counted from where the joint stood at the start. A robot without a motor bus is used by its
 observations and actions, in degrees.
 """
 

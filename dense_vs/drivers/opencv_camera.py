@@ -1,8 +1,8 @@
 """Any camera that OpenCV opens (V4L2, UVC, a stream's address), read by a thread so that the newest image is at hand.
 
-A driver's buffer holds some images; a loop slower than the camera would see them seconds late. So the thread takes every
-image as it comes, stamps it then on the computer's monotonic clock, and keeps the last one only. A camera that stalls is
-opened anew; one that changes its image's size is refused, as the filter is made for one size.
+A driver's buffer holds some images; a loop slower than the camera would see them seconds late. So the thread takes
+every image as it comes, stamps it then on the computer's monotonic clock, and keeps the last one only. A camera that
+stalls is opened anew; one that changes its image's size is refused, as the filter is made for one size.
 """
 
 import threading

@@ -72,7 +72,7 @@ class Watchdog:
 
     def beat(self) -> None:
         """A frame is done; never waits. A full pipe holds beats enough."""
-        with suppress(OSError):
+        with suppress(OSError, ValueError):  # the process, or the pipe, is gone already
             self._pipe.write(BEAT)
 
     def end(self, timeout: float = 5.0) -> None:

@@ -10,10 +10,10 @@ from sliding_scene import HEIGHT, WIDTH, J, SlidingRobot, wait_for
 pytest.importorskip("uvicorn", reason="the live extra is not installed")
 pytest.importorskip("starlette", reason="the live extra is not installed")
 
-from dense_vs.live.access import Access  # noqa: E402
-from dense_vs.live.options import LiveOptions  # noqa: E402
-from dense_vs.live.session import LiveSession, Mode  # noqa: E402
-from dense_vs.live.source import LiveSource  # noqa: E402
+from dense_vs.live.access import Access
+from dense_vs.live.options import LiveOptions
+from dense_vs.live.session import LiveSession, Mode
+from dense_vs.live.source import LiveSource
 
 TIMEOUT = 20_000  # ms, of every wait in the browser
 
@@ -95,7 +95,7 @@ def test_clicks_bring_a_point_to_its_target_and_a_reload_keeps_it(page, session,
     click(page, place)
     assert until(page, lambda: page.locator(".point").count() == 1)
     assert until(page, lambda: page.locator(".point.chosen").count() == 1)
-    target = place + [12, -8]
+    target = place + np.array([12, -8])
     click(page, target)
     assert until(page, lambda: page.locator(".point[data-state=reached]").count() == 1), session.board.lines()
     assert np.hypot(*(robot.place(start) - target)) < 2.0
@@ -207,7 +207,10 @@ def test_a_page_of_another_origin_gets_nothing(chromium, address):
     page.goto("about:blank")
     script = """async (address) => {
       const socket = new WebSocket(`ws://${address}/socket`);
-      const opened = await new Promise((done) => { socket.onopen = () => done(true); socket.onerror = () => done(false); });
+      const opened = await new Promise((done) => {
+        socket.onopen = () => done(true);
+        socket.onerror = () => done(false);
+      });
       const post = await fetch(`http://${address}/state`, { method: "POST", mode: "no-cors", body: "x" })
         .then((answer) => answer.type, () => "refused");
       return [opened, post];
