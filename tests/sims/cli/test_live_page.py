@@ -1,4 +1,4 @@
-"""A simulated arm before the page in a real browser: Learn, click its tip, click a target; the simulator's truth judges.
+"""A simulated arm on the page in a real browser: Learn, click its tip, click a target; the simulator's truth judges.
 
 With DENSE_VS_SCREENSHOTS=FOLDER the pictures of the documentation are taken on the way.
 """
