@@ -27,6 +27,7 @@ ROOMS = {
     "robot": set(),
     "health": {"robot"},
     "recording": {"robot"},
+    "drivers": {"robot"},
     "flow": set(),
     "jacobian": set(),
     "body": {"jacobian"},
@@ -42,7 +43,8 @@ ROOMS = {
 ALGORITHMS = set(ROOMS)
 ROOMS["view"] = ALGORITHMS
 ROOMS["sweep"] = {"view"}
-ROOMS["cli"] = ALGORITHMS | {"view", "sweep"}
+ROOMS["live"] = ALGORITHMS | {"view"}
+ROOMS["cli"] = ALGORITHMS | {"view", "sweep", "live"}
 SIMS_ROOMS = {
     "sims.engine": set(),
     "sims.arms": {"sims.engine"},
@@ -62,7 +64,7 @@ SIMS_ROOMS = {
         "sims.flow_training",
     },
 }
-EXTERNAL = {"sims.cli": {"cli"}}  # the simulator's commands share the command line's arguments
+EXTERNAL = {"sims.cli": {"cli", "live"}}  # its commands share the command line's arguments and show robots on the page
 
 
 def modules():
