@@ -233,7 +233,7 @@ class LiveSession:
     def _run(self) -> None:
         while not self._ended.is_set():
             try:
-                if self.loop is None:
+                if self.mode is Mode.STARTING:
                     self._begin()
                 self._answer()
                 self._advance()
@@ -367,7 +367,7 @@ class LiveSession:
         if text != said or time.monotonic() - when > 10:
             self._last_fault = text, time.monotonic()
             self.board.log(text, "error")
-        if self.loop is not None:
+        if self.mode is not Mode.STARTING:
             self.mode = Mode.STILL if self.source.commands else Mode.ENDED
         self._ended.wait(FAULT_PAUSE)
 
