@@ -57,15 +57,15 @@ def until(page, condition, seconds=90.0) -> bool:
 
 def film(page):
     """Add a picture to the README's moving one, where pictures are wanted."""
-    if PICTURES and (not FILM or time.monotonic() - FILM[-1][0] > 0.5):
+    if PICTURES and (not FILM or time.monotonic() - FILM[-1][0] > 0.8):
         FILM.append((time.monotonic(), page.screenshot(type="jpeg", quality=95)))
 
 
 def save_film(path):
     """The pictures so far as an animated WebP."""
     image = pytest.importorskip("PIL.Image", reason="writing WebP needs Pillow")
-    frames = [image.open(BytesIO(content)).resize((800, 538)) for _, content in FILM]
-    frames[0].save(path, save_all=True, append_images=frames[1:], duration=120, loop=0, quality=50, method=6)
+    frames = [image.open(BytesIO(content)).resize((720, 484)) for _, content in FILM]
+    frames[0].save(path, save_all=True, append_images=frames[1:], duration=150, loop=0, quality=45, method=1)
 
 
 def click(page, place):
