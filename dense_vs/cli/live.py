@@ -95,8 +95,8 @@ def run(arguments: argparse.Namespace) -> None:
         threads=arguments.threads,
         seed=arguments.seed,
     )
-    listening = _listen(arguments.host, port)
     session = LiveSession(chosen_source(arguments), options)
+    listening = _listen(arguments.host, port)
     server = make_server(make_app(session, access), arguments.host, port)
     session.start()
     try:

@@ -80,6 +80,8 @@ class LeRobotRobot:
     def connect(cls, kind: str, port: str, **options: Any) -> "LeRobotRobot":
         """Connect a robot by LeRobot's name of it, without calibration.
 
+        LeRobot configures the motors then and lets go of them for a moment: let the arm rest on something.
+
         Args:
             kind: as ``"so101_follower"`` or ``"koch_follower"``.
             port: its serial port.
@@ -89,7 +91,11 @@ class LeRobotRobot:
             DenseVSError: an unknown name, or a robot that cannot be connected.
             ImportError: LeRobot is not installed.
         """
-        robot = connected(kind, port)
+        robot = made(kind, port)
+        try:
+            robot.connect(calibrate=False)
+        except (ConnectionError, RuntimeError, OSError, ValueError) as error:
+            raise DenseVSError(f"cannot connect {kind} at {port}: {error}") from error
         hold = Hold("dense_vs.drivers.lerobot_robot:hold", {"kind": kind, "port": port})
         return cls(robot, watchdog=hold, **options)
 
@@ -157,11 +163,11 @@ class LeRobotRobot:
             raise DenseVSError(f"the robot does not take a command: {error}") from error
 
 
-def connected(kind: str, port: str) -> Any:
-    """A connected robot of LeRobot.
+def made(kind: str, port: str) -> Any:
+    """A robot of LeRobot that is not connected yet.
 
     Raises:
-        DenseVSError: an unknown name, or a robot that cannot be connected.
+        DenseVSError: an unknown name.
         ImportError: LeRobot is not installed.
     """
     from importlib import import_module
@@ -176,18 +182,20 @@ def connected(kind: str, port: str) -> Any:
         raise DenseVSError(f"robot is {kind!r}; expected one of {', '.join(sorted(known)) or 'those of LeRobot'}")
     # The motors keep holding when the program ends; an arm that lets go falls.
     config = known[kind](port=port, disable_torque_on_disconnect=False)
-    robot = import_module("lerobot.robots.utils").make_robot_from_config(config)
-    try:
-        robot.connect(calibrate=False)
-    except (ConnectionError, RuntimeError, OSError, ValueError) as error:
-        raise DenseVSError(f"cannot connect {kind} at {port}: {error}") from error
-    return robot
+    return import_module("lerobot.robots.utils").make_robot_from_config(config)
 
 
 def hold(kind: str, port: str) -> None:
     """Open the bus anew and make where the joints are their goals; for the watchdog."""
-    robot = connected(kind, port)
-    try:
+    robot = made(kind, port)
+    bus = getattr(robot, "bus", None)
+    if bus is None:
+        robot.connect(calibrate=False)
         LeRobotRobot(robot).hold()
+        return
+    # The bus alone: connecting the robot would configure its motors, and lets go of them meanwhile.
+    bus.connect()
+    try:
+        bus.sync_write("Goal_Position", bus.sync_read("Present_Position", normalize=False), normalize=False)
     finally:
-        robot.disconnect()
+        bus.disconnect(disable_torque=False)

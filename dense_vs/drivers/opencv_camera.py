@@ -46,7 +46,7 @@ class OpenCVCamera:
         fps: float | None = None,
         delay: float = 0.0,
         timeout: float = 1.0,
-        open_capture: Callable[[int | str], Any] = cv2.VideoCapture,
+        open_capture: Callable[..., Any] = cv2.VideoCapture,
         clock: Callable[[], float] = time.monotonic,
     ):
         self._source, self._open, self._clock = source, open_capture, clock

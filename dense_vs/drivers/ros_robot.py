@@ -36,8 +36,8 @@ class RosNode:
         ros: where the modules come from; a function of a module's name, the import system unless given.
 
     Attributes:
-        joint_names, joint_limits: as given.
         watchdog: how a process apart makes it hold.
+        dropped: messages that could not be used.
 
     Raises:
         DenseVSError: an option out of range.

@@ -55,7 +55,7 @@ class Actions:
         name = message.get("do")
         if not isinstance(name, str) or name not in self._actions:
             raise DenseVSError(f"action is {name!r}; expected one of {', '.join(self._actions)}")
-        if self._session.loop is None:
+        if self._session.mode is Mode.STARTING:
             raise DenseVSError("there is no image yet; expected the camera to have given one")
         self._actions[name](message)
 

@@ -20,7 +20,7 @@ LONGEST_STEP = 0.1  # s; a frame that took longer allows no larger step
 HOLD_SECONDS = 0.4  # a dead-man's hold is fresh for so long
 
 
-class CommandGate:
+class PageGate:
     """Decides what reaches the robot.
 
     Args:
@@ -111,7 +111,7 @@ class GatedRobot:
         reading_time: stamp of the last joint reading [s].
     """
 
-    def __init__(self, robot: Robot, gate: CommandGate):
+    def __init__(self, robot: Robot, gate: PageGate):
         self._robot, self._gate = robot, gate
         count = len(robot.joint_names)
         self._limits = checked_limits(robot.joint_limits, count)

@@ -57,7 +57,7 @@ class Learning:
 def sureness(estimator: DenseJacobian) -> np.ndarray:
     """How well each joint is learned, ``(N,)`` from 0 to 1: its column's size beside the filter's own deviation.
 
-    1 / (1 + s/|J_n|) with s the standard deviation and \\|J_n\\| the size that one pixel in twenty exceeds.
+    The size over the sum of both, where the size is what one pixel in twenty exceeds.
     """
     columns = np.linalg.norm(estimator.to_numpy()[::GRID, ::GRID], axis=2).reshape(-1, estimator.options.joints)
     sizes = np.quantile(np.nan_to_num(columns), 0.95, axis=0)

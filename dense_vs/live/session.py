@@ -20,7 +20,7 @@ from dense_vs.body.self_body import SelfBody
 from dense_vs.drivers.watchdog import Watchdog
 from dense_vs.errors import DenseVSError
 from dense_vs.jacobian.estimator import DenseJacobian
-from dense_vs.live.gate import CommandGate, GatedRobot
+from dense_vs.live.gate import GatedRobot, PageGate
 from dense_vs.live.learning import WINDOW, Learning, sureness
 from dense_vs.live.live_object import LiveObject, ObjectServo
 from dense_vs.live.options import LiveOptions, chosen_scale
@@ -74,7 +74,7 @@ class LiveSession:
 
     def __init__(self, source: LiveSource, options: LiveOptions | None = None):
         self.source, self.options = source, options or LiveOptions()
-        self.board, self.gate = Board(), CommandGate(self.options.max_speed)
+        self.board, self.gate = Board(), PageGate(self.options.max_speed)
         self.gate.dead_man = self.options.dead_man
         self.camera = CameraTap(source.camera if source.paced else PacedCamera(source.camera))
         self.robot = GatedRobot(source.robot, self.gate)
@@ -233,7 +233,7 @@ class LiveSession:
     def _run(self) -> None:
         while not self._ended.is_set():
             try:
-                if self.loop is None:
+                if self.mode is Mode.STARTING:
                     self._begin()
                 self._answer()
                 self._advance()
@@ -367,7 +367,7 @@ class LiveSession:
         if text != said or time.monotonic() - when > 10:
             self._last_fault = text, time.monotonic()
             self.board.log(text, "error")
-        if self.loop is not None:
+        if self.mode is not Mode.STARTING:
             self.mode = Mode.STILL if self.source.commands else Mode.ENDED
         self._ended.wait(FAULT_PAUSE)
 

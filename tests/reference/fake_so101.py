@@ -29,13 +29,20 @@ class FakeBus:
         for name in NAMES:
             far = self.goal[name] - self.position[name]
             self.position[name] += far if abs(far) == 1 else round(0.5 * far)
-        return {name: self.position[name] for name in motors}
+        return {name: self.position[name] for name in motors or NAMES}
 
     def sync_write(self, data_name, values, *, normalize=True, num_retry=0):
         assert (data_name, normalize) == ("Goal_Position", False), "normalizing needs a calibration"
         assert all(isinstance(value, int) and 0 <= value < 4096 for value in values.values()), values
         self.goal.update(values)
         self.writes.append(dict(values))
+
+    def connect(self, handshake=True):
+        self.connected = True
+
+    def disconnect(self, disable_torque=True):
+        assert not disable_torque, "an arm that lets go falls"
+        self.connected = False
 
 
 class FakeSO101:

@@ -9,6 +9,7 @@ import numpy as np
 HEIGHT, WIDTH, FPS = 120, 160, 30.0
 J = np.array([[60.0, 12.0], [-10.0, 50.0]])  # px/rad
 LIMITS = np.array([[-0.6, 0.6], [-0.6, 0.6]])  # rad
+DISC = (100, 78, 9)  # x, y and radius of a red disc, for joints at zero [px]
 
 
 class SlidingRobot:
@@ -29,6 +30,7 @@ class SlidingRobot:
         noise = np.random.default_rng(seed).uniform(0, 255, (3 * HEIGHT, 3 * WIDTH, 3)).astype(np.float32)
         board = cv2.GaussianBlur(noise, (0, 0), 2.0)
         self._board = cv2.normalize(board, np.empty_like(board), 0, 255, cv2.NORM_MINMAX).astype(np.uint8)
+        cv2.circle(self._board, (WIDTH + DISC[0], HEIGHT + DISC[1]), DISC[2], (240, 30, 30), cv2.FILLED, cv2.LINE_AA)
         self.q = np.zeros(2)
         self.time = 0.0
         self.commands: list[tuple[float, np.ndarray]] = []

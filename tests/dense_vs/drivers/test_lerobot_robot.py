@@ -5,6 +5,7 @@ import pytest
 from fake_so101 import NAMES, FakeSO101, FakeWithoutBus
 
 from dense_vs import Robot
+from dense_vs.drivers import lerobot_robot
 from dense_vs.drivers.lerobot_robot import LEAD, MOST_DROPPED, LeRobotRobot
 from dense_vs.errors import DenseVSError
 
@@ -95,6 +96,14 @@ def test_what_cannot_be_used_is_refused(arm):
     arm.disconnect()
     with pytest.raises(DenseVSError, match="not connected"):
         LeRobotRobot(arm)
+
+
+def test_the_watchdog_holds_by_the_bus_alone(arm, monkeypatch):
+    arm.bus.goal["elbow_flex"] = 3000
+    monkeypatch.setattr(lerobot_robot, "made", lambda kind, port: arm)
+    lerobot_robot.hold("so101_follower", "/dev/null")
+    assert arm.bus.goal == arm.bus.position
+    assert arm.bus.connected is False
 
 
 def test_the_module_needs_no_lerobot():

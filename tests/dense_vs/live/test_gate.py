@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from dense_vs.errors import DenseVSError
-from dense_vs.live.gate import HOLD_SECONDS, CommandGate, GatedRobot
+from dense_vs.live.gate import HOLD_SECONDS, GatedRobot, PageGate
 
 LIMITS = np.array([[-1.0, 1.0], [-np.inf, np.inf]])
 STEP = np.array([0.01, -0.02])
@@ -22,7 +22,7 @@ def passed(gate, step=STEP, positions=(0.0, 0.0), seconds=1 / 30):
 
 
 def test_it_is_closed_at_first_and_after_a_stop():
-    gate = CommandGate()
+    gate = PageGate()
     assert not passed(gate).any()
     gate.allow()
     np.testing.assert_array_equal(passed(gate), STEP)
@@ -34,14 +34,14 @@ def test_it_is_closed_at_first_and_after_a_stop():
 
 
 def test_a_fast_step_is_shortened_as_a_whole():
-    gate = CommandGate(0.3)
+    gate = PageGate(0.3)
     gate.allow()
     np.testing.assert_allclose(passed(gate, [0.02, -0.04], seconds=1 / 30), [0.005, -0.01])
     np.testing.assert_allclose(passed(gate, [1.0, -2.0], seconds=5.0), [0.015, -0.03])  # a long pause allows no leap
 
 
 def test_limits_let_a_joint_back_in_and_no_farther_out():
-    gate = CommandGate(1000.0)
+    gate = PageGate(1000.0)
     gate.allow()
     np.testing.assert_allclose(passed(gate, [0.3, 5.0], positions=(0.9, 0.0)), [0.1, 5.0])
     np.testing.assert_allclose(passed(gate, [0.3, 0.0], positions=(1.5, 0.0)), [0.0, 0.0])
@@ -49,14 +49,14 @@ def test_limits_let_a_joint_back_in_and_no_farther_out():
 
 
 def test_a_step_that_is_not_finite_does_not_pass():
-    gate = CommandGate()
+    gate = PageGate()
     gate.allow()
     assert not passed(gate, [np.nan, 0.01]).any()
 
 
 def test_a_dead_man_has_to_hold():
     clock = Clock()
-    gate = CommandGate(clock=clock)
+    gate = PageGate(clock=clock)
     gate.dead_man = True
     gate.allow()
     assert not passed(gate).any()
@@ -71,7 +71,7 @@ def test_a_dead_man_has_to_hold():
 
 @pytest.mark.parametrize("speed", [0.0, -1.0, np.nan, "1"])
 def test_a_bad_speed_is_refused(speed):
-    gate = CommandGate()
+    gate = PageGate()
     with pytest.raises(DenseVSError, match="max_speed"):
         gate.max_speed = speed
     assert gate.max_speed == 1.0
@@ -87,7 +87,7 @@ def test_a_stopped_robot_gets_zero_steps():
         def command(self, delta):
             self.got = delta
 
-    gate, robot = CommandGate(), Robot()
+    gate, robot = PageGate(), Robot()
     gated = GatedRobot(robot, gate)
     gated.joints()
     gated.command(STEP)

@@ -1,6 +1,12 @@
 """The session on a board that slides: it learns, reaches the truth, and stops whatever happens."""
 
+import os
+import select
+import signal
+import subprocess
+import sys
 import time
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -13,6 +19,7 @@ from dense_vs.live.options import LiveOptions, chosen_scale
 from dense_vs.live.session import LiveSession, Mode
 from dense_vs.live.source import LiveSource
 
+REFERENCE = Path(__file__).parents[2] / "reference"
 CENTER = (WIDTH / 2, HEIGHT / 2)
 
 
@@ -174,6 +181,46 @@ def test_a_recording_is_written_beside_the_loop(session, tmp_path):
     episode = open_recording(session.last_recording.folder / "video.mp4").episode()
     assert episode.log.names == ("left", "right")
     assert len(list(episode)) >= 10
+
+
+PROGRAM = """
+import sys, time
+from sliding_scene import SlidingRobot
+from dense_vs.drivers.watchdog import Hold
+from dense_vs.live.options import LiveOptions
+from dense_vs.live.session import LiveSession, Mode
+from dense_vs.live.source import LiveSource
+robot = SlidingRobot()
+hold = Hold("held_robot:hold", {"path": sys.argv[1], "robot": "board"}, timeout=30.0)
+session = LiveSession(LiveSource(robot, robot, "board", hold=hold), LiveOptions(labels=False))
+session.start()
+while session.mode is not Mode.STILL:
+    time.sleep(0.01)
+session.ask(lambda: session.begin_mode(Mode.LEARNING))
+while not robot.moved_since(0.0):
+    time.sleep(0.01)
+print("moving", flush=True)
+time.sleep(120)
+"""
+
+
+def test_a_killed_session_leaves_a_robot_that_holds(tmp_path, monkeypatch):
+    monkeypatch.setenv("PYTHONPATH", str(REFERENCE))
+    path = tmp_path / "held.json"
+    words = [sys.executable, "-c", PROGRAM, str(path)]
+    process = subprocess.Popen(words, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True)
+    try:
+        ready, _, _ = select.select([process.stdout], [], [], 100)
+        assert ready
+        # Warp tells of itself first.
+        assert any(line == "moving\n" for line in process.stdout)
+        assert not path.exists()
+        os.kill(process.pid, signal.SIGKILL)
+        assert wait_for(path.exists, 20)
+    finally:
+        process.kill()
+        process.wait()
+        process.stdout.close()
 
 
 def test_wide_images_are_made_smaller():

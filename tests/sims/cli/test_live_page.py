@@ -6,6 +6,7 @@ With DENSE_VS_SCREENSHOTS=FOLDER the pictures of the documentation are taken on 
 import argparse
 import os
 import time
+from io import BytesIO
 from pathlib import Path
 
 import numpy as np
@@ -22,6 +23,7 @@ from dense_vs.sims import SimCamera, SimRobot, SimWorld
 from dense_vs.sims.cli.live_source import SOURCE
 
 HEIGHT, WIDTH = 240, 320
+FILM: list[tuple[float, bytes]] = []  # when taken, and the picture
 PICTURES = os.environ.get("DENSE_VS_SCREENSHOTS")
 
 
@@ -49,7 +51,21 @@ def until(page, condition, seconds=90.0) -> bool:
     end = time.monotonic() + seconds
     while not condition() and time.monotonic() < end:
         page.wait_for_timeout(50)
+        film(page)
     return bool(condition())
+
+
+def film(page):
+    """Add a picture to the README's moving one, where pictures are wanted."""
+    if PICTURES and (not FILM or time.monotonic() - FILM[-1][0] > 0.8):
+        FILM.append((time.monotonic(), page.screenshot(type="jpeg", quality=95)))
+
+
+def save_film(path):
+    """The pictures so far as an animated WebP."""
+    image = pytest.importorskip("PIL.Image", reason="writing WebP needs Pillow")
+    frames = [image.open(BytesIO(content)).resize((720, 484)) for _, content in FILM]
+    frames[0].save(path, save_all=True, append_images=frames[1:], duration=150, loop=0, quality=45, method=1)
 
 
 def click(page, place):
@@ -78,6 +94,8 @@ def test_learn_click_reach_by_the_simulators_truth(page, session, world):
         session.board.lines()
     )
     picture(page, "live.jpg")
+    if PICTURES:
+        save_film(Path(PICTURES) / "live.webp")
     session.stop("the test looks")
     # Where the page's click was, to a fraction of a pixel, is where the simulator's tip has to be.
     assert np.hypot(*(world.project("tip") - target)) < 2.0
