@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 
+from dense_vs.arrays import number_array
 from dense_vs.checks import check_number
 from dense_vs.errors import DenseVSError
 from dense_vs.grasp.camera_height import grasp_camera_position
@@ -21,6 +22,7 @@ from dense_vs.grasp.regrasp import GraspAction, RegraspPolicy
 from dense_vs.grasp.wrist_angle import WristVerdict, choose_wrist_angle
 from dense_vs.mask_servo.loop import MaskServo, ServoEnd
 from dense_vs.mask_servo.object_search import search_object
+from dense_vs.robot.command_gate import CommandGate
 from dense_vs.robot.joint_group import JointGroup
 from dense_vs.robot.protocols import Camera, Gripper, Robot
 from dense_vs.segmentation import Segmenter, assess_mask
@@ -87,6 +89,7 @@ class GraspLoop:
         policy: what follows a miss.
         raise_by: way up before VOS-VS (23) [m].
         contact_lag: the lift stays behind its command by more than this when something is below [m].
+        max_step: farthest that one command moves the lift [m] or the wrist [rad]; half a turn unless given.
         on_attempt: called after the check of every attempt, before what follows it.
 
     Raises:
@@ -108,6 +111,7 @@ class GraspLoop:
         policy: RegraspPolicy | None = None,
         raise_by: float = 0.15,
         contact_lag: float = 0.001,
+        max_step: float = np.pi,
         on_attempt: Callable[[GraspAttempt], None] | None = None,
     ):
         self.camera, self.robot, self.segmenter, self.gripper, self.hand = camera, robot, segmenter, gripper, hand
@@ -115,7 +119,9 @@ class GraspLoop:
         if len(base) != 2:
             raise DenseVSError(f"base is {list(base)}; expected two joints out of {', '.join(robot.joint_names)}")
         self._lift, self._wrist = JointGroup.of_robot(robot, [lift]), JointGroup.of_robot(robot, [wrist])
-        self._base, self._pinv = JointGroup.of_robot(robot, base), np.asarray(pinv, dtype=np.float64)
+        self._base = JointGroup.of_robot(robot, base)
+        self._pinv = number_array(pinv, "pinv", (len(base), 2))
+        self._gates = {g.names: CommandGate(robot, g, max_step=max_step) for g in (self._lift, self._wrist, self._base)}
         self.policy = policy if policy is not None else RegraspPolicy()
         self._raise_by = check_number("raise_by", raise_by, above=0.0)
         self._lag = check_number("contact_lag", contact_lag, above=0.0)
@@ -128,6 +134,8 @@ class GraspLoop:
         The robot is above the object, its wrist where the camera servoes by ``pinv``.
         """
         run = GraspRun()
+        for gate in self._gates.values():
+            gate.restart()
         self.policy.reset()
         start = self._joint(self._wrist)
         hover = self._joint(self._lift)
@@ -195,7 +203,7 @@ class GraspLoop:
         Args:
             distance: of the object from the camera [m]; neighboring places share half of what is seen there.
         """
-        self.robot.command(self._base.spread(self._seen_from - self._base.take(self.robot.joints()[0])))
+        self._move(self._base, self._seen_from - self._base.take(self.robot.joints()[0]))
         center, focal = np.array(self.hand.centre), self.hand.intrinsics[[0, 1], [0, 1]]
         reach = float(np.min(center / focal)) * distance  # half of the view's shorter side
         return search_object(
@@ -227,8 +235,14 @@ class GraspLoop:
     def _joint(self, joint: JointGroup) -> float:
         return float(joint.take(self.robot.joints()[0])[0])
 
-    def _move(self, joint: JointGroup, by: float) -> None:
-        self.robot.command(joint.spread([by]))
+    def _move(self, joints: JointGroup, by: float | np.ndarray) -> None:
+        """Move as far as the gate lets; in several commands where it is too far for one."""
+        gate = self._gates[joints.names]
+        left = np.atleast_1d(np.asarray(by, dtype=np.float64))
+        while left.any():
+            asked = left * min(1.0, float(np.min(gate.max_step / np.maximum(np.abs(left), 1e-12))))
+            sent = gate.send(asked, joints.take(self.robot.joints()[0]))
+            left = left - sent if np.linalg.norm(sent) > 0.999 * np.linalg.norm(asked) else 0.0 * left  # at a limit
 
 
 def _jammed(opening: float) -> GraspAttempt:

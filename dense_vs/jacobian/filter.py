@@ -19,6 +19,7 @@ from dense_vs.kernels.image.tiles import tile_launch
 from dense_vs.kernels.jacobian.covariance import (
     fixed_gain,
     forget_covariance,
+    hessian_place,
     regressors,
     state_columns,
     update_shared_covariance,
@@ -104,6 +105,18 @@ class JacobianFilter:
         self.covariance[self.now].assign(stored["covariance"])
         self.displacement[self.now].assign(stored["displacement"])
         self._present_known = False
+
+    def refer_to_present(self) -> None:
+        """Keep J at the present posture in place of an earlier one; on the host, for a state of second order."""
+        stored = self.stored()
+        joints = self.options.joints
+        state, away = stored["state"], stored["displacement"].astype(np.float32)
+        for i, j in zip(*np.triu_indices(joints), strict=True):
+            hessian = state[..., hessian_place(i, j, joints)]
+            state[..., i] += hessian * away[:, j, None, None, None]
+            if i != j:
+                state[..., j] += hessian * away[:, i, None, None, None]
+        self.restore(stored | {"displacement": np.zeros_like(stored["displacement"])})
 
     def stage(self, flow: wp.array) -> None:
         """Take in the flow (B, H, W) of vec2 of the next frame and count its bad pixels; no state changes."""

@@ -17,6 +17,7 @@ from dense_vs.mask_servo.featurewise_broyden import FeaturewiseBroyden
 from dense_vs.mask_servo.hadamard_broyden import HadamardBroyden
 from dense_vs.mask_servo.law import FeatureServo, FeatureState
 from dense_vs.mask_servo.trust_region import TrustRegion, View
+from dense_vs.robot.command_gate import CommandGate
 from dense_vs.robot.joint_group import JointGroup
 from dense_vs.robot.protocols import Camera, Robot
 from dense_vs.segmentation import MaskQuality, Segmenter, assess_mask
@@ -33,6 +34,7 @@ class ServoEnd(Enum):
     LEAVING = "leaving"  # while learning: a part of the object is seen or a joint is held, the last motions taken back
     AT_LIMIT = "at limit"  # joint limits hold the robot and the error no longer falls
     EXHAUSTED = "exhausted"  # the allowed number of looks was not enough
+    STOPPED = "stopped"  # an image or a reading was old, or the two are not on one clock: see ``stopped``
 
 
 @dataclass(frozen=True)
@@ -65,11 +67,13 @@ class ServoRun:
         end: why it ended.
         looks: all looks, in order.
         mask: the last mask, bool ``(H, W)``.
+        stopped: why it ended ``STOPPED``, else empty.
     """
 
     end: ServoEnd
     looks: list[ServoLook] = field(default_factory=list)
     mask: np.ndarray | None = None
+    stopped: str = ""
 
     @property
     def error_px(self) -> float:
@@ -126,6 +130,7 @@ class MaskServo:
         self.learner = pinv if isinstance(pinv, (HadamardBroyden, FeaturewiseBroyden)) else None
         self._fixed = None if self.learner is not None else np.asarray(pinv, dtype=np.float64)
         largest = check_number("max_step", max_step, above=0.0)
+        self.gate = CommandGate(robot, self.group, max_step=largest)
         image_step = check_number("max_image_step", max_image_step, above=0.0)
         self.servo = FeatureServo(
             target,
@@ -152,6 +157,7 @@ class MaskServo:
     def run(self, max_looks: int = 30) -> ServoRun:
         """Servo until the object is at the target, is lost, joint limits hold, or the looks are used up."""
         self.servo.reset()
+        self.gate.restart()
         self.servo.gain = self._gain
         if self.region is not None:
             self.region.begin()
@@ -161,12 +167,13 @@ class MaskServo:
         mask = None
         held, least = 0, np.inf
         for _ in range(max_looks):
-            image, _ = self.camera.read()
+            image, seen_at = self.camera.read()
             # The robot moved since the last image: where the object was says little about where it is.
             forget_images(self.segmenter)
             mask = self.segmenter.segment(image)
             quality = assess_mask(mask)
-            positions = self.group.take(self.robot.joints()[0]).astype(np.float64)
+            reading, read_at = self.robot.joints()
+            positions = self.group.take(reading).astype(np.float64)
             features = np.array(quality.centroid) if quality.servoable else None
             whole = self._learn(quality, positions, looks[-1].joints if looks else None)
             pinv = self.pinv if self.region is None else self.region.active(self.pinv)
@@ -181,7 +188,9 @@ class MaskServo:
                 back = self.region.retreat(positions, command.error, quality, (mask.shape[0], mask.shape[1]))
                 if back is not None:
                     self.servo.max_step = np.asarray(self.region.step)
-                    self._command(self._within_limits(positions, back))
+                    self._command(back, positions, seen_at, read_at)
+                    if self.gate.stopped:
+                        return ServoRun(ServoEnd.STOPPED, looks, mask, self.gate.stopped)
                     continue
                 if quality.servoable:
                     return ServoRun(ServoEnd.LEAVING, looks, mask)
@@ -200,7 +209,9 @@ class MaskServo:
                     if self.region is None or command.at_limit.any()
                     else self.region.enough(command.dq, command.error)
                 )
-                self._command(self._within_limits(positions, dq))
+                self._command(dq, positions, seen_at, read_at)
+                if self.gate.stopped:
+                    return ServoRun(ServoEnd.STOPPED, looks, mask, self.gate.stopped)
         return ServoRun(ServoEnd.EXHAUSTED, looks, mask)
 
     def _learn(self, quality: MaskQuality, positions: np.ndarray, before: np.ndarray | None) -> bool:
@@ -218,13 +229,7 @@ class MaskServo:
         self.servo.max_step = np.asarray(self.region.step)
         return True
 
-    def _within_limits(self, positions: np.ndarray, dq: np.ndarray) -> np.ndarray:
-        limits = self.servo.joint_limits
-        if limits is None:
-            return dq
-        return np.clip(dq, np.minimum(limits[:, 0] - positions, 0.0), np.maximum(limits[:, 1] - positions, 0.0))
-
-    def _command(self, dq: np.ndarray) -> None:
+    def _command(self, dq: np.ndarray, positions: np.ndarray, seen_at: float, read_at: float) -> None:
         if self.region is not None:
-            self.region.command(dq)
-        self.robot.command(self.group.spread(dq))
+            self.region.command(self.gate.bounded(dq, positions))
+        self.gate.send(dq, positions, image_time=seen_at, reading_time=read_at)

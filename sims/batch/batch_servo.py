@@ -32,7 +32,7 @@ from dense_vs.kernels.simulation.world_restart import joint_motion
 from dense_vs.kernels.tracking.point_tracking import PointTracks, begin_tracks, carry_tracks, locate_tracks
 from dense_vs.kernels.views import seen_as
 from dense_vs.point_servo.law import ServoOptions
-from dense_vs.point_servo.loop import SAME_SURFACE
+from dense_vs.point_servo.same_surface import SAME_SURFACE
 from dense_vs.point_servo.tracker import FIXED_POINT_STEPS, TrackerOptions
 from dense_vs.robot.babbling import BabblingOptions
 from dense_vs.sims.batch.episode import ENDS, BatchResults, EpisodeOptions

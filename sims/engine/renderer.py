@@ -210,6 +210,7 @@ def _row_bands(context: mjw.RenderContext, height: int, width: int, count: int) 
     A Warp launch runs on one core of a CPU, and the ray tracer takes its rays from an array: a band is a
     context whose rays and outputs are views of the whole one's.
     """
+    count = min(count, height)
     edges = [height * band // count for band in range(count + 1)]
     bands = []
     for first, last in itertools.pairwise(edges):

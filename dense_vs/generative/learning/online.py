@@ -11,6 +11,7 @@ from typing import Any, Protocol
 
 import numpy as np
 
+from dense_vs.arrays import number_array
 from dense_vs.checks import check_whole
 from dense_vs.errors import DenseVSError
 from dense_vs.generative.kinematics.placement import CAMERA_POINTS
@@ -87,7 +88,7 @@ class OnlineLearner:
             DenseVSError: shapes that do not fit the model.
         """
         p = self.model.parameters
-        q, x = np.asarray(joints, dtype=np.float64), np.asarray(pixels, dtype=np.float64)
+        q, x = number_array(joints, "joints", finite=False), number_array(pixels, "pixels", finite=False)
         expected = (len(p.intrinsics), len(p.features), 2)
         if q.shape != (p.joint_count,) or x.shape != expected or not np.isfinite(q).all():
             raise DenseVSError(

@@ -12,7 +12,8 @@ import numpy as np
 
 from dense_vs.errors import DenseVSError
 from dense_vs.jacobian.error import JacobianError, jacobian_error
-from dense_vs.point_servo.loop import Reach, ServoLoop
+from dense_vs.point_servo.loop import ServoLoop
+from dense_vs.point_servo.reach import Reach
 from dense_vs.point_servo.tracker import sample
 from dense_vs.robot.babbling import Babbling
 from dense_vs.sims.engine.adapters import SimCamera, SimRobot
