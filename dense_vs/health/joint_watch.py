@@ -12,7 +12,7 @@ from dense_vs.errors import DenseVSError
 from dense_vs.health.faults import Fault, FaultKind
 
 MOST_APART = 1.0  # s between the stamps of an image and of the joints at the start
-LEAST_SHIFT = 0.1  # s, change of that difference that is no jitter
+LEAST_SHIFT = 0.2  # s, change of that difference that no transport of images makes
 SHIFT_FRAMES = 2.5  # the same in frames
 FASTER = 2.0  # times the largest command that a joint may move a frame
 LAGGING = 0.15  # of the largest command: commanded way without a change of the reading that is looked into

@@ -5,6 +5,10 @@ together, 1 where one of them is missing or the two are strangers. Its median ov
 usual for this robot, so that a J that is known badly is no reason to stop learning it.
 """
 
+from collections import deque
+from collections.abc import Callable
+from dataclasses import dataclass
+
 import numpy as np
 
 from dense_vs.health.faults import Fault, FaultKind
@@ -18,6 +22,27 @@ LEAST_SHARE = 0.35  # that counts
 TIMES_USUAL = 4.0
 USUAL = 0.05  # weight of the newest judgment
 GIVEN_UP = 40  # judgments in a row, after which not the images but the robot or the camera has changed
+KEPT = 16  # judged motions, for finding a delay
+MOST_PLACES = 200  # of each
+TRIED_FRAMES = np.arange(-6.0, 3.01, 0.25)
+ENOUGH_LATE = 6  # motions in which joints moved that a delay is found from
+LATE_SHARE = 0.5  # of what is unexplained without the delay that may be left with it
+
+
+@dataclass(frozen=True)
+class Motion:
+    """An image's motion against J.
+
+    Attributes:
+        begin, end: stamps of the two images [s].
+        flow: ``(K, 2)`` [px].
+        jacobian: ``(K, 2, N)`` there [px/rad].
+    """
+
+    begin: float
+    end: float
+    flow: np.ndarray
+    jacobian: np.ndarray
 
 
 class MotionCheck:
@@ -31,19 +56,26 @@ class MotionCheck:
         self.share = float("nan")
         self.usual: float | None = None
         self._judged = self._wrong = 0
+        self.recent: deque[Motion] = deque(maxlen=KEPT)
 
-    def judge(self, flow: np.ndarray, jacobian: np.ndarray, span: np.ndarray) -> Fault | None:
+    def judge(
+        self, flow: np.ndarray, jacobian: np.ndarray, span: np.ndarray, begin: float = 0.0, end: float = 0.0
+    ) -> Fault | None:
         """What is wrong with an image's motion, where something is.
 
         Args:
             flow: ``(K, 2)`` at K places [px].
             jacobian: ``(K, 2, N)`` there [px/rad].
             span: ``(N,)`` joint displacement that the flow spans [rad].
+            begin, end: stamps of the two images [s].
         """
         size = np.linalg.norm(jacobian, axis=(1, 2))
         predicted = jacobian @ span
         energy = (flow**2).sum(axis=1) + (predicted**2).sum(axis=1)
         moving = np.maximum((flow**2).sum(axis=1), (predicted**2).sum(axis=1)) > MOVING**2
+        robot = np.flatnonzero((size > ON_ROBOT * size.max(initial=0.0)) & np.isfinite(energy))
+        some = robot[:: max(1, len(robot) // MOST_PLACES)]
+        self.recent.append(Motion(begin, end, flow[some], jacobian[some]))
         chosen = (size > ON_ROBOT * size.max(initial=0.0)) & moving & np.isfinite(energy)
         if np.count_nonzero(chosen) < LEAST_PLACES:
             return None
@@ -61,3 +93,35 @@ class MotionCheck:
         self._judged += 1
         self.usual = self.share if self.usual is None else self.usual + USUAL * (self.share - self.usual)
         return None
+
+
+def find_lateness(
+    recent: list[Motion], positions_at: Callable[[float], np.ndarray], now: float, frame_time: float
+) -> float | None:
+    """The delay of joint readings that explains motions which J does not explain with the present one.
+
+    Args:
+        recent: motions and J at them, J as it was learned before.
+        positions_at: joint positions ``(N,)`` [rad] by the clock of the readings.
+        now: the present delay [s].
+        frame_time: time between images [s].
+
+    Returns:
+        The delay [s], below 0 where images are late; None where no other explains them clearly better.
+    """
+    delays = TRIED_FRAMES * frame_time
+    unexplained = np.zeros(len(delays) + 1)
+    moved = 0
+    for number, delay in enumerate([*delays, now]):
+        for motion in recent:
+            span = positions_at(motion.end + delay) - positions_at(motion.begin + delay)
+            predicted = motion.jacobian @ span
+            unexplained[number] += float(((motion.flow - predicted) ** 2).mean())
+            moved += int(number == len(delays) and float((predicted**2).sum(axis=1).mean()) > MOVING**2)
+    best = int(np.argmin(unexplained[:-1]))
+    energy = sum(float((motion.flow**2).mean()) for motion in recent)
+    fits = unexplained[best] < min(LATE_SHARE * unexplained[-1], LATE_SHARE * energy)
+    if len(recent) < ENOUGH_LATE or moved < ENOUGH_LATE // 2 or not fits:
+        return None
+    # A quarter of a frame cannot be told from none.
+    return 0.0 if abs(TRIED_FRAMES[best]) < 0.5 else float(delays[best])

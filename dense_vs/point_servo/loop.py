@@ -2,6 +2,7 @@
 
 from collections import deque
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -11,7 +12,7 @@ from dense_vs.body.self_body import SelfBody
 from dense_vs.checks import check_number, check_whole
 from dense_vs.errors import DenseVSError
 from dense_vs.flow.estimator import FlowEstimator
-from dense_vs.health.faults import Fault
+from dense_vs.health.faults import Fault, FaultKind
 from dense_vs.health.joint_watch import JointWatch
 from dense_vs.jacobian.estimator import DenseJacobian
 from dense_vs.pipeline.frame_pipeline import BODY_FLOW, LEARNT_UPDATES, MOST_BRIDGED, Frame, FramePipeline
@@ -27,6 +28,7 @@ from dense_vs.robot.protocols import Camera, Robot
 LEAST_BODY = 0.01  # share of the image that makes the robot's own pixels count as known
 MOST_GAP = 2.0  # s between two images, after which the loop begins anew with what it has learned
 MOST_HELD = 30  # images that wait for their joint readings; a robot whose readings stop is not waited for
+STRANGE = 1.5  # px between flow and J dq at the point, from which on it is covered by something else
 SAME_SURFACE = 0.5  # relative difference in J below which two pixels count as one surface
 
 
@@ -176,6 +178,7 @@ class ServoLoop:
         frame = self._take(*self.camera.read())
         if self.tracker is not None and not frame.held and frame is not self._followed:
             self._follow_point(self.tracker, frame)
+            frame = self._frame
         if self.on_frame is not None:
             self.on_frame(self)
         return frame
@@ -338,8 +341,20 @@ class ServoLoop:
         return self._frame
 
     def _process(self, image: np.ndarray, time: float, faults: tuple[Fault, ...]) -> Frame:
-        self._frame = self.pipeline.process(image, time, self.joints.at(time), faults)
+        self._frame = frame = self.pipeline.process(image, time, self.joints.at(time), faults)
+        if any(fault.kind is FaultKind.MISFIT for fault in frame.faults) and self.pipeline.check is not None:
+            late = self.joints.find_lateness(list(self.pipeline.check.recent))
+            if late is not None:
+                self.pipeline.restart()
+                self._say(late)
         return self._frame
+
+    def _say(self, fault: Fault) -> None:
+        """Add what is wrong to the last frame."""
+        followed = self._followed is self._frame
+        self._frame = replace(self._frame, faults=(*self._frame.faults, fault))
+        if followed:
+            self._followed = self._frame
 
     def _waited_long(self) -> str:
         """Why nothing may be commanded where images wait for their readings."""
@@ -347,12 +362,28 @@ class ServoLoop:
         return f"the image is {late:.3f} s old" if late > MAX_AGE + max(self.joints.delay, 0.0) else ""
 
     def _follow_point(self, tracker: PointTracker, frame: Frame) -> None:
-        """Take the tracked point along from the last frame that it was followed in."""
+        """Take the tracked point along from the last frame that it was followed in, and say where it is not seen.
+
+        By J dq where the flow says otherwise: what moves there is in front of the robot, not the robot.
+        """
         last, self._followed = self._followed, frame
         dq = frame.positions - last.positions
+        old = self.point
+        expected = self.estimator.at(old)[0] @ dq
+        covered = False
         if self.pipeline.motion(dq) > MOST_BRIDGED:
             flow = self.estimator.predicted_flow(dq)
         else:
             flow = self._tracking_flow(last.gray, frame.gray)
+            x, y = np.clip(np.rint(old + expected), 0, np.array(flow.shape[1::-1]) - 1).astype(int)
+            strange = float(np.linalg.norm(flow[y, x] - expected))
+            known = self.estimator.updates > LEARNT_UPDATES
+            covered = known and not strange <= max(STRANGE, float(np.linalg.norm(expected)))
+            if covered:
+                flow = self.estimator.predicted_flow(dq)
         tracker.update(flow, frame.gray)
+        correlation = float(tracker.correlation[0])
+        if correlation < tracker.options.min_correlation:
+            text = f"its surroundings correlate by {correlation:.2f} with how they were"
+            self._say(Fault(FaultKind.POINT, text, stops=covered, holds=False))
         self._renew_patch(tracker)
