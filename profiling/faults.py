@@ -215,8 +215,8 @@ def main() -> int:
     wp.config.log_level = wp.LOG_ERROR
     origin = provenance(arguments, leave_out=("json", "page", "check"))
     rows: list[dict[str, Any]] = []
-    for arm in arguments.arms:
-        for seed in arguments.seeds:
+    for seed in arguments.seeds:
+        for arm in arguments.arms:
             trial = FaultTrial(arm, seed)
             for fault in arguments.faults:
                 rows.append(asdict(trial.meet(fault, list(FAULTS).index(fault))))

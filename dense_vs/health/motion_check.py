@@ -16,16 +16,17 @@ from dense_vs.health.faults import Fault, FaultKind
 MOVING = 0.7  # px of flow or J s: places that move less say nothing
 ON_ROBOT = 0.2  # of the largest |J| on the image: places with less are not looked at
 LEAST_PLACES = 12
-KNOWN = 20  # judgments until it is known what is usual
+KNOWN = 40  # judgments until it is known what is usual
 TRUSTED = 0.15  # usual share above which J is known too badly to judge by
-LEAST_SHARE = 0.35  # that counts
+LEAST_SHARE = 0.12  # that counts
 TIMES_USUAL = 4.0
 USUAL = 0.05  # weight of the newest judgment
 GIVEN_UP = 40  # judgments in a row, after which not the images but the robot or the camera has changed
-KEPT = 16  # judged motions, for finding a delay
+KEPT = 16  # motions since they began not to be explained, for finding a delay
+SOUND = 3  # motions in a row that are explained, after which those before are forgotten
 MOST_PLACES = 200  # of each
 TRIED_FRAMES = np.arange(-6.0, 3.01, 0.25)
-ENOUGH_LATE = 6  # motions in which joints moved that a delay is found from
+ENOUGH_LATE = 5  # motions that a delay is found from
 LATE_SHARE = 0.5  # of what is unexplained without the delay that may be left with it
 
 
@@ -56,6 +57,7 @@ class MotionCheck:
         self.share = float("nan")
         self.usual: float | None = None
         self._judged = self._wrong = 0
+        self._sound = 0
         self.recent: deque[Motion] = deque(maxlen=KEPT)
 
     def judge(
@@ -75,7 +77,9 @@ class MotionCheck:
         moving = np.maximum((flow**2).sum(axis=1), (predicted**2).sum(axis=1)) > MOVING**2
         robot = np.flatnonzero((size > ON_ROBOT * size.max(initial=0.0)) & np.isfinite(energy))
         some = robot[:: max(1, len(robot) // MOST_PLACES)]
-        self.recent.append(Motion(begin, end, flow[some], jacobian[some]))
+        motion = Motion(begin, end, flow[some], jacobian[some])
+        if self.recent:
+            self.recent.append(motion)
         chosen = (size > ON_ROBOT * size.max(initial=0.0)) & moving & np.isfinite(energy)
         if np.count_nonzero(chosen) < LEAST_PLACES:
             return None
@@ -84,13 +88,19 @@ class MotionCheck:
         known = self.usual is not None and self._judged >= KNOWN and self.usual < TRUSTED
         if known and self.usual is not None and self.share > max(LEAST_SHARE, TIMES_USUAL * self.usual):
             self._wrong += 1
+            self._sound = 0
+            if not self.recent:
+                self.recent.append(motion)
             if self._wrong < GIVEN_UP:
                 text = f"a share of {self.share:.2f} of the motion is not the joints'; {self.usual:.2f} is usual"
-                return Fault(FaultKind.MISFIT, text)
+                return Fault(FaultKind.MISFIT, text, stops=self._wrong > 1)  # the first may be chance
             self.restart()
             return None
         self._wrong = 0
         self._judged += 1
+        self._sound += 1
+        if self._sound >= SOUND:
+            self.recent.clear()
         self.usual = self.share if self.usual is None else self.usual + USUAL * (self.share - self.usual)
         return None
 
