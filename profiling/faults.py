@@ -1,12 +1,12 @@
 """What becomes of J, of a reach and of the reaches after it when something breaks: the table of docs/faults.md.
 
     python profiling/faults.py [--arms arm planar] [--seeds 0 1 2] [--faults NAME ...] [--json FILE]
-    python profiling/faults.py --page FILE    # writes the table from a result; --check fails where it differs
+    python profiling/faults.py --page    # writes the table from profiling/results; --check fails where it differs
 
 A robot babbles for 10 s. Then, fault by fault: J's error (the truth is the simulator's), the fault while it babbles,
 J's error at its end and 3 s later, the same fault again in the middle of a reach, and three reaches after it. A frame
-counts as off where the tracked point is more than 3 px from the true one, and as flagged where the loop names a fault
-or says that the point is lost.
+counts as off where the tracked point is more than 3 px from where the true one was at the image's time, as far as the
+loop knows that time, and as flagged where the loop names a fault or says that the point is lost.
 """
 
 import argparse
@@ -28,6 +28,7 @@ from dense_vs.sims.papers.dije.reaching import ReachingExperiment
 from dense_vs.view.provenance import provenance
 from dense_vs.view.tables import table
 
+RESULT = Path(__file__).parent / "results" / "faults.json"
 PAGE = Path(__file__).parent.parent / "docs" / "faults.md"
 BEGIN, END = "<!-- table: begin -->", "<!-- table: end -->"
 OFF = 3.0  # px
@@ -82,6 +83,7 @@ class FaultTrial:
         self.named: set[str] = set()
         self.frames: list[tuple[bool, bool, float]] = []  # off, flagged, distance
         self.due: str | None = None  # fault that begins in the reach
+        self.places: dict[float, np.ndarray] = {}  # where the true point was, by time
         self.run = QuietExperiment(
             self.world, point=POINTS[arm], seed=seed, injector=self.injector, on_frame=self._after_frame
         )
@@ -101,7 +103,7 @@ class FaultTrial:
         after = self.run.jacobian_error().median
         self.run.choose()
         target, *others = self._targets(number)
-        self.frames, self.due = [], fault
+        self.frames, self.due, self.places = [], fault, {}
         during = self.run.reach(target, max_frames=150)
         self.injector.end()
         runs = [len(list(run)) for silent, run in groupby(off and not said for off, said, _ in self.frames) if silent]
@@ -127,7 +129,10 @@ class FaultTrial:
         self.named |= {fault.kind.value for fault in loop.faults}
         if run.surface_point is None or loop.tracker is None:
             return
-        distance = float(np.hypot(*(loop.point - run.project(run.surface_point))))
+        self.places[self.world.time] = run.project(run.surface_point)
+        seen_at = loop.frame.time + min(loop.joint_delay, 0.0)
+        time = min(self.places, key=lambda time: abs(time - seen_at))
+        distance = float(np.hypot(*(loop.point - self.places[time])))
         self.frames.append((distance > OFF, bool(loop.faults) or bool(loop.tracker.lost[0]), distance))
         if self.due is not None and len(self.frames) == INTO_REACH:
             self.injector.begin(self.due, joint=JOINT, at=run.project(run.surface_point))
@@ -180,9 +185,9 @@ def _range(values: list[float]) -> str:
     return low if low == high else f"{low} to {high}"
 
 
-def write_page(result: Path, check: bool) -> int:
+def write_page(check: bool) -> int:
     """The table between its markers; 1 where ``check`` finds another one."""
-    content = json.loads(result.read_text(encoding="utf-8"))
+    content = json.loads(RESULT.read_text(encoding="utf-8"))
     made = f"Robots {', '.join(sorted({row['arm'] for row in content['rows']}))}; seeds " + ", ".join(
         str(seed) for seed in sorted({row["seed"] for row in content["rows"]})
     )
@@ -193,7 +198,7 @@ def write_page(result: Path, check: bool) -> int:
     before, rest = text.split(BEGIN)
     whole = f"{before}{BEGIN}\n\n" + "\n".join(lines) + f"\n\n{END}{rest.split(END)[1]}"
     if check and whole != text:
-        print(f"{PAGE.name} is not what {result} says; run python profiling/faults.py --page FILE", file=sys.stderr)
+        print(f"{PAGE.name} is not what {RESULT.name} says; run python profiling/faults.py --page", file=sys.stderr)
         return 1
     if not check:
         PAGE.write_text(whole, encoding="utf-8")
@@ -207,11 +212,13 @@ def main() -> int:
     parser.add_argument("--seeds", nargs="+", type=int, default=[0, 1, 2], help="of everything (default: 0 1 2)")
     parser.add_argument("--faults", nargs="+", default=list(FAULTS), choices=list(FAULTS), help="(default: all)")
     parser.add_argument("--json", type=Path, metavar="FILE", help="write the result here, after every fault")
-    parser.add_argument("--page", type=Path, metavar="FILE", help="write docs/faults.md from this result, run nothing")
+    parser.add_argument(
+        "--page", action="store_true", help="write docs/faults.md from the committed result, run nothing"
+    )
     parser.add_argument("--check", action="store_true", help="with --page: change nothing, fail where it differs")
     arguments = parser.parse_args()
-    if arguments.page is not None:
-        return write_page(arguments.page, arguments.check)
+    if arguments.page:
+        return write_page(arguments.check)
     wp.config.log_level = wp.LOG_ERROR
     origin = provenance(arguments, leave_out=("json", "page", "check"))
     rows: list[dict[str, Any]] = []

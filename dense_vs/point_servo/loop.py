@@ -293,7 +293,9 @@ class ServoLoop:
 
     def _servo_step(self) -> np.ndarray:
         J = self.estimator.at(self.point)[0]  # DIJE (16)
-        return self.servo(J, self.point, self.target, self.frame.positions, held=self.joints.watch.stuck)
+        q = self.joints.newest
+        point = self.point + J @ (q - self.frame.positions)  # where it is by now, as far as an image comes late
+        return self.servo(J, point, self.target, q, held=self.joints.watch.stuck)
 
     def _when_due(self, choose: Callable[[], np.ndarray]) -> np.ndarray:
         """The chosen joint step where a command is due by now, else zero."""
