@@ -179,7 +179,7 @@ class FramePipeline:
         self._span_frames = 0
         if self._watch is not None and self.check is not None:
             self._watch.restart()
-            self.check.recent.clear()
+            self.check.forget_doubt()
             if forget:
                 self.check.restart()
 

@@ -112,8 +112,8 @@ class ServoLoop:
         pace = {} if command_period is None else {"frame_time": command_period}
         self.babbling = babbling or Babbling(count, seed=seed, **pace)
         self._next_command = time
-        servo_step = self.servo.options.max_step + 4 * self.servo.options.dither
-        largest = max(self.babbling.largest_step, servo_step) if max_step is None else max_step
+        steps = self.babbling.largest_step, self.servo.options.max_step + 4 * self.servo.options.dither
+        largest = max(steps) if max_step is None else max_step
         self.gate = CommandGate(robot, self.group, max_step=largest)
         watch = JointWatch(self.group.names, self.gate.max_step, max_speed)
         self.pipeline = FramePipeline(estimator, flow, scale=scale, body=body, watched=True)
@@ -187,11 +187,19 @@ class ServoLoop:
         """Begin anew with the next image and reading as they are, keeping J and the tracked point.
 
         For a robot that was moved by someone else, or whose encoders or clock were set: their step is no motion.
+
+        Raises:
+            DenseVSError: stamps of joints and camera that are not of one clock.
         """
+        self._restart()
+        self._take(*self.camera.read())
+
+    def _restart(self) -> None:
         self.joints.restart()
         self.gate.restart()
         self.pipeline.restart()
         self._held.clear()
+        self._newest = -np.inf
 
     def babble(self, seconds: float) -> None:
         """Move at random for that long on the camera's clock, learning J."""
@@ -292,13 +300,14 @@ class ServoLoop:
         return self.group.clip_step(self.babbling.step(self._pacing_flow()), self.frame.positions)
 
     def _servo_step(self) -> np.ndarray:
-        J = self.estimator.at(self.point)[0]  # DIJE (16)
-        q = self.joints.newest
+        J, q = self.estimator.at(self.point)[0], self.joints.newest  # DIJE (16)
         point = self.point + J @ (q - self.frame.positions)  # where it is by now, as far as an image comes late
         return self.servo(J, point, self.target, q, held=self.joints.watch.stuck)
 
     def _when_due(self, choose: Callable[[], np.ndarray]) -> np.ndarray:
-        """The chosen joint step where a command is due by now, else zero."""
+        """The chosen joint step where a command is due by now and nothing stops the robot, else zero."""
+        if any(fault.stops for fault in self.faults):
+            return np.zeros(self.estimator.options.joints)
         if self.command_period is None:
             return choose()
         late = self.frame.time - self._next_command
@@ -327,12 +336,12 @@ class ServoLoop:
 
     @property
     def _lost(self) -> bool:
-        return bool(self.tracker is not None and self.tracker.lost[0])
+        return self.tracker is not None and bool(self.tracker.lost[0])
 
     def _take(self, image: np.ndarray, time: float) -> Frame:
         """The last frame that this image lets be processed: itself, or an earlier one that waited for its readings."""
         if time - self._newest > MOST_GAP:
-            self.resume()
+            self._restart()
         faults = self.joints.read(time)
         self._newest = max(self._newest, time)
         if self.joints.delay <= 0:
@@ -344,11 +353,13 @@ class ServoLoop:
 
     def _process(self, image: np.ndarray, time: float, faults: tuple[Fault, ...]) -> Frame:
         self._frame = frame = self.pipeline.process(image, time, self.joints.at(time), faults)
-        if any(fault.kind is FaultKind.MISFIT for fault in frame.faults) and self.pipeline.check is not None:
-            late = self.joints.find_lateness(list(self.pipeline.check.recent))
-            if late is not None:
-                self.pipeline.restart()
-                self._say(late)
+        check = self.pipeline.check
+        if check is None or all(fault.kind is not FaultKind.MISFIT for fault in frame.faults):
+            return frame
+        late = self.joints.find_lateness(list(check.recent))
+        if late is not None:
+            self.pipeline.restart()
+            self._say(late)
         return self._frame
 
     def _say(self, fault: Fault) -> None:
@@ -371,21 +382,18 @@ class ServoLoop:
         last, self._followed = self._followed, frame
         dq = frame.positions - last.positions
         old = self.point
-        expected = self.estimator.at(old)[0] @ dq
-        covered = False
+        expected, covered = self.estimator.at(old)[0] @ dq, False
         if self.pipeline.motion(dq) > MOST_BRIDGED:
             flow = self.estimator.predicted_flow(dq)
         else:
             flow = self._tracking_flow(last.gray, frame.gray)
             x, y = np.clip(np.rint(old + expected), 0, np.array(flow.shape[1::-1]) - 1).astype(int)
             strange = float(np.linalg.norm(flow[y, x] - expected))
-            known = self.estimator.updates > LEARNT_UPDATES
-            covered = known and not strange <= max(STRANGE, float(np.linalg.norm(expected)))
-            if covered:
+            covered = not strange <= max(STRANGE, float(np.linalg.norm(expected)))
+            if covered := covered and self.estimator.updates > LEARNT_UPDATES:
                 flow = self.estimator.predicted_flow(dq)
         tracker.update(flow, frame.gray)
-        correlation = float(tracker.correlation[0])
-        if correlation < tracker.options.min_correlation:
+        if (correlation := float(tracker.correlation[0])) < tracker.options.min_correlation:
             text = f"its surroundings correlate by {correlation:.2f} with how they were"
             self._say(Fault(FaultKind.POINT, text, stops=covered, holds=False))
         self._renew_patch(tracker)
