@@ -18,7 +18,8 @@ ON_ROBOT = 0.2  # of the largest |J| on the image: places with less are not look
 LEAST_PLACES = 12
 KNOWN = 40  # judgments until it is known what is usual
 TRUSTED = 0.15  # usual share above which J is known too badly to judge by
-LEAST_SHARE = 0.12  # that counts
+LEAST_SHARE = 0.5  # that counts where J has to follow the robot to new postures
+BABBLING_SHARE = 0.12  # the same about a posture where J has been learned
 TIMES_USUAL = 4.0
 USUAL = 0.05  # weight of the newest judgment
 GIVEN_UP = (
@@ -50,9 +51,16 @@ class Motion:
 
 
 class MotionCheck:
-    """Judges flow against J, an image at a time."""
+    """Judges flow against J, an image at a time.
+
+    Attributes:
+        least_share: share that counts, above what is usual.
+        usual: share that is usual; None before the first judgment.
+        recent: motions since they began not to be explained.
+    """
 
     def __init__(self) -> None:
+        self.least_share = LEAST_SHARE
         self.restart()
 
     def restart(self) -> None:
@@ -94,7 +102,7 @@ class MotionCheck:
         error = ((flow[chosen] - predicted[chosen]) ** 2).sum(axis=1)
         self.share = float(np.median(error / energy[chosen]))
         known = self.usual is not None and self._judged >= KNOWN and self.usual < TRUSTED
-        wrong = known and self.usual is not None and self.share > max(LEAST_SHARE, TIMES_USUAL * self.usual)
+        wrong = known and self.usual is not None and self.share > max(self.least_share, TIMES_USUAL * self.usual)
         if wrong and not self.recent:
             self.recent.append(motion)
         if self.recent:

@@ -14,6 +14,7 @@ from dense_vs.errors import DenseVSError
 from dense_vs.flow.estimator import FlowEstimator
 from dense_vs.health.faults import Fault, FaultKind
 from dense_vs.health.joint_watch import JointWatch
+from dense_vs.health.motion_check import BABBLING_SHARE, LEAST_SHARE
 from dense_vs.jacobian.estimator import DenseJacobian
 from dense_vs.pipeline.frame_pipeline import BODY_FLOW, LEARNT_UPDATES, MOST_BRIDGED, Frame, FramePipeline
 from dense_vs.point_servo.joint_stream import JointStream
@@ -28,7 +29,6 @@ from dense_vs.robot.protocols import Camera, Robot
 LEAST_BODY = 0.01  # share of the image that makes the robot's own pixels count as known
 MOST_GAP = 2.0  # s between two images, after which the loop begins anew with what it has learned
 MOST_HELD = 30  # images that wait for their joint readings; a robot whose readings stop is not waited for
-STRANGE = 1.5  # px between flow and J dq at the point, from which on it is covered by something else
 SAME_SURFACE = 0.5  # relative difference in J below which two pixels count as one surface
 
 
@@ -176,7 +176,8 @@ class ServoLoop:
         )
         self.joints.watch.commanded(sent)
         frame = self._take(*self.camera.read())
-        if self.tracker is not None and not frame.held and frame is not self._followed:
+        seen = all(fault.kind not in (FaultKind.DARK, FaultKind.FROZEN) for fault in frame.faults)
+        if self.tracker is not None and seen and frame is not self._followed:
             self._follow_point(self.tracker, frame)
             frame = self._frame
         if self.on_frame is not None:
@@ -206,6 +207,7 @@ class ServoLoop:
         if not np.isfinite(seconds) or seconds <= 0:
             raise DenseVSError(f"babbling of {seconds!r} s; expected a finite number above 0")
         end = self.frame.time + seconds
+        self._judge_motion(BABBLING_SHARE)
         while self.frame.time < end:
             self.step(self._when_due(self._babbling_step))
             if self.joints.finding and self.joints.find_delay(self.frame.time, self.frame.flow):
@@ -215,6 +217,7 @@ class ServoLoop:
             self.step(np.zeros(self.estimator.options.joints))
             if len(self._held) >= before:
                 break
+        self._judge_motion(LEAST_SHARE)
 
     def define_point(
         self,
@@ -334,6 +337,10 @@ class ServoLoop:
             return None
         return np.linalg.norm(self.estimator.to_numpy() - own, axis=(2, 3)) <= SAME_SURFACE * size
 
+    def _judge_motion(self, least_share: float) -> None:
+        if self.pipeline.check is not None:
+            self.pipeline.check.least_share = least_share
+
     @property
     def _lost(self) -> bool:
         return self.tracker is not None and bool(self.tracker.lost[0])
@@ -375,25 +382,16 @@ class ServoLoop:
         return f"the image is {late:.3f} s old" if late > MAX_AGE + max(self.joints.delay, 0.0) else ""
 
     def _follow_point(self, tracker: PointTracker, frame: Frame) -> None:
-        """Take the tracked point along from the last frame that it was followed in, and say where it is not seen.
-
-        By J dq where the flow says otherwise: what moves there is in front of the robot, not the robot.
-        """
+        """Take the tracked point along from the last frame that it was followed in, and say where it is not seen."""
         last, self._followed = self._followed, frame
         dq = frame.positions - last.positions
-        old = self.point
-        expected, covered = self.estimator.at(old)[0] @ dq, False
         if self.pipeline.motion(dq) > MOST_BRIDGED:
             flow = self.estimator.predicted_flow(dq)
         else:
             flow = self._tracking_flow(last.gray, frame.gray)
-            x, y = np.clip(np.rint(old + expected), 0, np.array(flow.shape[1::-1]) - 1).astype(int)
-            strange = float(np.linalg.norm(flow[y, x] - expected))
-            covered = not strange <= max(STRANGE, float(np.linalg.norm(expected)))
-            if covered := covered and self.estimator.updates > LEARNT_UPDATES:
-                flow = self.estimator.predicted_flow(dq)
         tracker.update(flow, frame.gray)
-        if (correlation := float(tracker.correlation[0])) < tracker.options.min_correlation:
+        correlation = float(tracker.correlation[0])
+        if correlation < tracker.options.min_correlation:
             text = f"its surroundings correlate by {correlation:.2f} with how they were"
-            self._say(Fault(FaultKind.POINT, text, stops=covered, holds=False))
+            self._say(Fault(FaultKind.POINT, text, stops=False, holds=False))
         self._renew_patch(tracker)

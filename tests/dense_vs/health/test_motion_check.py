@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from dense_vs.health import FaultKind
-from dense_vs.health.motion_check import GIVEN_UP, KNOWN, MotionCheck, find_lateness
+from dense_vs.health.motion_check import BABBLING_SHARE, GIVEN_UP, KNOWN, MotionCheck, find_lateness
 
 K, N, FRAME = 150, 4, 1 / 30
 
@@ -76,6 +76,7 @@ def test_a_delay_is_found(seed, frames):
         return np.array([np.interp(time, times, joint) for joint in q.T])
 
     check, found = MotionCheck(), None
+    check.least_share = BABBLING_SHARE
     usual(check, q, true, learned, rng, range(100))
     for k in range(100, 130):
         step = at(times[k + 1] + frames * FRAME) - at(times[k] + frames * FRAME)
