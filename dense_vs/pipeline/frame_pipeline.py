@@ -84,7 +84,7 @@ class FramePipeline:
         before_update: called with each frame's time, flow and joint step while the estimator is still that of the frame
             before; a judge of its prediction.
         watched: whether images that say nothing, and motion that the joints do not explain, are left out; for a live
-            robot. A recording's repeated images are found by what reads it.
+            robot. A recording's repeated images are found by what reads it. ``check`` then judges the motion.
 
     Raises:
         DenseVSError: sizes that differ, several worlds, a scale out of (0, 1], a baseline below 0.
@@ -122,7 +122,7 @@ class FramePipeline:
         self.before_update = before_update
         self.frame: Frame | None = None
         self._watch = ImageWatch() if watched else None
-        self._check = MotionCheck() if watched else None
+        self.check = MotionCheck() if watched else None
         self._seen: tuple[float, np.ndarray | None] | None = None  # stamp and positions of the last image, used or not
 
     def process(self, image: Any, time: float, positions: Any, faults: tuple[Fault, ...] = ()) -> Frame:
@@ -177,10 +177,11 @@ class FramePipeline:
             self.estimator.reset()
         self.frame = self._corrected = self._seen = None
         self._span_frames = 0
-        if self._watch is not None and self._check is not None:
+        if self._watch is not None and self.check is not None:
             self._watch.restart()
+            self.check.forget_doubt()
             if forget:
-                self._check.restart()
+                self.check.restart()
 
     def motion(self, joint_step: np.ndarray) -> float:
         """How fast a joint step ``(N,)`` moves the robot in the image: 95 % of what moves by J dq is slower [px]."""
@@ -205,7 +206,8 @@ class FramePipeline:
         if self.before_update is not None:
             self.before_update(shown.time, calculate(), dq)
         self._span_frames += 1
-        if self._watch is not None and self._span_frames > 1 and self.motion(span) > MOST_BRIDGED:
+        spans = self.estimator.takes_spans
+        if self._watch is not None and spans and self._span_frames > 1 and self.motion(span) > MOST_BRIDGED:
             self.estimator.predict(dq)
             return self._begin_span(followed(_calculate=partial(self.estimator.predicted_flow, dq)))
         if not self._is_due(span):
@@ -214,9 +216,9 @@ class FramePipeline:
         one_frame = self._span_frames == 1
         flow = calculate() if one_frame else self.flow(first.gray, gray)
         fault = None
-        if self._check is not None and self.estimator.updates > LEARNED_UPDATES:
+        if self.check is not None and spans and self.estimator.updates > LEARNED_UPDATES:
             columns, rows = self._grid.astype(int).T
-            fault = self._check.judge(flow[rows, columns], self.estimator.at(self._grid), span)
+            fault = self.check.judge(flow[rows, columns], self.estimator.at(self._grid), span, first.time, shown.time)
         if fault is not None:
             self.estimator.predict(dq)
             return self._begin_span(followed(faults=(*shown.faults, fault)))
