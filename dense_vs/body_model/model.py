@@ -271,11 +271,18 @@ class BodyModel:
     def _point_jacobians(self, q: np.ndarray, positions: np.ndarray, links: np.ndarray) -> np.ndarray:
         """J ``(P, 2, N)`` [px/rad] of points on links in the camera frame, the interaction matrix times the screws."""
         axes, moments = self.chain.screws(q)
+        # w x X for all joints by one product: X' [-w]x.
+        cross = np.zeros((3, self.joint_count, 3))
+        for n, (wx, wy, wz) in enumerate(axes):
+            cross[:, n] = [[0, wz, -wy], [-wz, 0, wx], [wy, -wx, 0]]
+        velocity = (positions @ cross.reshape(3, -1)).reshape(len(positions), -1, 3) + moments
+        J = np.empty((len(positions), 2, self.joint_count), np.float32)
+        scale = self.focal_length / positions[:, 2]
+        normal = positions[:, :2] / positions[:, 2:]
         moved_by = self.chain.moved_by[links] & self.learned
-        velocity = np.where(moved_by[..., None], np.cross(axes, positions[:, None]) + moments, 0.0)
-        normal = positions[:, None, :2] / positions[:, None, 2:]
-        J = self.focal_length * (velocity[..., :2] - normal * velocity[..., 2:]) / positions[:, None, 2:]
-        return J.transpose(0, 2, 1)
+        for row in range(2):
+            J[:, row] = (velocity[..., row] - normal[:, row, None] * velocity[..., 2]) * scale[:, None] * moved_by
+        return J
 
     def _moved(self, places: np.ndarray, index: np.ndarray, there: BodyImage, q_seen: Any, q: Any) -> np.ndarray:
         """Places at ``q`` of pixels at ``q_seen``, each at its surface point's depth and on its link."""
