@@ -170,13 +170,17 @@ class BodyModel:
 
     def jacobian(self, q: Any) -> np.ndarray:
         """J at a posture ``(N,)`` [rad], float32 ``(H, W, 2, N)`` [px/rad]; 0 off the body."""
+        return self.known(q)[0]
+
+    def known(self, q: Any) -> tuple[np.ndarray, np.ndarray]:
+        """J at a posture ``(N,)`` [rad], float32 ``(H, W, 2, N)`` [px/rad], and the body's pixels, bool ``(H, W)``."""
         posture = self._posture(q, "q")
         positions = self._positions(posture)
         front = front_points(self._project(positions), positions[:, 2], self.size)
         J = np.zeros((*self.size, 2, self.joint_count), np.float32)
         body = front >= 0
         J[body] = self._point_jacobians(posture, positions[front[body]], self.surface.links[front[body]])
-        return J
+        return J, body
 
     def flow(self, q: Any, dq: Any) -> np.ndarray:
         """Flow, float32 ``(H, W, 2)`` [px], stored at the pixels of the posture ``q`` that was reached by ``dq``.

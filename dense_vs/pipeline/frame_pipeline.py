@@ -19,6 +19,7 @@ from dense_vs.checks import check_number
 from dense_vs.errors import DenseVSError
 from dense_vs.flow.estimator import FlowEstimator, to_gray
 from dense_vs.jacobian.estimator import DenseJacobian
+from dense_vs.pipeline.body_prior import BodyPrior
 
 BASELINE = 3.0  # px, image motion by J dq at which J is corrected
 MAX_SPAN = 8  # frames after which it is corrected in any case
@@ -69,6 +70,7 @@ class FramePipeline:
             estimator takes no flow that spans several.
         before_update: called with each frame's time, flow and joint step while the estimator is still that of the frame
             before; a judge of its prediction.
+        prior: what a body model knows of J from the first frame on.
 
     Raises:
         DenseVSError: sizes that differ, several worlds, a scale out of (0, 1], a baseline below 0.
@@ -83,6 +85,7 @@ class FramePipeline:
         body: SelfBody | None = None,
         baseline: float = BASELINE,
         before_update: Callable[[float, np.ndarray, np.ndarray], None] | None = None,
+        prior: BodyPrior | None = None,
     ):
         size = estimator.options.height, estimator.options.width
         if estimator.options.worlds != 1:
@@ -103,6 +106,7 @@ class FramePipeline:
         self.body = body
         self._body_flow = self.flow if body is None else FlowEstimator(BODY_FLOW, *size)
         self.before_update = before_update
+        self.prior = prior
         self.frame: Frame | None = None
 
     def process(self, image: Any, time: float, positions: Any) -> Frame:
@@ -131,6 +135,8 @@ class FramePipeline:
                 f"expected {expected[1]} x {expected[0]}"
             )
         if last is None:
+            if self.prior is not None:
+                self.prior.begin(self.estimator, q)
             self.frame = self._corrected = Frame(time, scaled, gray, q, None)
         else:
             self.frame = self._follow(last, time, scaled, gray, q)
@@ -169,6 +175,8 @@ class FramePipeline:
         one_frame = self._span_frames == 1
         flow = calculate() if one_frame else self.flow(first.gray, gray)
         self.estimator.update(flow, dq, None if one_frame else span)
+        if self.prior is not None:
+            self.prior.correct(self.estimator, q, flow, span)
         if self.body is not None:
             self.body.observe(self._body_flow(first.gray, gray), span)
             self.body.submit(self.estimator.jacobian)
