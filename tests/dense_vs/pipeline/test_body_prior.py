@@ -57,9 +57,12 @@ def test_a_model_that_is_right_keeps_its_say():
 def test_a_model_that_is_wrong_loses_its_say():
     prior = BodyPrior(known(-TRUE))
     pipeline = pipeline_with(prior)
-    run(pipeline, 80)  # J is relearned once the model is out
+    run(pipeline, 60)  # J is relearned once the model is out
     assert not prior.agrees
-    np.testing.assert_allclose(pipeline.estimator.jacobian[30, 30], TRUE, atol=6.0)
+    alone = pipeline_with(None)
+    run(alone, 60)
+    found, expected = pipeline.estimator.jacobian[15:45, 15:55], alone.estimator.jacobian[15:45, 15:55]
+    assert np.median(np.linalg.norm(found - expected, axis=(2, 3))) < 0.1 * np.linalg.norm(TRUE)
 
 
 def test_blend_draws_by_its_share_and_refuses_what_does_not_fit():
