@@ -23,6 +23,8 @@ from dense_vs.view.body_picture import body_picture, write_picture
 from dense_vs.view.progress import progress
 from dense_vs.view.tables import table
 
+POOR = 0.55  # px, median distance between tracks and model above which fits of simulated arms were wrong
+
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the command's arguments."""
@@ -90,6 +92,8 @@ def run(arguments: argparse.Namespace) -> None:
         ]
     print(table(["quality", "value"], rows))
     print(table(["joint", "carried by", "surface points"], joint_rows(model, recording.joint_names)))
+    if model.error > POOR:
+        print(f"- tracks are {model.error:.2f} px off the model; above {POOR} px links and axes are not to be trusted")
     print(f"learned in {seconds:.1f} s; model in {arguments.out}, picture in {path}")
 
 

@@ -6,11 +6,13 @@ import pytest
 from dense_vs.body_model import BodyModel, PointTracks, TrackOptions, follow_points
 from dense_vs.body_model.held_out import held_out_error
 from dense_vs.body_model.splat import front_points
+from dense_vs.cli import main
 from dense_vs.errors import DenseVSError
 from dense_vs.flow import to_gray
 from dense_vs.jacobian import jacobian_error
 from dense_vs.robot import Babbling
 from dense_vs.sims import SimWorld
+from dense_vs.view.body_picture import body_picture, joint_ends, write_picture
 
 
 @pytest.fixture(scope="module")
@@ -122,6 +124,30 @@ def test_the_rest_of_a_recording_is_predicted(learned):
     error = held_out_error(tracks, 0.2)
     assert error.median < 0.6
     assert error.median < 0.7 * error.standing_still
+
+
+def test_a_picture_shows_links_and_lines_of_the_joints(learned, tmp_path):
+    _, images, joints, model = learned
+    picture = body_picture(model, images[-1], joints[-1], ("a", "b", "c", "d"))
+    assert picture.shape == (120, 160, 3)
+    body = model.image(joints[-1]).body
+    gray = np.repeat(images[-1][..., None], 3, axis=2)
+    assert (picture[body] != gray[body]).any(axis=1).mean() > 0.95
+    ends = joint_ends(model, joints[-1])
+    assert ends.shape == (4, 2, 2)
+    assert np.isfinite(ends).all()
+    write_picture(tmp_path / "body.png", picture)
+    assert (tmp_path / "body.png").stat().st_size > 1000
+    with pytest.raises(DenseVSError, match="cannot write"):
+        write_picture(tmp_path / "none" / "body.png", picture)
+
+
+def test_the_command_refuses_what_it_cannot_use(tmp_path, capsys):
+    out = str(tmp_path / "body.npz")
+    assert main(["body", str(tmp_path / "none.mp4"), "--out", out]) == 2
+    assert main(["body", str(tmp_path / "none.mp4"), "--out", out, "--held-out", "1"]) == 2
+    assert "--held-out is 1.0" in capsys.readouterr().err
+    assert not (tmp_path / "body.npz").exists()
 
 
 def test_bad_input_is_refused(learned):
