@@ -22,6 +22,7 @@ from dense_vs.health.faults import Fault
 from dense_vs.health.image_watch import ImageWatch
 from dense_vs.health.motion_check import MotionCheck
 from dense_vs.jacobian.estimator import DenseJacobian
+from dense_vs.pipeline.body_prior import BodyPrior
 
 BASELINE = 3.0  # px, image motion by J dq at which J is corrected
 MAX_SPAN = 8  # frames after which it is corrected in any case
@@ -85,6 +86,7 @@ class FramePipeline:
             before; a judge of its prediction.
         watched: whether images that say nothing, and motion that the joints do not explain, are left out; for a live
             robot. A recording's repeated images are found by what reads it. ``check`` then judges the motion.
+        prior: what a body model knows of J from the first frame on.
 
     Raises:
         DenseVSError: sizes that differ, several worlds, a scale out of (0, 1], a baseline below 0.
@@ -100,6 +102,7 @@ class FramePipeline:
         baseline: float = BASELINE,
         before_update: Callable[[float, np.ndarray, np.ndarray], None] | None = None,
         watched: bool = False,
+        prior: BodyPrior | None = None,
     ):
         size = estimator.options.height, estimator.options.width
         if estimator.options.worlds != 1:
@@ -120,6 +123,7 @@ class FramePipeline:
         self.body = body
         self._body_flow = self.flow if body is None else FlowEstimator(BODY_FLOW, *size)
         self.before_update = before_update
+        self.prior = prior
         self.frame: Frame | None = None
         self._watch = ImageWatch() if watched else None
         self.check = MotionCheck() if watched else None
@@ -162,6 +166,8 @@ class FramePipeline:
         if shown.held:
             return shown
         if last is None:
+            if self.prior is not None:
+                self.prior.begin(self.estimator, q)
             self.frame = self._corrected = shown
         else:
             self.frame = self._follow(last, shown)
@@ -223,6 +229,8 @@ class FramePipeline:
             self.estimator.predict(dq)
             return self._begin_span(followed(faults=(*shown.faults, fault)))
         self.estimator.update(flow, dq, None if one_frame else span)
+        if self.prior is not None:
+            self.prior.correct(self.estimator, q, flow, span)
         if self.body is not None:
             self.body.observe(self._body_flow(first.gray, gray), span)
             self.body.submit(self.estimator.jacobian)
