@@ -18,7 +18,7 @@ import warp as wp
 from g1_episodes import ARM, ARM_AND_HAND, CONFIRMED, DATA, FPS, SIZE, TUNED, marked_masks, marked_points
 from metrics import Metric, add_report_arguments, report
 
-from dense_vs import DenseJacobian, FlowEstimator, PointTracker, SelfBody
+from dense_vs import DenseJacobian, FlowEstimator, PointTracker
 from dense_vs.pipeline.frame_pipeline import Frame
 from dense_vs.pipeline.recorded import RecordedEstimate
 from dense_vs.recording import ClockOffset, Episode, open_recording, survey_episode
@@ -37,15 +37,17 @@ class Judge:
 
     def __init__(self, episode: Episode, *, label: bool = False, **options: Any):
         self.frames: list[tuple[float, float, float]] = []  # rest, rest of the moved prediction, motion
-        self.done = RecordedEstimate(episode, scale=0.5, device="cpu", before_update=self._predict, **options)
+        self.done = RecordedEstimate(
+            episode, scale=0.5, device="cpu", label=label, before_update=self._predict, **options
+        )
         flow: Any = cv2.DISOpticalFlow.create(cv2.DISOPTICAL_FLOW_PRESET_MEDIUM)
-        self.labels = Labels(episode, self.done.estimator) if label else None
+        self.labels = Labels(episode, self.done) if label else None
         last = None
-        for frame, estimator in self.done:
+        for frame, _ in self.done:
             if frame.flow is not None and last is not None:
                 self._add(-flow.calc(frame.gray, last, None))
                 if self.labels is not None:
-                    self.labels.take(frame, estimator)
+                    self.labels.take(frame)
             last = frame.gray
 
     @property
@@ -79,8 +81,8 @@ class Judge:
 class Labels:
     """Labels of an episode beside the masks drawn by hand."""
 
-    def __init__(self, episode: Episode, estimator: DenseJacobian):
-        self.body = SelfBody(joint_scale=estimator.options.joint_scale, device="cpu")
+    def __init__(self, episode: Episode, done: RecordedEstimate):
+        self.done = done
         self.masks = marked_masks(episode.number)
         self.images: dict[int, np.ndarray] = {}
         for row, (image, _) in enumerate(episode.images()):
@@ -88,14 +90,13 @@ class Labels:
                 self.images[row] = cv2.resize(image, SIZE[::-1], interpolation=cv2.INTER_AREA).astype(np.float32)
         self._nearest: dict[int, tuple[float, np.ndarray]] = {}
 
-    def take(self, frame: Frame, estimator: DenseJacobian) -> None:
-        """Label a frame; kept where it shows a marked row's image, which may be encoded anew there."""
-        self.body.observe(frame.flow, frame.dq)
+    def take(self, frame: Frame) -> None:
+        """Keep a frame's labels where it shows a marked row's image, which may be encoded anew there."""
         for row, marked in self.images.items():
             if abs(frame.time - row / FPS) < NEAR:
                 difference = float(np.abs(frame.image - marked).mean())
                 if difference < self._nearest.get(row, (np.inf,))[0]:
-                    self._nearest[row] = difference, self.body.labels(estimator.jacobian)
+                    self._nearest[row] = difference, self.done.labels()
 
     def quality(self) -> list[tuple[float, float]]:
         """IoU and recall in the marked rows, in their order."""

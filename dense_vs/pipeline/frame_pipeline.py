@@ -63,8 +63,8 @@ class FramePipeline:
         estimator: for one world; its size is the size of the images once scaled.
         flow: of the same size; the default method unless given.
         scale: factor on the image size, 0.5 in the paper.
-        body: is fed with every measured motion and J, where one is given; see :meth:`labels`. Its flow is that of
-            :data:`BODY_FLOW`, which is sharper at outlines than J's needs to be.
+        body: is fed with every measured motion, its image and J, where one is given; see :meth:`labels`. Its flow is
+            that of :data:`BODY_FLOW`, which is sharper at outlines than J's needs to be.
         baseline: image motion at which J is corrected [px]; with 0 it is in every frame, and always where the
             estimator takes no flow that spans several.
         before_update: called with each frame's time, flow and joint step while the estimator is still that of the frame
@@ -170,7 +170,7 @@ class FramePipeline:
         flow = calculate() if one_frame else self.flow(first.gray, gray)
         self.estimator.update(flow, dq, None if one_frame else span)
         if self.body is not None:
-            self.body.observe(self._body_flow(first.gray, gray), span)
+            self.body.observe(self._body_flow(first.gray, gray), span, image)
             self.body.submit(self.estimator.jacobian)
         self._span_frames = 0
         self._corrected = frame = Frame(time, image, gray, q, dq, (flow, span), calculate)

@@ -5,7 +5,8 @@ from typing import Any, Unpack
 
 import numpy as np
 
-from dense_vs.checks import check_number
+from dense_vs.body.self_body import SelfBody
+from dense_vs.checks import check_flag, check_number
 from dense_vs.errors import DenseVSError
 from dense_vs.flow.estimator import FlowEstimator
 from dense_vs.jacobian.estimator import DenseJacobian
@@ -38,6 +39,7 @@ class RecordedEstimate:
             the others' units do not matter from 7 joints on, and are rad (m) below unless ``joint_scale`` says
             otherwise. ``on_bad_flow`` is ``"skip"`` unless given.
         start: an estimator to go on with, made here unless given.
+        label: whether to label the robot's own pixels, see :meth:`labels`.
         before_update: called with each frame's time, flow and joint step while ``estimator`` is still that of the frame
             before; a judge of its prediction beside ``explained``.
 
@@ -61,6 +63,7 @@ class RecordedEstimate:
         device: str = "auto",
         threads: int | None = None,
         start: DenseJacobian | None = None,
+        label: bool = False,
         before_update: Callable[[float, np.ndarray, np.ndarray], None] | None = None,
         **estimator_options: Unpack[EstimatorOptions],
     ):
@@ -87,13 +90,23 @@ class RecordedEstimate:
         self.last_frame: Frame | None = None
         self._squared_steps, self._steps = np.zeros(joints), 0
         self._before_update = before_update
+        scales = start.options.joint_scale
+        body = SelfBody(joint_scale=scales, device=device, threads=threads) if check_flag("label", label) else None
         self._pipeline = FramePipeline(
-            start, FlowEstimator(method, height, width), scale=scale, baseline=0.0, before_update=self._judge
+            start, FlowEstimator(method, height, width), scale=scale, body=body, baseline=0.0, before_update=self._judge
         )
 
     def align(self, offset: float | ClockOffset) -> None:
         """Move the joint log onto the camera's clock, before the first frame; see :meth:`Episode.shifted`."""
         self.episode = self.episode.shifted(offset)
+
+    def labels(self) -> np.ndarray:
+        """Whether each pixel of the last frame is the robot's own body, bool ``(H, W)``.
+
+        Raises:
+            DenseVSError: made without ``label``.
+        """
+        return self._pipeline.labels()
 
     @property
     def images(self) -> int:
