@@ -11,7 +11,13 @@ from dense_vs.errors import DenseVSError
 from dense_vs.flow.estimator import FlowEstimator
 from dense_vs.jacobian.estimator import DenseJacobian
 from dense_vs.jacobian.excitation import Excitation, excitation
-from dense_vs.jacobian.options import MAX_JOINTS_DEFAULT_ORDER_2, STANDARD_STEP, EstimatorOptions, recorded_options
+from dense_vs.jacobian.options import (
+    MAX_JOINTS_DEFAULT_ORDER_2,
+    STANDARD_SPREAD,
+    STANDARD_STEP,
+    EstimatorOptions,
+    recorded_options,
+)
 from dense_vs.pipeline.explained_motion import ExplainedMotion
 from dense_vs.pipeline.frame_pipeline import Frame, FramePipeline, scaled_size
 from dense_vs.recording import ClockOffset, Episode, Recording
@@ -36,8 +42,7 @@ class RecordedEstimate:
             are taken as logged.
         device, threads, estimator_options: of :class:`DenseJacobian`, whose help has their units and defaults; those of
             :func:`recorded_options` and ``joint_scale`` where they are not given. Joints that hardly move are left out;
-            the others' units do not matter from 7 joints on, and are rad (m) below unless ``joint_scale`` says
-            otherwise. ``on_bad_flow`` is ``"skip"`` unless given.
+            the others' units do not matter. ``on_bad_flow`` is ``"skip"`` unless given.
         start: an estimator to go on with, made here unless given.
         label: whether to label the robot's own pixels, see :meth:`labels`.
         before_update: called with each frame's time, flow and joint step while ``estimator`` is still that of the frame
@@ -173,7 +178,8 @@ def _recorded_defaults(joints: int, seen: Excitation, given: EstimatorOptions) -
         if "joint_scale" not in options:
             typical = seen.scale
             if joints <= MAX_JOINTS_DEFAULT_ORDER_2:
-                # The Hessian's prior holds in rad: from a slow log's own steps it would be many times too wide.
-                typical = np.where(typical > 0, STANDARD_STEP, 0.0)
+                # The Hessian's prior says how much J changes over a posture's range, however fast that is gone through:
+                # from a slow log's own steps it would be many times too wide.
+                typical = np.where(typical > 0, STANDARD_STEP / STANDARD_SPREAD * seen.spread, 0.0)
             options["joint_scale"] = tuple(typical)
     return options
