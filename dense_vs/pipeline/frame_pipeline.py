@@ -67,6 +67,9 @@ class FramePipeline:
             that of :data:`BODY_FLOW`, which is sharper at outlines than J's needs to be.
         baseline: image motion at which J is corrected [px]; with 0 it is in every frame, and always where the
             estimator takes no flow that spans several.
+        still: joint steps ``(N,)`` below which the robot stands still, noise of its readings; None for none. Such a
+            frame leaves the estimate as it is, and its step goes with the next one's, where the estimator takes flow
+            that spans several.
         before_update: called with each frame's time, flow and joint step while the estimator is still that of the frame
             before; a judge of its prediction.
 
@@ -82,6 +85,7 @@ class FramePipeline:
         scale: float = 1.0,
         body: SelfBody | None = None,
         baseline: float = BASELINE,
+        still: np.ndarray | None = None,
         before_update: Callable[[float, np.ndarray, np.ndarray], None] | None = None,
     ):
         size = estimator.options.height, estimator.options.width
@@ -89,7 +93,11 @@ class FramePipeline:
             raise DenseVSError(f"estimator has {estimator.options.worlds} worlds; a pipeline takes one")
         check_number("scale", scale, above=0, most=1)
         self.baseline = check_number("baseline", baseline, least=0) if estimator.takes_spans else 0.0
+        joints = estimator.options.joints
+        given = None if still is None else real_vector(still, "still", (joints,))
+        self.still = given if estimator.takes_spans else None
         self._corrected: Frame | None = None  # the frame that J was corrected by last
+        self._moved_to = np.zeros(joints)  # positions that J was moved to last
         self._span_frames = 0  # since then
         y, x = np.mgrid[_GRID_STEP // 2 : size[0] : _GRID_STEP, _GRID_STEP // 2 : size[1] : _GRID_STEP]
         self._grid = np.stack([x.ravel(), y.ravel()], axis=1).astype(np.float32)
@@ -132,6 +140,7 @@ class FramePipeline:
             )
         if last is None:
             self.frame = self._corrected = Frame(time, scaled, gray, q, None)
+            self._moved_to = q
         else:
             self.frame = self._follow(last, time, scaled, gray, q)
         return self.frame
@@ -163,12 +172,16 @@ class FramePipeline:
         if self.before_update is not None:
             self.before_update(time, calculate(), dq)
         self._span_frames += 1
-        if not self._is_due(span):
-            self.estimator.predict(dq)
+        step = q - self._moved_to
+        if self.still is not None and (np.abs(step) < self.still).all():
             return Frame(time, image, gray, q, dq, None, calculate)
-        one_frame = self._span_frames == 1
-        flow = calculate() if one_frame else self.flow(first.gray, gray)
-        self.estimator.update(flow, dq, None if one_frame else span)
+        moved_since = not np.array_equal(self._moved_to, first.positions)
+        self._moved_to = q
+        if not self._is_due(span):
+            self.estimator.predict(step)
+            return Frame(time, image, gray, q, dq, None, calculate)
+        flow = calculate() if self._span_frames == 1 else self.flow(first.gray, gray)
+        self.estimator.update(flow, step, span if moved_since else None)
         if self.body is not None:
             self.body.observe(self._body_flow(first.gray, gray), span, image)
             self.body.submit(self.estimator.jacobian)

@@ -23,9 +23,11 @@ from dense_vs.pipeline.frame_pipeline import Frame, FramePipeline, scaled_size
 from dense_vs.recording import ClockOffset, Episode, Recording
 from dense_vs.recording.distinct_images import DistinctImages
 from dense_vs.recording.prefetch import prefetch
+from dense_vs.recording.survey import joint_motions
 
 # Found on three reaches of a humanoid (``profiling/real_robot.py``): 0.03 to 0.07 s do alike.
 JOINT_SMOOTHING = 0.05  # s
+STILL_NOISES = 5.0  # standard deviations of its readings that a joint at rest stays within from image to image
 
 
 class RecordedEstimate:
@@ -95,10 +97,18 @@ class RecordedEstimate:
         self.last_frame: Frame | None = None
         self._squared_steps, self._steps = np.zeros(joints), 0
         self._before_update = before_update
-        scales = start.options.joint_scale
-        body = SelfBody(joint_scale=scales, device=device, threads=threads) if check_flag("label", label) else None
+        body = None
+        if check_flag("label", label):
+            # By how far joints go, which repeated images do not change.
+            body = SelfBody(joint_scale=_scale_by_spread(self.excitation), device=device, threads=threads)
         self._pipeline = FramePipeline(
-            start, FlowEstimator(method, height, width), scale=scale, body=body, baseline=0.0, before_update=self._judge
+            start,
+            FlowEstimator(method, height, width),
+            scale=scale,
+            body=body,
+            baseline=0.0,
+            still=self._still_steps(),
+            before_update=self._judge,
         )
 
     def align(self, offset: float | ClockOffset) -> None:
@@ -150,6 +160,11 @@ class RecordedEstimate:
             self.last_frame = self._pipeline.process(found.image, found.time, joints)
             yield self.last_frame, self.estimator
 
+    def _still_steps(self) -> np.ndarray:
+        """Joint steps ``(N,)`` that noise alone makes; joints that are left out may do what they like."""
+        noise = np.array([joint.noise for joint in joint_motions(self.episode.log)])
+        return np.where(self.excitation.learned, STILL_NOISES * noise, np.finfo(np.float64).max)
+
     def _judge(self, time: float, flow: Any, dq: Any) -> None:
         if self._before_update is not None:
             self._before_update(time, flow, dq)
@@ -170,6 +185,11 @@ def recorded_excitation(episode: Episode, fps: float) -> Excitation:
     return excitation(log.at(np.linspace(log.times[0], log.times[-1], count)), log.names)
 
 
+def _scale_by_spread(seen: Excitation) -> np.ndarray:
+    """Typical steps ``(N,)`` at the pace of the standard babbling, of joints that go as far as these; 0 if left out."""
+    return np.where(seen.learned, STANDARD_STEP / STANDARD_SPREAD * seen.spread, 0.0)
+
+
 def _recorded_defaults(joints: int, seen: Excitation, given: EstimatorOptions) -> EstimatorOptions:
     """Options of the estimator for a recording: those given, else what real recordings need."""
     options: EstimatorOptions = {"on_bad_flow": "skip", **given}
@@ -180,6 +200,6 @@ def _recorded_defaults(joints: int, seen: Excitation, given: EstimatorOptions) -
             if joints <= MAX_JOINTS_DEFAULT_ORDER_2:
                 # The Hessian's prior says how much J changes over a posture's range, however fast that is gone through:
                 # from a slow log's own steps it would be many times too wide.
-                typical = np.where(typical > 0, STANDARD_STEP / STANDARD_SPREAD * seen.spread, 0.0)
+                typical = _scale_by_spread(seen)
             options["joint_scale"] = tuple(typical)
     return options
