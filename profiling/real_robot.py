@@ -37,6 +37,7 @@ class Judge:
 
     def __init__(self, episode: Episode, *, label: bool = False, **options: Any):
         self.frames: list[tuple[float, float, float]] = []  # rest, rest of the moved prediction, motion
+        self.own_frames: list[tuple[float, float]] = []  # rest and motion of the pixels labeled as the arm's own
         self.done = RecordedEstimate(
             episode, scale=0.5, device="cpu", label=label, before_update=self._predict, **options
         )
@@ -61,6 +62,12 @@ class Judge:
         rest, moved_rest, motion = np.sum(self.frames[first:last], axis=0)
         return float(1 - (moved_rest if moved else rest) / motion)
 
+    def own_share(self, begin: float, end: float) -> float:
+        """E of the arm's own pixels, as labeled in each frame, between two fractions of the episode."""
+        first, last = (int(np.ceil(f * len(self.own_frames))) for f in (begin, end))
+        rest, motion = np.sum(self.own_frames[first:last], axis=0)
+        return float(1 - rest / motion)
+
     def _predict(self, _: float, __: np.ndarray, dq: np.ndarray) -> None:
         self._predicted = self.done.estimator.predicted_flow(dq)
 
@@ -76,6 +83,11 @@ class Judge:
             )
         rest, moved = (float(np.sum((flow - p) ** 2, axis=2)[moving].sum()) for p in (self._predicted, came))
         self.frames.append((rest, moved, float(squared[moving].sum())))
+        if self.labels is not None:
+            own = moving & self.done.labels()
+            self.own_frames.append(
+                (float(np.sum((flow - self._predicted) ** 2, axis=2)[own].sum()), float(squared[own].sum()))
+            )
 
 
 class Labels:
@@ -151,6 +163,7 @@ class OneEpisode:
             "all 26 joints": Judge(open_recording(DATA).episode(number).shifted(offset)),
         }
         self.shares = {"arm": whole.share(*rest), "arm, moved": whole.share(*rest, moved=True)}
+        self.shares["arm, its own pixels"] = whole.own_share(*rest)
         self.shares |= {name: judge.share(*rest) for name, judge in others.items()}
         self.shares["first quarter, from nothing"] = whole.share(0, 0.25)
         before: DenseJacobian | None = None
