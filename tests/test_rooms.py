@@ -140,6 +140,7 @@ GENERATIVE_PARTS = [
     "kinematics",
     "inference",
     "learning",
+    "model_checks",
     "model_file",
     "model",
 ]
