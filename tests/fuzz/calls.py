@@ -8,12 +8,12 @@ from calls_models import generative_targets, sims_targets
 from target import H, N, Target, W, dq, flow, mask
 
 
-def _estimator(**options: Any) -> Any:
+def estimator(**options: Any) -> Any:
     from dense_vs import DenseJacobian
 
-    estimator = DenseJacobian(**{"height": H, "width": W, "joints": N, "device": "cpu", "threads": 1, **options})
-    estimator.update(flow(), dq())
-    return estimator
+    one = DenseJacobian(**{"height": H, "width": W, "joints": N, "device": "cpu", "threads": 1, **options})
+    one.update(flow(), dq())
+    return one
 
 
 def _stored(estimator: Any) -> Any:
@@ -65,18 +65,18 @@ def jacobian_targets() -> list[Target]:
             Target(
                 f"{name}: update",
                 lambda self, flow, dq: (self.update(flow, dq), self.to_numpy())[1],
-                lambda form=form: {"self": _estimator(**form), "flow": flow(), "dq": dq()},
+                lambda form=form: {"self": estimator(**form), "flow": flow(), "dq": dq()},
                 state=_stored,
             ),
             Target(
                 f"{name}: at",
                 lambda self, points: self.at(points),
-                lambda form=form: {"self": _estimator(**form), "points": np.array([[3.0, 4.0], [5.5, 6.5]])},
+                lambda form=form: {"self": estimator(**form), "points": np.array([[3.0, 4.0], [5.5, 6.5]])},
             ),
             Target(
                 f"{name}: predicted_flow",
                 lambda self, dq: self.predicted_flow(dq),
-                lambda form=form: {"self": _estimator(**form), "dq": dq()},
+                lambda form=form: {"self": estimator(**form), "dq": dq()},
             ),
         ]
     return targets

@@ -9,7 +9,7 @@ from target import H, Target, W
 
 
 @cache
-def _model() -> Any:
+def model() -> Any:
     from reference_recordings import record
 
     from dense_vs.generative import GenerativeModel
@@ -25,7 +25,7 @@ def generative_targets() -> list[Target]:
     from dense_vs.generative import GenerativeModel, Observations
 
     def observations() -> dict[str, Any]:
-        _, recording = _model()
+        _, recording = model()
         return {
             "joints": recording.joints[:8].copy(),
             "pixels": recording.pixels[:8].copy(),
@@ -40,32 +40,32 @@ def generative_targets() -> list[Target]:
         return GenerativeModel.fit(Observations(**arguments), **options).parameters
 
     def relearn(obs: Any, what: Any) -> Any:
-        return copy.deepcopy(_model()[0]).relearn(obs, what).rms_px
+        return copy.deepcopy(model()[0]).relearn(obs, what).rms_px
 
     def some() -> Any:
-        return _model()[1].observations()[:8]
+        return model()[1].observations()[:8]
 
     def image() -> np.ndarray:
-        return _model()[1].pixels[3].copy()
+        return model()[1].pixels[3].copy()
 
     return [
         Target("Observations", lambda **o: len(Observations(**o)), observations, weight=2.0),
         Target("GenerativeModel.fit", fit,
                lambda: {**observations(), "kinematics": "poe", "state": "observed", "seed": 0, "pixel_sigma": 0.5},
                may_be_nan=True, weight=0.15),
-        Target("GenerativeModel.pixels", lambda **o: _model()[0].pixels(**o),
-               lambda: {"joints": _model()[1].joints[:2].copy()}, may_be_nan=True),
+        Target("GenerativeModel.pixels", lambda **o: model()[0].pixels(**o),
+               lambda: {"joints": model()[1].joints[:2].copy()}, may_be_nan=True),
         Target("GenerativeModel.infer_joints",
-               lambda pixels, near, robust: _model()[0].infer_joints(pixels, near=near, robust=robust),
-               lambda: {"pixels": image(), "near": _model()[1].joints[3].copy(), "robust": False}),
-        Target("GenerativeModel.infer_poses", lambda **o: _model()[0].infer_poses(**o),
+               lambda pixels, near, robust: model()[0].infer_joints(pixels, near=near, robust=robust),
+               lambda: {"pixels": image(), "near": model()[1].joints[3].copy(), "robust": False}),
+        Target("GenerativeModel.infer_poses", lambda **o: model()[0].infer_poses(**o),
                lambda: {"pixels": image()}, may_be_nan=True),
-        Target("GenerativeModel.command", lambda **o: _model()[0].command(**o),
+        Target("GenerativeModel.command", lambda **o: model()[0].command(**o),
                lambda: {"current_pixels": image(), "target_pixels": image()}, weight=0.5),
         Target("GenerativeModel.relearn", relearn, lambda: {"obs": some(), "what": "camera:0"}, may_be_nan=True,
                weight=0.3),
-        Target("OnlineLearner", lambda joints, pixels, capacity: _model()[0].online(capacity).add(joints, pixels),
-               lambda: {"joints": _model()[1].joints[3].copy(), "pixels": image(), "capacity": 5}, may_be_nan=True,
+        Target("OnlineLearner", lambda joints, pixels, capacity: model()[0].online(capacity).add(joints, pixels),
+               lambda: {"joints": model()[1].joints[3].copy(), "pixels": image(), "capacity": 5}, may_be_nan=True,
                weight=0.5),
     ]  # fmt: skip
 

@@ -93,7 +93,7 @@ def run_seed(seed: int, arguments: Any, bar: Any) -> "LeakRun":
 
 
 def areas_off(carried: np.ndarray, arm: np.ndarray) -> tuple[float, float]:
-    """What a body's J covers beyond the arm, and what it lost of it: shares of the arm's area, from masks ``(H, W)``."""
+    """What a body's J covers beyond the arm and what it lost of it, as shares of its area, from masks ``(H, W)``."""
     area = float(arm.sum())
     return float((carried & ~arm).sum()) / area, float((arm & ~carried).sum()) / area
 

@@ -1,4 +1,4 @@
-"""The share of motion that the joints do not explain: near 0 where they move the pixels, 1 where something else does."""
+"""How much motion the joints leave unexplained: near 0 where they move the pixels, 1 where something else does."""
 
 import numpy as np
 import pytest
