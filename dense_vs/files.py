@@ -61,6 +61,26 @@ def atomic_write(path: str | os.PathLike[str], mode: str = "wb") -> Iterator[IO[
         raise
 
 
+def check_writable(path: str | os.PathLike[str]) -> None:
+    """Find out now whether a file can be written later; nothing is left of the trial.
+
+    Raises:
+        DenseVSError: its folder is missing or not writable, or its disk is full.
+    """
+    path = file_path(path)
+    if path.is_dir():
+        raise DenseVSError(f"cannot write {path}: it is a folder")
+    try:
+        handle, temporary = _temporary(path)
+        try:
+            with os.fdopen(handle, "wb") as stream:
+                stream.write(b"\0")
+        finally:
+            os.unlink(temporary)
+    except OSError as error:
+        raise DenseVSError(f"cannot write {path}: {error.strerror or error}") from error
+
+
 def file_path(path: Any) -> Path:
     """A path as :class:`pathlib.Path`.
 

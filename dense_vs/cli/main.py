@@ -10,6 +10,7 @@ from importlib import import_module
 from pathlib import Path
 from typing import Any
 
+from dense_vs.checks import shown
 from dense_vs.cli.commands import all_commands
 from dense_vs.cli.parsing import LazyParser, from_module
 from dense_vs.errors import DenseVSError
@@ -25,6 +26,21 @@ EXTRAS = {
     "sklearn": "vos",
     "torch": "bench",
 }
+# What the system refuses for reasons that a user can mend: names, places, rights, room.
+BY_THE_USER = (
+    errno.ENOSPC,
+    errno.EDQUOT,
+    errno.EROFS,
+    errno.EACCES,
+    errno.EPERM,
+    errno.ENAMETOOLONG,
+    errno.ENOENT,
+    errno.EISDIR,
+    errno.ENOTDIR,
+    errno.EEXIST,
+    errno.ELOOP,
+    errno.EMFILE,
+)
 USER_ERROR, INTERRUPTED, READER_GONE = 2, 130, 141  # the last two as a shell reports SIGINT and SIGPIPE
 
 
@@ -59,19 +75,27 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except KeyboardInterrupt:
         _say("interrupted")
         return INTERRUPTED
-    except RuntimeError as error:
-        if not _by_interrupt(error):
-            raise
-        _say("interrupted")
-        return INTERRUPTED
     except BrokenPipeError:
         _discard(sys.stdout)
         return READER_GONE
     except OSError as error:
-        if error.errno not in (errno.ENOSPC, errno.EIO, errno.EBADF):
+        if _by_interrupt(error):
+            _say("interrupted")
+            return INTERRUPTED
+        if error.errno in (errno.ENOSPC, errno.EIO, errno.EBADF) and error.filename is None:
+            _discard(sys.stdout)
+            _say(f"cannot write the output: {error.strerror}")
+        elif error.errno in BY_THE_USER:
+            _say(f"{shown(error.filename) if error.filename else 'a file'}: {error.strerror}")
+        else:
             raise
-        _discard(sys.stdout)
-        _say(f"cannot write the output: {error.strerror}")
+    except MemoryError:
+        _say("the memory does not suffice; expected smaller images, fewer worlds or a shorter recording")
+    except Exception as error:
+        if not _by_interrupt(error):
+            raise
+        _say("interrupted")
+        return INTERRUPTED
     return USER_ERROR
 
 

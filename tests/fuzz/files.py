@@ -23,9 +23,9 @@ def run(tally: Tally, seed: int, count: int, progress: Path) -> None:
             good, read = readers[int(random.integers(len(readers)))]
             bad = good.with_name(f"bad{good.suffix}")
             how = damage(good, bad, random)
-            name = f"files {seed} {case} {good.stem}: {how}"
-            progress.write_text(name)
-            run_case(tally, name, lambda read=read, bad=bad: read(bad), may_be_nan=True)
+            shown = f"files {seed} {case} {good.stem}: {how}"
+            progress.write_text(shown)
+            run_case(tally, shown, lambda read=read, bad=bad: read(bad), may_be_nan=True)
 
 
 def made(folder: Path) -> list[tuple[Path, Callable[[Path], Any]]]:
