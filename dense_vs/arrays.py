@@ -1,4 +1,4 @@
-"""What the public API accepts as an array, and how it reaches the device.
+"""Arrays that the public API accepts, and how they reach the device.
 
 NumPy and Warp arrays and anything with ``__array_interface__``, ``__cuda_array_interface__`` or
 ``__dlpack__`` are taken, without a copy where they already lie on the device.

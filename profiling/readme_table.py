@@ -11,7 +11,7 @@ import sys
 from pathlib import Path
 
 from readme_experiments import experiment_lines, few_experiment_lines, summary_lines
-from results_file import Result
+from results_file import RESULTS, Result
 
 ROOT = Path(__file__).parent.parent
 BEGIN, END = "<!-- measured: begin -->", "<!-- measured: end -->"
@@ -47,6 +47,8 @@ FRAME = (
 )
 
 LOOP, ONE, ROOFLINE = "closed_loop_h200", "closed_loop_h200_one", "roofline_h200"
+SCALING = ("scaling_h200", "scaling_cpu")
+ORDER_2, MANY = "closed_loop_h200_order2", "closed_loop_h200_4096"
 WORLDS = "1024 worlds, cuda:0"
 BATCH = (
     (LOOP, f"closed loop, {WORLDS}", "whole loop with order 1, 1024 robots [frames/s]", "{:,.0f}"),
@@ -62,20 +64,26 @@ BATCH = (
         "reaches that end within 3 px of a random target by the simulator's truth",
         "{:.1%}",
     ),
+    (ORDER_2, f"closed loop, {WORLDS}", "whole loop with order 2, 1024 robots [frames/s]", "{:,.0f}"),
+    (ORDER_2, "J error after babbling, median, cuda:0", "its J error after babbling, median of 4 robots", "{:.2f}"),
+    (ORDER_2, f"device memory, {WORLDS}", "its memory [GiB]", "{:.1f}"),
+    (ORDER_2, f"share of reaches within 3 px, {WORLDS}", "its reaches that end within 3 px", "{:.1%}"),
+    (MANY, "closed loop, 4096 worlds, cuda:0", "whole loop with order 1, 4096 robots [frames/s]", "{:,.0f}"),
+    (MANY, "device memory, 4096 worlds, cuda:0", "its memory [GiB]", "{:.1f}"),
     (ONE, "image to command, 1 worlds, cuda:0", "one robot, order 1: from image to command [ms]", "{:.2f}"),
     (
         ROOFLINE,
         "share_of_copy_rate, shared, order 1, 512 worlds, cuda:0",
-        "predict and update with order 1, 512 worlds: share of the copy rate",
+        "share of the copy rate: one robot's default filter in 512 worlds, order 1",
         "{:.2f}",
     ),
-    (ROOFLINE, "share_of_copy_rate, shared, order 2, 512 worlds, cuda:0", "the same with order 2", "{:.2f}"),
+    (ROOFLINE, "share_of_copy_rate, shared, order 2, 512 worlds, cuda:0", "order 2", "{:.2f}"),
 )
 
 
 def everything() -> str:
     """All figures, for the page on performance."""
-    lines = [*_accuracy(), "", *_speed(), "", *_batch(), ""]
+    lines = [*_accuracy(), "", *_speed(), "", *_batch(), "", *_scaling(), ""]
     lines += [
         "Arms and objects, on seeds that nothing was tuned on; one figure a seed or that of all (`dense-vs reproduce "
         "... --json`, gathered by `profiling/experiments.py`):",
@@ -142,7 +150,8 @@ def _speed() -> list[str]:
     peers, cold = Result("peers"), Result("peers_cold")
     lines = [
         "Speed with 4 joints at 320x240, all implementations in turn in one run, medians (`profiling/peers.py`; "
-        f"{peers.origin()}). Predict and update is the paper's diagonal form on every side:",
+        f"{peers.origin()}; with emptied caches {cold.when()}). Predict and update is the paper's diagonal form on "
+        "every side:",
         "",
         "| predict and update: times as fast as | steady loop | caches emptied before each call |",
         "|---|---|---|",
@@ -166,6 +175,29 @@ def _batch() -> list[str]:
         "|---|---|",
         *(f"| {text} | {form.format(Result(file)[name])} |" for file, name, text, form in BATCH),
     ]
+
+
+def _scaling() -> list[str]:
+    """How the time of predict and update grows, one thing varied at a time: a row each, on every machine measured."""
+    lines = ["", "| varied | values | predict and update, order 1 [ms] |", "|---|---|---|"]
+    origins = []
+    for file in SCALING:
+        if not (RESULTS / f"{file}.json").is_file():
+            continue
+        result = Result(file)
+        origins.append(result.origin())
+        times: dict[str, list[tuple[str, float]]] = {}
+        for name, value in result.values.items():
+            if name.startswith("predict and update, "):
+                varied, at, device = name.removeprefix("predict and update, ").replace(",", "").split(" ")
+                times.setdefault(f"{varied}, {device}", []).append((at, value))
+        for varied, found in times.items():
+            values, milliseconds = (
+                ", ".join(column) for column in zip(*((a, f"{t:.2g}") for a, t in found), strict=True)
+            )
+            lines.append(f"| {varied} | {values} | {milliseconds} |")
+    start = "One thing varied at a time, else 4 joints, 320x240 and one world (`profiling/scaling.py`; "
+    return [start + "; ".join(origins) + "):", *lines]
 
 
 def main() -> int:

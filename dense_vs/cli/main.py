@@ -10,13 +10,13 @@ from importlib import import_module
 from pathlib import Path
 from typing import Any
 
-from dense_vs.checks import shown
 from dense_vs.cli.commands import all_commands
 from dense_vs.cli.parsing import LazyParser, from_module
 from dense_vs.errors import DenseVSError
 
 EXTRAS = {
     "av": "recordings",
+    "lerobot": "hardware",
     "matplotlib": "viz",
     "mujoco": "sims",
     "mujoco_warp": "sims",
@@ -24,7 +24,9 @@ EXTRAS = {
     "pyarrow": "recordings",
     "rosbags": "recordings",
     "sklearn": "vos",
+    "starlette": "live",
     "torch": "bench",
+    "uvicorn": "live",
 }
 # What the system refuses for reasons that a user can mend: names, places, rights, room.
 BY_THE_USER = (
@@ -86,7 +88,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
             _discard(sys.stdout)
             _say(f"cannot write the output: {error.strerror}")
         elif error.errno in BY_THE_USER:
-            _say(f"{shown(error.filename) if error.filename else 'a file'}: {error.strerror}")
+            place = "a file" if error.filename is None else str(error.filename)[:200]
+            _say(f"{place}: {error.strerror}")
         else:
             raise
     except MemoryError:

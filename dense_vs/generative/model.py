@@ -246,8 +246,14 @@ class GenerativeModel:
             near: where the arm should be [rad], as for :meth:`infer_joints`.
 
         Raises:
-            DenseVSError: an image that does not show enough.
+            DenseVSError: an image that does not show enough or that no posture explains, or a model that does not
+                explain what it was learned from.
         """
+        if self.report.useless:
+            raise DenseVSError(
+                f"the model misses its own samples by {self.report.rms_px:.1f} px, {self.report.misfit:.0f} times the "
+                "noise; expected joints and images that belong together: check units, order and times of the joints"
+            )
         if self.controller == "cartesian":
             current, target = self.infer_poses(current_pixels), self.infer_poses(target_pixels)
             for pose, name in ((current, "current"), (target, "target")):
@@ -255,9 +261,39 @@ class GenerativeModel:
                     raise DenseVSError(
                         f"the {name} image shows fewer than 4 features to each camera; its pose is unknown"
                     )
-            return target @ np.linalg.inv(current)
-        current = self.infer_joints(current_pixels, near=near)
-        return self.infer_joints(target_pixels, near=current) - current
+        else:
+            current = self.infer_joints(current_pixels, near=near)
+            target = self.infer_joints(target_pixels, near=current)
+        for pixels, state, name in ((current_pixels, current, "current"), (target_pixels, target, "target")):
+            misfit, most = float(self.misfit_px(pixels, state)[0]), max(3.0, 6 * (self.report.pixel_sigma or 0.5))
+            if not misfit <= most:
+                raise DenseVSError(
+                    f"no posture explains the {name} image: the nearest is {misfit:.1f} px off (root mean square); "
+                    f"expected at most {most:.1f} px"
+                )
+        return target @ np.linalg.inv(current) if self.controller == "cartesian" else target - current
+
+    def misfit_px(self, pixels: Any, state: Any) -> np.ndarray:
+        """How far images ``(B, c, m, 2)`` are from what the model shows, ``(B,)`` [px], root mean square a coordinate.
+
+        Args:
+            pixels: NaN where not seen.
+            state: joints ``(B, n)`` [rad] or poses ``(B, 4, 4)`` of the hand, as inferred.
+
+        Raises:
+            DenseVSError: another shape.
+        """
+        images, _ = self._images(pixels)
+        if self.controller == "cartesian":
+            generated = self.pixels(state)
+        else:
+            generated = predict(self.parameters, postures_array(state, "joints", (self.parameters.joint_count,)))
+        if len(generated) != len(images):
+            raise DenseVSError(f"state is of {len(generated)} images; expected {len(images)}, as pixels")
+        squares = np.where(np.isfinite(images), (images - generated) ** 2, 0.0)
+        known = np.isfinite(images) & finite_rows(self.parameters.features)[:, None]
+        squares = np.where(known, np.nan_to_num(squares, nan=np.inf), 0.0)  # behind a camera it cannot have been seen
+        return np.sqrt(squares.sum(axis=(1, 2, 3)) / np.maximum(known.sum(axis=(1, 2, 3)), 1))
 
     def relearn(self, obs: Observations, what: str, seed: int = 0) -> FitReport:
         """Relearn one part from joints and pixels and keep the others; returns the report.

@@ -25,7 +25,7 @@ CONTROLLERS, KINEMATICS = ("joint", "cartesian"), ("poe", "dh")
 
 @dataclass
 class ModelContent:
-    """What a file holds, as :class:`GenerativeModel` takes it."""
+    """Contents of a file, as :class:`GenerativeModel` takes it."""
 
     parameters: ModelParameters
     postures: np.ndarray

@@ -1,4 +1,4 @@
-"""What the generative model learns from: feature pixels of cameras, and what is known of the arm's state."""
+"""Input of the generative model: feature pixels of cameras, and what is known of the arm's state."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass

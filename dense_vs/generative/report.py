@@ -1,9 +1,12 @@
-"""What a fit says about itself."""
+"""Report of a fit: errors, noise, unobservable parameters, suspicious detections."""
 
 from dataclasses import dataclass, field
 from typing import Any
 
 from dense_vs.checks import check_number
+
+MOST_MISFIT = 5.0  # about what 0.01 rad of noise in joints that are taken as exact comes to
+USELESS_MISFIT = 20.0  # joints in degrees, or of other samples, come to 90 and more
 
 
 @dataclass(frozen=True)
@@ -57,6 +60,9 @@ class FitReport:
         pixel_sigma: estimated noise of a pixel coordinate [px].
         expected_error_px: mean error to be expected on other postures, spread like those learned from, without the
             noise of measuring there; None where it was not computed (actions, Cartesian controllers, method "paper").
+        misfit: rms_px as a multiple of the noise that the images show where no joint is used, about 1 where joints and
+            images belong together; None where it was not computed. Above :data:`MOST_MISFIT` the fit counts as not
+            converged, above :data:`USELESS_MISFIT` :meth:`GenerativeModel.command` refuses to work with it.
         pose_sigma: estimated noise of rotation [rad] and translation [m], with a Cartesian controller.
     """
 
@@ -74,6 +80,12 @@ class FitReport:
     pixel_sigma: float | None = None
     pose_sigma: tuple[float, float] | None = None
     expected_error_px: float | None = None
+    misfit: float | None = None
+
+    @property
+    def useless(self) -> bool:
+        """Whether joints and images do not belong together."""
+        return self.misfit is not None and self.misfit > USELESS_MISFIT
 
     @property
     def losses(self) -> list[float]:

@@ -23,7 +23,7 @@ MOTION_THRESHOLD = 0.02  # sum of |dq|, the authors' robot code
 
 
 class BroydenOutcome(StrEnum):
-    """What an update did, or why it changed nothing."""
+    """Outcome of an update: J+ changed, or why it did not."""
 
     UPDATED = "updated"  # VOS-VS (11) as it stands
     GUARDED = "guarded"  # its denominator was held away from zero

@@ -1,6 +1,6 @@
 """The servo law on mask features, VOS-VS (10): dq = -lambda J+ e, with limits and a defined end for a lost feature.
 
-It is VOS-VS (8) for joint steps in place of camera velocities; J+ inverts VOS-VS (9), which stands in place of (7).
+It is VOS-VS (8) for joint steps in place of camera velocities; J+ inverts VOS-VS (9), which stands for VOS-VS (7).
 
 Beyond the paper: a command is bounded as a whole, so that its direction stays; joint limits are kept; and while the
 feature is not seen nothing is commanded, until after a set number of frames the servo says that it is lost.
@@ -18,7 +18,7 @@ from dense_vs.errors import DenseVSError
 
 
 class FeatureState(StrEnum):
-    """What a feature servo is about."""
+    """State of a feature servo."""
 
     SERVOING = "servoing"
     CONVERGED = "converged"  # the error is within the tolerance; dq is zero
@@ -28,7 +28,7 @@ class FeatureState(StrEnum):
 
 @dataclass(frozen=True)
 class FeatureCommand:
-    """What :meth:`FeatureServo.step` commands.
+    """A command of :meth:`FeatureServo.step`.
 
     Attributes:
         dq: ``(n,)`` joint step [rad, m].
@@ -95,7 +95,8 @@ class FeatureServo:
             positions: ``(n,)`` joint positions; needed where there are limits.
 
         Raises:
-            DenseVSError: another shape, or a value of ``pinv`` or ``positions`` that is not finite.
+            DenseVSError: another shape, a value of ``pinv`` or ``positions`` that is not finite, or a step that is not
+                finite where ``max_step`` bounds none.
         """
         k = len(self.target)
         J = number_array(pinv, "pinv", (-1, k))
@@ -114,8 +115,7 @@ class FeatureServo:
         error = seen - self.target  # VOS-VS (6)
         if np.abs(error).max() <= self.tolerance:
             return FeatureCommand(nothing, error, FeatureState.CONVERGED, nowhere)
-        wanted = -self.gain * (J @ error)  # VOS-VS (10)
-        wanted = wanted / max(1.0, float((np.abs(wanted) / step).max()))
+        wanted = _shortened(self.gain, J, error, step)
         dq = np.clip(wanted, room[:, 0], room[:, 1])
         return FeatureCommand(dq, error, FeatureState.SERVOING, dq != wanted)
 
@@ -141,3 +141,18 @@ class FeatureServo:
         q = number_array(positions, "positions", (n,))
         least, greatest = self.joint_limits[:, 0] - q, self.joint_limits[:, 1] - q
         return np.stack([np.minimum(least, 0.0), np.maximum(greatest, 0.0)], axis=1)
+
+
+def _shortened(gain: float, J: np.ndarray, error: np.ndarray, most: np.ndarray) -> np.ndarray:
+    """-gain J+ e, VOS-VS (10), as a whole no longer than ``most``; finite however large its factors are."""
+    with np.errstate(over="ignore", invalid="ignore"):
+        wanted = -gain * (J @ error)
+        if np.isfinite(wanted).all():
+            return wanted / max(1.0, float((np.abs(wanted) / most).max()))
+        # Too large for a number: its direction, and the length that is allowed.
+        direction = -(J / np.abs(J).max()) @ (error / np.abs(error).max())
+        longest = float((np.abs(direction) / most).max())
+        wanted = direction / longest if longest > 0 else np.full(len(J), np.inf)
+    if not np.isfinite(wanted).all():
+        raise DenseVSError(f"step is {wanted.tolist()}; expected a smaller gain or J+, or a max_step")
+    return wanted

@@ -169,24 +169,37 @@ class JointBuffer:
     Args:
         joints: number of joints N.
         capacity: readings kept.
+        most_gap: longest time between two readings [s]; after a longer one :meth:`clear` it.
     """
 
-    def __init__(self, joints: int, capacity: int = 256):
+    def __init__(self, joints: int, capacity: int = 256, most_gap: float = 2.0):
         self._times = np.zeros(capacity)
         self._positions = np.zeros((capacity, joints))
         self._count = 0
+        self._most_gap = check_number("most_gap", most_gap, above=0)
+
+    def clear(self) -> None:
+        """Forget all readings, as after a pause or when a clock was set."""
+        self._count = 0
 
     def add(self, positions: np.ndarray, time: float) -> None:
-        """Take a reading; one that is not newer than the last is the same reading again and is left out.
+        """Take a reading; one with the stamp of the last is the same reading again and is left out.
 
         Raises:
-            DenseVSError: not N finite numbers, or a time that is not finite.
+            DenseVSError: not N finite numbers, a time that is not finite, goes back, or jumps; nothing is taken then.
         """
         positions = real_vector(positions, "joint positions", (self._positions.shape[1],))
         if not np.isfinite(time):
             raise DenseVSError(f"joint time stamp is {time}; expected seconds")
-        if self._count and time <= self._times[self._count - 1]:
-            return
+        if self._count:
+            last = float(self._times[self._count - 1])
+            if time == last:
+                return
+            if not last < time <= last + self._most_gap:
+                raise DenseVSError(
+                    f"joint time stamp is {time} s after {last} s; expected increasing stamps at most "
+                    f"{self._most_gap:g} s apart, of one clock"
+                )
         if self._count == len(self._times):
             kept = self._count // 2
             self._times[:kept] = self._times[self._count - kept :]

@@ -72,6 +72,12 @@ class Babbling:
         self._moments = np.zeros((joints, joints))
 
     @property
+    def largest_step(self) -> float:
+        """What no step of a joint exceeds [rad]: six standard deviations of the process at full speed."""
+        options = self.options
+        return 6 * options.amplitude * min(options.frame_time / options.time_constant, 0.5)
+
+    @property
     def excitation(self) -> float:
         """Smallest eigenvalue of sum(dq dq^T) so far [rad^2]; J is known to about sqrt(r / excitation)."""
         return float(np.linalg.eigvalsh(self._moments)[0])
@@ -94,7 +100,8 @@ class Babbling:
         # A first-order lag of a unit OU process of the same time constant has variance 1/2.
         goal = np.sqrt(2) * amplitude * self._noise
         moved = np.clip(self._offset + dt * (goal - self._offset), -3 * amplitude, 3 * amplitude)
-        delta = moved - self._offset
+        delta = np.clip(moved - self._offset, -self.largest_step, self.largest_step)
+        moved = self._offset + delta
         self._offset = moved
         self._moments += np.outer(delta, delta)
         return delta

@@ -1,6 +1,7 @@
 """Where a result comes from, written beside it: date, commit, arguments, machine and versions."""
 
 import argparse
+import os
 import platform
 import shutil
 import subprocess
@@ -58,20 +59,24 @@ def versions() -> dict[str, str]:
 
 
 def commit() -> str | None:
-    """Commit of the source that runs, with ``+changes`` where tracked files differ; None outside of a checkout."""
+    """Commit of the source that runs, with ``+changes`` where tracked files differ.
+
+    Outside of a checkout, what the environment variable ``DENSE_VS_COMMIT`` says, as whoever built a wheel knows what
+    from; else None.
+    """
     source = Path(__file__)
     # A copy installed into an environment that lies inside some other checkout is not that checkout's.
     if shutil.which("git") is None or _git(source.parent, "ls-files", "--error-unmatch", source.name) is None:
-        return None
+        return os.environ.get("DENSE_VS_COMMIT")
     revision = _git(source.parent, "rev-parse", "HEAD")
     changed = _git(source.parent, "status", "--porcelain", "--untracked-files=no")
     return revision and revision + ("+changes" if changed else "")
 
 
 def told(arguments: argparse.Namespace, leave_out: Collection[str] = ()) -> dict[str, Any]:
-    """Arguments by name, without those left out."""
+    """Arguments by name, without those left out; of a path the last part, as the rest is this machine's."""
     named = {name: value for name, value in vars(arguments).items() if name not in leave_out}
-    named = {name: str(value) if isinstance(value, Path) else value for name, value in named.items()}
+    named = {name: value.name if isinstance(value, Path) else value for name, value in named.items()}
     return {name: value for name, value in named.items() if isinstance(value, str | int | float | list | None)}
 
 

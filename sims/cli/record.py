@@ -15,7 +15,7 @@ from dense_vs.sims.cli.options import add_world_arguments, make_world
 from dense_vs.view.progress import progress
 
 LONGEST, MOST_READINGS = 1e5, 1e7  # s; more than a day, and 80 MB a joint
-VIDEO_QUALITY = 3  # compression artefacts are flow errors
+VIDEO_QUALITY = 3  # compression artifacts are flow errors
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

@@ -39,8 +39,7 @@ BYTES_OF_PHYSICS = 50_000  # of a world, about
 class SimWorld:
     """B simulated worlds of one robot with N chosen joints, seen by one camera each, 30 frames a second.
 
-    Arrays come without the leading B for a single world. Positions are rad for hinges and m for slides; the
-    word "rad" below stands for both.
+    Arrays come without the leading B for a single world. "rad" stands for m too where a joint is a slide.
 
     Args:
         robot: ``"arm"`` (4 joints in 3D), ``"planar"`` (3 joints, a plane that faces the camera),
@@ -51,7 +50,7 @@ class SimWorld:
         joints: names of the joints that are commanded and that Jacobians have columns for, in this order;
             all joints that a position actuator drives when None. Others keep their position.
         camera: name of the camera; the first one when None.
-        worlds: B. Worlds share textures; posture and distractor path differ.
+        worlds: B. They share textures; postures and distractor paths differ.
         device: Warp device, see :func:`dense_vs.device.resolve_device`.
         height, width: of the image [px].
         seed: textures, initial posture and distractor path of our robots. An MJCF file is taken as it is, at its
@@ -281,6 +280,11 @@ class SimWorld:
         return self._scene.joint_limits.copy()
 
     @property
+    def joint_units(self) -> tuple[str, ...]:
+        """Unit of each of the N joints: ``"rad"`` of a hinge, ``"m"`` of a slide."""
+        return self._scene.joint_units
+
+    @property
     def intrinsics(self) -> np.ndarray:
         """(3, 3) camera matrix [px], pixel centers at integer coordinates."""
         return self._intrinsics.copy()
@@ -343,7 +347,7 @@ class SimWorld:
     def _begin(self) -> None:
         scene = self._scene
         qpos = np.repeat(scene.home_qpos[None], self._shape[0], axis=0)
-        columns = scene.model.jnt_qposadr[scene.joints]
+        columns = scene.model.jnt_qposadr[scene.joint_ids]
         for world, row in enumerate(qpos):
             offset = _world_rng(self._seed, world, 0).uniform(-1.0, 1.0, len(columns))
             row[columns] += scene.posture_range * offset
@@ -375,18 +379,16 @@ class SimWorld:
 
     def _joint_step(self, delta: Any) -> np.ndarray:
         if delta is None:
-            return np.zeros((self._shape[0], len(self._scene.joints)))
-        return self._per_world(delta, len(self._scene.joints), "delta")
+            return np.zeros((self._shape[0], len(self._scene.joint_ids)))
+        return self._per_world(delta, len(self._scene.joint_ids), "delta")
 
     def _per_world(self, value: Any, columns: int, name: str) -> np.ndarray:
         """(B, columns) float64 from one row for all worlds or one for each."""
         worlds = self._shape[0]
-        array = number_array(value, name, finite=False)
+        array = number_array(value, name)
         if array.shape not in ((columns,), (worlds, columns)):
             expected = f"({columns},)" if worlds == 1 else f"({columns},) or ({worlds}, {columns})"
             raise DenseVSError(f"{name} has shape {array.shape}; expected {expected}")
-        if not np.all(np.isfinite(array)):
-            raise DenseVSError(f"{name} is {array.tolist()}; expected finite numbers")
         return np.broadcast_to(array, (worlds, columns))
 
     def _out(self, array: np.ndarray) -> np.ndarray:

@@ -25,7 +25,7 @@ MEDIAN_OF_NOISE = 1.1774  # px of a distance per px of noise of a coordinate
 
 
 class WatchedModel(Protocol):
-    """What is used of a :class:`GenerativeModel`."""
+    """The members of a :class:`GenerativeModel` that are used here."""
 
     parameters: ModelParameters
     report: FitReport
@@ -42,7 +42,7 @@ class WatchedModel(Protocol):
 
 @dataclass(frozen=True)
 class Change:
-    """What one observation says of the model.
+    """Result of one observation.
 
     Attributes:
         gradient_norm: of the buffer's loss by all parameters, Gothoskar (6).

@@ -24,7 +24,7 @@ def captured(monkeypatch):
     return losses
 
 
-def check(loss, x):
+def assert_gradient(loss, x):
     gradient = loss(x)[1]
     numeric = np.array([(loss(x + d)[0] - loss(x - d)[0]) / (2 * STEP) for d in STEP * np.eye(len(x))])
     scale = np.abs(numeric).max()
@@ -62,7 +62,7 @@ def test_everything(ur5, captured, state):
         known = np.diff(known, axis=0)
     fit_everything(obs, start(ur5, joints), rng, known, 400.0)
     loss, x = captured[0]
-    check(loss, x + np.random.default_rng(2).normal(0, 0.01, len(x)))
+    assert_gradient(loss, x + np.random.default_rng(2).normal(0, 0.01, len(x)))
 
 
 def test_chain(captured):
@@ -72,4 +72,4 @@ def test_chain(captured):
     poses[:, :3, 3] = rng.normal(size=(5, 3))
     fit_chain(rng.normal(size=(5, 3)), poses, rng)
     loss, x = captured[0]
-    check(loss, x + rng.normal(0, 0.1, len(x)))
+    assert_gradient(loss, x + rng.normal(0, 0.1, len(x)))
