@@ -15,7 +15,7 @@ import numpy as np
 
 from dense_vs.arrays import real_vector
 from dense_vs.body.self_body import SelfBody
-from dense_vs.checks import check_number
+from dense_vs.checks import check_number, check_pair
 from dense_vs.errors import DenseVSError
 from dense_vs.flow.estimator import FlowEstimator, to_gray
 from dense_vs.health.faults import Fault
@@ -280,5 +280,11 @@ class FramePipeline:
 
 
 def scaled_size(shape: tuple[int, ...], scale: float) -> tuple[int, int]:
-    """(height, width) of an image of ``shape`` scaled by ``scale``."""
-    return round(shape[0] * scale), round(shape[1] * scale)
+    """(height, width) of an image of ``shape`` scaled by ``scale``.
+
+    Raises:
+        DenseVSError: no size of an image, or a factor that is not above 0.
+    """
+    height, width = check_pair("shape", shape, least=1, most=1 << 24)
+    scale = check_number("scale", scale, above=0, most=1 << 24)
+    return round(height * scale), round(width * scale)
