@@ -5,11 +5,14 @@ RUN := $(VENV)/bin
 # A module's tests stay together, as its fixtures are costly; 'make test TESTS=tests/kernels' runs some of them.
 TESTS ?= -n 2 --dist loadscope
 
-.PHONY: demo arms test check docs bench clean
+.PHONY: demo live arms test check docs bench clean
 .DELETE_ON_ERROR:
 
 demo: $(VENV)/.sims
 	$(RUN)/dense-vs reach --robot arm --targets 5 --seed 0 --out out/demo
+
+live: $(VENV)/.live
+	$(RUN)/dense-vs live --robot arm
 
 arms: $(VENV)/.sims
 	$(RUN)/dense-vs arms panda ur5e baxter fetch
@@ -36,7 +39,12 @@ clean:
 $(VENV)/bin/python:
 	@sh tools/make_venv.sh $(PYTHON) $(VENV)
 
-# .dev contains what .sims does, so either order of the two installs nothing twice.
+$(VENV)/.live: $(VENV)/.sims
+	@echo "installing what the live page is served by"
+	$(RUN)/python -m pip install --quiet -c constraints.txt -e ".[sims,viz,live]"
+	@touch $@
+
+# .dev contains what .sims and .live do, so any order of them installs nothing twice.
 $(VENV)/.sims: pyproject.toml constraints.txt | $(VENV)/bin/python
 	@echo "installing the simulator and viewers (first run only, about a minute)"
 	$(RUN)/python -m pip install --quiet -c constraints.txt -e ".[sims,viz]"
@@ -44,8 +52,8 @@ $(VENV)/.sims: pyproject.toml constraints.txt | $(VENV)/bin/python
 
 $(VENV)/.dev: pyproject.toml constraints.txt | $(VENV)/bin/python
 	@echo "installing everything that tests need (first run only, about two minutes)"
-	$(RUN)/python -m pip install --quiet -c constraints.txt -e ".[sims,viz,recordings,vos,dev]"
-	@touch $@ $(VENV)/.sims
+	$(RUN)/python -m pip install --quiet -c constraints.txt -e ".[sims,viz,recordings,vos,live,dev]"
+	@touch $@ $(VENV)/.sims $(VENV)/.live
 
 $(VENV)/.docs: $(VENV)/.dev
 	@echo "installing what the documentation is built with"

@@ -19,11 +19,14 @@ BEGIN, END = "<!-- tables: begin -->", "<!-- tables: end -->"
 
 
 def page_tables(runs: list[dict[str, Any]]) -> str:
-    """Markdown of all experiments of a paper: a section an experiment, a column a run."""
-    grouped: dict[tuple[str, str], list[dict[str, Any]]] = defaultdict(list)
+    """Markdown of all experiments of a paper: a section an experiment, a column a run.
+
+    Runs of one experiment stand beside each other where they were told the same and have the same rows.
+    """
+    grouped: dict[tuple[str, str, tuple[str, ...]], list[dict[str, Any]]] = defaultdict(list)
     for run in runs:
-        grouped[run["experiment"], _told(run)].append(run)
-    return "\n".join(_section(experiment, told, members) for (experiment, told), members in sorted(grouped.items()))
+        grouped[run["experiment"], _told(run), tuple(row["name"] for row in run["rows"])].append(run)
+    return "\n".join(_section(experiment, told, members) for (experiment, told, _), members in sorted(grouped.items()))
 
 
 def _section(experiment: str, told: str, runs: list[dict[str, Any]]) -> str:

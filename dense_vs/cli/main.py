@@ -16,6 +16,7 @@ from dense_vs.errors import DenseVSError
 
 EXTRAS = {
     "av": "recordings",
+    "lerobot": "hardware",
     "matplotlib": "viz",
     "mujoco": "sims",
     "mujoco_warp": "sims",
@@ -23,7 +24,9 @@ EXTRAS = {
     "pyarrow": "recordings",
     "rosbags": "recordings",
     "sklearn": "vos",
+    "starlette": "live",
     "torch": "bench",
+    "uvicorn": "live",
 }
 USER_ERROR, INTERRUPTED, READER_GONE = 2, 130, 141  # the last two as a shell reports SIGINT and SIGPIPE
 

@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 
+from dense_vs.arrays import number_array
 from dense_vs.errors import DenseVSError
 
 
@@ -92,10 +93,7 @@ def checked_areas(areas: Any) -> np.ndarray:
 
 def checked_positions(values: Any, name: str) -> np.ndarray:
     """A list of finite numbers as float64 ``(m,)``."""
-    try:
-        array = np.asarray(values, dtype=np.float64)
-    except (TypeError, ValueError) as error:
-        raise DenseVSError(f"{name} are {values!r}; expected finite numbers") from error
+    array = number_array(values, name, finite=False, expected="finite numbers (m,)")
     if array.ndim != 1 or not np.isfinite(array).all():
         raise DenseVSError(f"{name} have shape {array.shape} and values {array.tolist()}; expected finite numbers (m,)")
     return array

@@ -1,8 +1,8 @@
-"""What a region of a mask looks like to a depth estimate: lengths that scale with the inverse of the distance.
+"""Shape of a mask's regions, as lengths that scale with the inverse of the distance.
 
-Of every connected region: area and centroid, VOS-VS (3) to (5), second moments, its support function, the farthest
-that it reaches in each of 16 directions, whose opposite pairs are its widths (the bounding box is four of them), the
-length of its outline, and whether it touches the image border.
+Of every connected region: area and centroid, VOS-VS (3), VOS-VS (4), VOS-VS (5); second moments; its support function,
+the farthest that it reaches in each of 16 directions, whose opposite pairs are its widths (the bounding box is four of
+them); the length of its outline; and whether it touches the image border.
 """
 
 from collections.abc import Sequence

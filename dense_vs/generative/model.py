@@ -5,6 +5,7 @@ from typing import Any
 
 import numpy as np
 
+from dense_vs.arrays import number_array
 from dense_vs.checks import check_choice, check_number, check_whole
 from dense_vs.errors import DenseVSError
 from dense_vs.generative.inference.joint_inference import JointInference
@@ -14,15 +15,13 @@ from dense_vs.generative.learning.cartesian import fit_cartesian
 from dense_vs.generative.learning.fitting import FitOptions, fit_joint_model
 from dense_vs.generative.learning.online import OnlineLearner
 from dense_vs.generative.learning.relearning import relearn
-from dense_vs.generative.model_file import ModelContent, read_model, write_model
+from dense_vs.generative.model_file import CONTROLLERS, KINEMATICS, ModelContent, read_model, write_model
 from dense_vs.generative.observations import Observations
 from dense_vs.generative.parameters import ModelParameters, finite_rows
 from dense_vs.generative.prediction import link_poses, predict, project_points
 from dense_vs.generative.report import FitReport
 
-KINEMATICS = ("poe", "dh")
 STATES = ("observed", "noisy", "actions")
-CONTROLLERS = ("joint", "cartesian")
 METHODS = ("lm", "paper")
 NOISES = ("constant", "proportional")
 EXACT_STEP = 1e-3  # rad by which a controller is trusted where its noise was not estimated
@@ -175,15 +174,12 @@ class GenerativeModel:
             )
         images = np.where(seen[..., None], images, np.nan)
         if near is not None:
-            near = np.asarray(near, dtype=np.float64)
-            if near.shape not in ((p.joint_count,), (len(images), p.joint_count)) or not np.isfinite(near).all():
+            near = number_array(near, "near")
+            if near.shape not in ((p.joint_count,), (len(images), p.joint_count)):
                 raise DenseVSError(f"near has shape {near.shape}; expected finite ({p.joint_count},) or one an image")
             near = np.broadcast_to(near, (len(images), p.joint_count))
         if actions is not None:
-            actions = np.asarray(actions, dtype=np.float64)
-            expected = (len(images) - 1, p.joint_count)
-            if actions.shape != expected or not np.isfinite(actions).all():
-                raise DenseVSError(f"actions have shape {actions.shape}; expected finite {expected}")
+            actions = number_array(actions, "actions", (len(images) - 1, p.joint_count))
         if self._inference is None:
             self._inference = JointInference(p, self.postures, self.report.pixel_sigma or 0.5)
         if actions is not None:
@@ -219,8 +215,14 @@ class GenerativeModel:
             near: where the arm should be [rad], as for :meth:`infer_joints`.
 
         Raises:
-            DenseVSError: an image that does not show enough.
+            DenseVSError: an image that does not show enough or that no posture explains, or a model that does not
+                explain what it was learned from.
         """
+        if self.report.useless:
+            raise DenseVSError(
+                f"the model misses its own samples by {self.report.rms_px:.1f} px, {self.report.misfit:.0f} times the "
+                "noise; expected joints and images that belong together: check units, order and times of the joints"
+            )
         if self.controller == "cartesian":
             current, target = self.infer_poses(current_pixels), self.infer_poses(target_pixels)
             for pose, name in ((current, "current"), (target, "target")):
@@ -228,9 +230,39 @@ class GenerativeModel:
                     raise DenseVSError(
                         f"the {name} image shows fewer than 4 features to each camera; its pose is unknown"
                     )
-            return target @ np.linalg.inv(current)
-        current = self.infer_joints(current_pixels, near=near)
-        return self.infer_joints(target_pixels, near=current) - current
+        else:
+            current = self.infer_joints(current_pixels, near=near)
+            target = self.infer_joints(target_pixels, near=current)
+        for pixels, state, name in ((current_pixels, current, "current"), (target_pixels, target, "target")):
+            misfit, most = float(self.misfit_px(pixels, state)[0]), max(3.0, 6 * (self.report.pixel_sigma or 0.5))
+            if not misfit <= most:
+                raise DenseVSError(
+                    f"no posture explains the {name} image: the nearest is {misfit:.1f} px off (root mean square); "
+                    f"expected at most {most:.1f} px"
+                )
+        return target @ np.linalg.inv(current) if self.controller == "cartesian" else target - current
+
+    def misfit_px(self, pixels: Any, state: Any) -> np.ndarray:
+        """How far images ``(B, c, m, 2)`` are from what the model shows, ``(B,)`` [px], root mean square a coordinate.
+
+        Args:
+            pixels: NaN where not seen.
+            state: joints ``(B, n)`` [rad] or poses ``(B, 4, 4)`` of the hand, as inferred.
+
+        Raises:
+            DenseVSError: another shape.
+        """
+        images, _ = self._images(pixels)
+        if self.controller == "cartesian":
+            generated = self.pixels(state)
+        else:
+            generated = predict(self.parameters, _array(state, "joints", (self.parameters.joint_count,)))
+        if len(generated) != len(images):
+            raise DenseVSError(f"state is of {len(generated)} images; expected {len(images)}, as pixels")
+        squares = np.where(np.isfinite(images), (images - generated) ** 2, 0.0)
+        known = np.isfinite(images) & finite_rows(self.parameters.features)[:, None]
+        squares = np.where(known, np.nan_to_num(squares, nan=np.inf), 0.0)  # behind a camera it cannot have been seen
+        return np.sqrt(squares.sum(axis=(1, 2, 3)) / np.maximum(known.sum(axis=(1, 2, 3)), 1))
 
     def relearn(self, obs: Observations, what: str, seed: int = 0) -> FitReport:
         """Relearn one part from joints and pixels and keep the others; returns the report.
@@ -320,10 +352,7 @@ class GenerativeModel:
 
     def _images(self, pixels: Any) -> tuple[np.ndarray, bool]:
         expected = (len(self.parameters.intrinsics), len(self.parameters.features), 2)
-        try:
-            images = np.asarray(pixels, dtype=np.float64)
-        except (TypeError, ValueError) as error:
-            raise DenseVSError(f"pixels are a {type(pixels).__name__}; expected {expected} numbers an image") from error
+        images = number_array(pixels, "pixels", finite=False)
         if images.shape[-3:] != expected or images.ndim not in (3, 4) or np.isinf(images).any():
             raise DenseVSError(
                 f"pixels have shape {images.shape}; expected finite or NaN {expected}, or several of them"
@@ -332,16 +361,8 @@ class GenerativeModel:
 
 
 def _array(value: Any, name: str, each: tuple[int, ...]) -> np.ndarray:
-    try:
-        array = np.asarray(value, dtype=np.float64)
-    except (TypeError, ValueError) as error:
-        raise DenseVSError(f"{name} are a {type(value).__name__}; expected numbers of shape (T, {each})") from error
-    if array.shape == each:
-        array = array[None]
-    if array.shape[1:] != each or not np.isfinite(array).all():
-        shown = ", ".join(map(str, each))
-        raise DenseVSError(f"{name} have shape {array.shape}; expected finite numbers of shape (T, {shown})")
-    return array
+    array = number_array(value, name)
+    return array[None] if array.shape == each else number_array(array, name, (-1, *each))
 
 
 def _check_sigma(value: Any, name: str, count: int) -> None:

@@ -1,4 +1,4 @@
-"""What the generative model learns from: feature pixels of cameras, and what is known of the arm's state."""
+"""Input of the generative model: feature pixels of cameras, and what is known of the arm's state."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -6,8 +6,11 @@ from typing import Any
 
 import numpy as np
 
+from dense_vs.arrays import number_array
 from dense_vs.errors import DenseVSError
 from dense_vs.kernels.arm.kinematics import INTRINSICS
+
+LARGEST_SIDE = 1 << 17  # px of an image; larger ones are mistakes, and their numbers leave the solvers' range
 
 
 @dataclass(eq=False)
@@ -59,16 +62,19 @@ class Observations:
         if self.poses is not None:
             self.poses = _rigid(_numbers(self.poses, "poses", (samples, 4, 4)), "poses")
         if self.actions is not None:
-            actions = np.asarray(self.actions)
+            actions = number_array(self.actions, "actions")
             if actions.ndim == 3:
                 self.actions = _rigid(_numbers(actions, "actions", (samples - 1, 4, 4)), "actions")
             else:
                 width = -1 if self.joints is None else self.joints.shape[1]
                 self.actions = _numbers(actions, "actions", (samples - 1, width))
-        sizes = [tuple(int(side) for side in size) for size in self.image_sizes]
-        if len(sizes) != cameras or any(len(size) != 2 or min(size) < 1 for size in sizes):
-            raise DenseVSError(f"image_sizes are {sizes}; expected {cameras} pairs (h, w), one a camera of pixels")
-        self.image_sizes = sizes
+        sides = number_array(self.image_sizes, "image_sizes") if len(self.image_sizes) else np.zeros((0, 2))
+        if sides.shape != (cameras, 2) or (sides < 1).any() or (sides > LARGEST_SIDE).any() or (sides % 1).any():
+            raise DenseVSError(
+                f"image_sizes are {sides.tolist()}; expected {cameras} pairs (h, w) of whole numbers from 1 to "
+                f"{LARGEST_SIDE}, one a camera of pixels"
+            )
+        self.image_sizes = [(int(h), int(w)) for h, w in sides]
         if self.intrinsics is not None:
             given = _numbers(self.intrinsics, "intrinsics", (cameras, -1))
             if given.shape[1] not in (4, INTRINSICS) or (given[:, :2] <= 0).any():
@@ -88,10 +94,10 @@ class Observations:
                 )
             self.intrinsics_sigma = sigma
         if self.feature_link is not None:
-            links = np.asarray(self.feature_link)
+            links = number_array(self.feature_link, "feature_link")
             joints = self.joint_count
             top = 0 if joints is None else joints
-            if links.shape != (features,) or links.dtype.kind not in "iu" or (links < 0).any() or (links > top).any():
+            if links.shape != (features,) or (links % 1).any() or (links < 0).any() or (links > top).any():
                 raise DenseVSError(
                     f"feature_link is {links.tolist()}; expected {features} whole numbers from 0 to {top}, the joints"
                 )
@@ -132,15 +138,7 @@ class Observations:
 
 def _numbers(value: Any, name: str, shape: tuple[int, ...], finite: bool = True) -> np.ndarray:
     """The value as float64 of ``shape`` (-1 takes any length)."""
-    shown = str(tuple("any" if n < 0 else n for n in shape)).replace("'", "")
-    try:
-        array = np.array(value, dtype=np.float64)
-    except (TypeError, ValueError) as error:
-        raise DenseVSError(
-            f"{name} are a {type(value).__name__}; expected numbers of shape {shown} ({error})"
-        ) from error
-    if array.ndim != len(shape) or any(want not in (-1, got) for want, got in zip(shape, array.shape, strict=True)):
-        raise DenseVSError(f"{name} have shape {array.shape}; expected {shown}")
+    array = number_array(value, name, shape, finite=False)
     if finite and not np.isfinite(array).all():
         where = np.argwhere(~np.isfinite(array))[0]
         raise DenseVSError(f"{name}[{', '.join(map(str, where))}] is {array[tuple(where)]}; expected finite numbers")

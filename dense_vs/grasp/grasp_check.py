@@ -1,4 +1,4 @@
-"""Whether the object came along, VOS-VS (23): held if s_A,raised > 0.5 s_A,grasp.
+"""Whether the hand holds the object, VOS-VS (23): if s_A,raised > 0.5 s_A,grasp.
 
 The camera rises with the hand. An object in the gripper keeps its size in the image; one that was left behind gets
 smaller. Beyond the paper, where the fingers say how far they closed, they are asked too: closed fingers hold nothing,
@@ -15,7 +15,7 @@ _BEHIND_MARGIN = 1.2  # of masks that err
 
 
 class GraspOutcome(Enum):
-    """What an attempt came to."""
+    """Outcome of an attempt."""
 
     HELD = "held"
     MISSED = "missed"  # seen, but left behind

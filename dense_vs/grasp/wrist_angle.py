@@ -12,7 +12,7 @@ from typing import Any
 import cv2
 import numpy as np
 
-from dense_vs.arrays import real_vector
+from dense_vs.arrays import number_array
 from dense_vs.errors import DenseVSError
 from dense_vs.segmentation.mask_features import mask_overlap
 from dense_vs.segmentation.segmenter import check_mask
@@ -78,7 +78,7 @@ def choose_wrist_angle(
     """
     mask = check_mask(mask)
     fingers = _candidates(finger_masks, "finger_masks", mask.shape)
-    turns = real_vector(np.asarray(angles, dtype=np.float64), "angles", (len(fingers),))
+    turns = number_array(angles, "angles", (len(fingers),))
     between = None
     if closing_masks is not None:
         between = mask_overlap(mask, _candidates(closing_masks, "closing_masks", mask.shape, len(fingers))).intersection

@@ -27,7 +27,7 @@ RETREATS = 2  # one after the other with the object not whole in between, then i
 
 
 class View(Enum):
-    """What a look shows of the object, or why nothing can be learned from it."""
+    """Verdict on a look: good, or why nothing can be learned from it."""
 
     WHOLE = "whole"  # as much as the whole look before
     ANEW = "anew"  # the whole, but more of it than before, or for the first time: changes say nothing
@@ -81,7 +81,7 @@ class TrustRegion:
         self._commanded = np.asarray(dq, dtype=np.float64).copy()
 
     def judge(self, quality: MaskQuality, positions: np.ndarray, before: np.ndarray | None) -> View:
-        """What a look shows after the motion between two joint positions ``(n,)``.
+        """Verdict on a look after the motion between two joint positions ``(n,)``.
 
         Only the whole object's centroid moves as the object does, and only joints that follow show what they do.
         """

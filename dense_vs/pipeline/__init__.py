@@ -1,7 +1,7 @@
 """A frame through flow, Jacobian and labels; a whole recording, frame by frame.
 
-May import: the ground, :mod:`dense_vs.recording`, :mod:`dense_vs.flow`, :mod:`dense_vs.jacobian` and
-:mod:`dense_vs.body`.
+May import: the ground, :mod:`dense_vs.health`, :mod:`dense_vs.recording`, :mod:`dense_vs.flow`,
+:mod:`dense_vs.jacobian` and :mod:`dense_vs.body`.
 """
 
 from dense_vs.pipeline.body_prior import BodyPrior

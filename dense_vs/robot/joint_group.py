@@ -7,8 +7,9 @@ from typing import Any
 import numpy as np
 
 from dense_vs.errors import DenseVSError
-from dense_vs.robot.protocols import Robot
+from dense_vs.robot.protocols import JointUnits, Robot
 
+UNITS = ("rad", "m")
 ROBOT_MEMBERS = ("joint_names", "joint_limits", "joints", "command")
 
 
@@ -94,18 +95,21 @@ class JointGroup:
             units: of all joints; ``"rad"`` unless given.
 
         Raises:
-            DenseVSError: names as in :func:`joint_indices`, limits as in :func:`checked_limits`.
+            DenseVSError: names as in :func:`joint_indices`, limits as in :func:`checked_limits`; units that are not one
+                of ``"rad"`` and ``"m"`` for each joint.
         """
         every = tuple(available)
         chosen = every if names is None else tuple(names) if not isinstance(names, str) else names
         indices = np.array(joint_indices(chosen, every, owner))
         bounds = checked_limits(limits, len(every))
         all_units = ("rad",) * len(every) if units is None else tuple(units)
+        if len(all_units) != len(every) or not set(all_units) <= set(UNITS):
+            raise DenseVSError(f"units are {units!r}; expected {len(every)}, each one of {', '.join(UNITS)}")
         return cls(tuple(chosen), indices, bounds[indices], tuple(all_units[i] for i in indices), len(every))
 
     @classmethod
     def of_robot(cls, robot: Robot, names: Sequence[str] | None = None) -> "JointGroup":
-        """Choose joints of a robot; all of them unless named.
+        """Choose joints of a robot; all of them unless named. Units are those of its ``joint_units``, if it has them.
 
         Raises:
             DenseVSError: as :meth:`choose`, or an object that lacks a member of :class:`Robot`.
@@ -116,7 +120,8 @@ class JointGroup:
                 f"robot is a {type(robot).__name__} without {', '.join(missing)}; expected {', '.join(ROBOT_MEMBERS)}, "
                 "with joint_limits = None where there are none"
             )
-        return cls.choose(names, robot.joint_names, limits=robot.joint_limits)
+        units = robot.joint_units if isinstance(robot, JointUnits) else None
+        return cls.choose(names, robot.joint_names, limits=robot.joint_limits, units=units)
 
     @property
     def limited(self) -> bool:

@@ -1,4 +1,4 @@
-"""What is wrong with a mask, as a typed result that a servo loop can act on; beyond the paper.
+"""Quality of a mask, as a typed result that a servo loop can act on; beyond the paper.
 
 Segmentation errors are the paper's only cause of failures (section 7.4): masks that are empty, in several parts, cut
 by the image border, or leaking over the background. The figures here need nothing but the mask and the one before.
@@ -17,7 +17,7 @@ from dense_vs.segmentation.segmenter import check_mask
 
 
 class MaskVerdict(Enum):
-    """What a mask is good for; the worst that applies."""
+    """Verdict on a mask; the worst that applies."""
 
     GOOD = "good"  # one region inside the image
     CUT = "cut"  # touches the image border or what hides the scene: centroid and area are of a part
@@ -34,7 +34,7 @@ class MaskQuality:
     Attributes:
         verdict: the worst of what applies.
         area: pixels s_A, VOS-VS (3).
-        centroid: (s_x, s_y), VOS-VS (4) and (5) [px]; nan when empty.
+        centroid: (s_x, s_y), VOS-VS (4) and VOS-VS (5) [px]; nan when empty.
         fraction: area over the image's.
         parts: number of 8-connected regions.
         largest_share: share of the area in the largest region, 0 when empty.

@@ -34,7 +34,7 @@ _TYPES = {
 
 @dataclass(frozen=True, kw_only=True)
 class OnnxOptions:
-    """What the network expects and returns.
+    """Input that the network expects, and output that it returns.
 
     Attributes:
         layout: ``"nchw"`` or ``"nhwc"``, of the image and of the answer.

@@ -1,4 +1,4 @@
-"""What a segmenter is, VOS-VS (2): M = vos(I, W), an image in, the object's binary mask out."""
+"""The interface of a segmenter, VOS-VS (2): M = vos(I, W), an image in, the object's binary mask out."""
 
 from typing import Any, Protocol, runtime_checkable
 

@@ -54,7 +54,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--flow",
         default="lucas-kanade",
         metavar="METHOD",
-        help="optical flow method; an unknown one lists them all (default: lucas-kanade)",
+        help="optical flow: lucas-kanade, dis, dis-medium, learned, farneback and others (default: lucas-kanade)",
     )
     parser.add_argument(
         "--tracker",

@@ -14,7 +14,7 @@ from dense_vs.robot.babbling import Babbling
 from dense_vs.sims.cli.options import add_world_arguments, make_world
 from dense_vs.view.progress import progress
 
-VIDEO_QUALITY = 3  # compression artefacts are flow errors
+VIDEO_QUALITY = 3  # compression artifacts are flow errors
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

@@ -63,7 +63,7 @@ def _targets_of_world(
     present = world.physics.host_state(number)
     model = world.physics.models.host(number)
     data = mujoco.MjData(model)
-    columns = model.jnt_qposadr[scene.joints]
+    columns = model.jnt_qposadr[scene.joint_ids]
     low, high = scene.joint_limits.T
     q = present.qpos[columns]
     low, high = np.where(np.isfinite(low), low, q - 0.5), np.where(np.isfinite(high), high, q + 0.5)

@@ -12,7 +12,8 @@ import numpy as np
 
 from dense_vs.errors import DenseVSError
 from dense_vs.jacobian.error import JacobianError, jacobian_error
-from dense_vs.point_servo.loop import Reach, ServoLoop
+from dense_vs.point_servo.loop import ServoLoop
+from dense_vs.point_servo.reach import Reach
 from dense_vs.point_servo.tracker import sample
 from dense_vs.robot.babbling import Babbling
 from dense_vs.sims.engine.adapters import SimCamera, SimRobot
@@ -38,7 +39,7 @@ class MeasuredReach:
 
 @dataclass
 class Trace:
-    """What happened frame by frame, from the first babbling step on; NaN where there is no point or target yet.
+    """Record of every frame, from the first babbling step on; NaN where there is no point or target yet.
 
     Attributes:
         times: [s]; points, true_points, targets: ``(2,)`` each [px]; estimated, true: J at the point ``(2, N)``.
