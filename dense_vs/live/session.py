@@ -92,6 +92,8 @@ class LiveSession:
         self._frames: deque[tuple[int, Frame]] = deque(maxlen=KEPT_FRAMES)
         self._number = 0
         self._broken = False
+        self._followed: Frame | None = None  # the last frame that the points were carried into
+        self._faulty = 0  # frames one after the other in which the loop itself commanded nothing
         self._last_fault = ("", 0.0)
         self._watchdog: Watchdog | None = None
         self._threads = [
@@ -272,7 +274,7 @@ class LiveSession:
     def _advance(self) -> None:
         loop = self.running_loop()
         if self._broken:
-            loop.pipeline.restart()  # flow and joint step across the gap would be wrong
+            loop.resume()  # flow and joint step across the gap would be wrong
             self._broken = False
         before = loop.frame
         learning = self.mode is Mode.LEARNING
@@ -290,8 +292,10 @@ class LiveSession:
         self._number += 1
         if frame is not before:
             self.robot.frame_seconds = max(frame.time - before.time, 1e-3)
-            self._frames.append((self._number, frame))
-            self.points.follow(before, frame, loop.estimator)
+            if not frame.held:
+                self._frames.append((self._number, frame))
+                self.points.follow(self._followed or before, frame, loop.estimator)
+                self._followed = frame
         if self.recorder is not None and self.camera.picture is not None:
             self.recorder.add(self.camera.picture, self.camera.time, *self.robot.joints())
         if self.camera.time - self.robot.reading_time > self.options.stall_seconds:
@@ -321,6 +325,7 @@ class LiveSession:
                 good, text = verdict
                 self.be_still("learned" if good else "not learned")
                 self.board.log(f"{'learned' if good else 'not learned'}: {text}", "info" if good else "warning")
+        self._mind_faults()
         self._mind_object(frame)
         for line, level in told.changes(self.points):
             self.board.log(line, level)
@@ -329,6 +334,13 @@ class LiveSession:
             self.stop("every point is lost" if aimed else "no point has a target")
             self.mode = Mode.STILL
         self.board.plot(frame.time, self.points.worst_error, told.explained)
+
+    def _mind_faults(self) -> None:
+        """Say what the loop finds wrong; where that lasts, motion has to be asked for again."""
+        faults = [fault for fault in self.running_loop().faults if fault.stops]
+        self._faulty = self._faulty + 1 if faults else 0
+        if faults and self._faulty * self.robot.frame_seconds > self.options.stall_seconds:
+            self.stop(str(faults[0]))
 
     def _mind_object(self, frame: Frame) -> None:
         servo, known = self._object_servo, self.object
