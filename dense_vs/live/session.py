@@ -10,7 +10,6 @@ import time
 from collections import deque
 from collections.abc import Callable
 from contextlib import suppress
-from enum import StrEnum
 from queue import Empty, SimpleQueue
 from typing import Any
 
@@ -23,6 +22,7 @@ from dense_vs.jacobian.estimator import DenseJacobian
 from dense_vs.live.gate import GatedRobot, PageGate
 from dense_vs.live.learning import WINDOW, Learning, sureness
 from dense_vs.live.live_object import LiveObject, ObjectServo
+from dense_vs.live.mode import Mode
 from dense_vs.live.options import LiveOptions, chosen_scale
 from dense_vs.live.pacing import PacedCamera
 from dense_vs.live.points import LivePoints, PointState
@@ -42,17 +42,6 @@ JUDGE_EVERY = 3  # frames between looks at the explained motion while nothing is
 GUARD_PERIOD = 0.05  # s
 SLOW_FRAMES, MOST_STALL = 6, 2.0  # frames as usual, and s, that may pass without an image
 FAULT_PAUSE = 0.1  # s between two tries after an error
-
-
-class Mode(StrEnum):
-    """What the robot is doing."""
-
-    STARTING = "starting"
-    STILL = "still"
-    LEARNING = "learning"
-    REACHING = "reaching"
-    CENTERING = "centering"
-    ENDED = "ended"
 
 
 class LiveSession:
@@ -223,6 +212,7 @@ class LiveSession:
             body=SelfBody(device=options.device, threads=options.threads) if options.labels else None,
             joint_delay=delay if estimator is not None and delay else None,
         )
+        self._largest = self.loop.gate.max_step.copy()
         self.servo = VisualServo(
             len(self.loop.group.names), joint_limits=self.loop.group.limits, seed=options.seed, dither=0.001
         )
@@ -249,7 +239,7 @@ class LiveSession:
         loop = self.running_loop()
         size = loop.estimator.options.height, loop.estimator.options.width
         self.points = LivePoints(*size)
-        # Kernels compile when first used: better now than while the robot moves.
+        # Kernels compile when first used, better now.
         tracker = PointTracker((size[1] / 2, size[0] / 2), loop.frame.gray)
         tracker.update(np.zeros((*size, 2), np.float32), loop.frame.gray)
         loop.estimator.at(tracker.points)
@@ -306,6 +296,8 @@ class LiveSession:
         self._publish(frame, before if frame is not before else None)
 
     def _move(self, loop: ServoLoop) -> Frame:
+        # The loop has to know how much is sent: it watches whether the joints follow.
+        loop.gate.max_step = np.minimum(self._largest, self.gate.largest_step(self.robot.frame_seconds))
         if self.mode is Mode.LEARNING and self.gate.passing:
             return loop.babble_once()
         step = np.zeros(len(loop.group.names))

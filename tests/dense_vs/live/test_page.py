@@ -11,8 +11,9 @@ pytest.importorskip("uvicorn", reason="the live extra is not installed")
 pytest.importorskip("starlette", reason="the live extra is not installed")
 
 from dense_vs.live.access import Access
+from dense_vs.live.mode import Mode
 from dense_vs.live.options import LiveOptions
-from dense_vs.live.session import LiveSession, Mode
+from dense_vs.live.session import LiveSession
 from dense_vs.live.source import LiveSource
 
 TIMEOUT = 20_000  # ms, of every wait in the browser

@@ -15,8 +15,9 @@ from sliding_scene import HEIGHT, WIDTH, J, SlidingRobot, wait_for
 from dense_vs.errors import DenseVSError
 from dense_vs.live.actions import Actions, parse
 from dense_vs.live.gate import GatedRobot
+from dense_vs.live.mode import Mode
 from dense_vs.live.options import LiveOptions, chosen_scale
-from dense_vs.live.session import LiveSession, Mode
+from dense_vs.live.session import LiveSession
 from dense_vs.live.source import LiveSource
 
 REFERENCE = Path(__file__).parents[2] / "reference"
@@ -188,7 +189,8 @@ import sys, time
 from sliding_scene import SlidingRobot
 from dense_vs.drivers.watchdog import Hold
 from dense_vs.live.options import LiveOptions
-from dense_vs.live.session import LiveSession, Mode
+from dense_vs.live.mode import Mode
+from dense_vs.live.session import LiveSession
 from dense_vs.live.source import LiveSource
 robot = SlidingRobot()
 hold = Hold("held_robot:hold", {"path": sys.argv[1], "robot": "board"}, timeout=30.0)
