@@ -264,7 +264,7 @@ class LiveSession:
     def _advance(self) -> None:
         loop = self.running_loop()
         if self._broken:
-            loop.resume()  # flow and joint step across the gap would be wrong
+            loop.pipeline.restart()  # flow and joint step across the gap would be wrong
             self._broken = False
         before = loop.frame
         learning = self.mode is Mode.LEARNING
@@ -302,7 +302,7 @@ class LiveSession:
             return loop.babble_once()
         step = np.zeros(len(loop.group.names))
         if self.mode is Mode.REACHING and self.gate.passing:
-            step = self.points.step(self.servo, loop.estimator, loop.frame.positions, loop.group.limits)
+            step = self.points.step(self.servo, loop)
         if self.mode is Mode.CENTERING and self._object_servo is not None and self.gate.passing:
             step = self._object_servo.advance(loop.frame.image, loop.frame.time, loop.frame.positions)
         return loop.step(step)

@@ -47,6 +47,7 @@ def address(session):
 @pytest.fixture
 def page(chromium, address):
     one = opened(chromium, f"http://{address}/")
+    assert until(one, lambda: one.locator("#learn").is_enabled())
     yield one
     one.close()
 

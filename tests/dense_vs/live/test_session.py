@@ -88,7 +88,9 @@ def test_every_fault_stops_commands(session, robot, fault):
     assert robot.holds == 1
     robot.stalled.clear()
     count = len(robot.commands)
-    assert wait_for(lambda: len(robot.commands) > count + 5)  # images come again, and nothing goes on by itself
+    assert wait_for(lambda: len(robot.commands) > count + 5), (
+        session.board.lines()
+    )  # images come again, and nothing goes on by itself
     assert not robot.moved_since(closed + 0.005)  # a command may have passed the gate just before
     assert wait_for(lambda: session.mode is Mode.STILL)
     word = {"stop": "the test", "stall": "camera stalled", "joints": "joint readings", "error": "cable is out"}[fault]
