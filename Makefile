@@ -5,7 +5,7 @@ RUN := $(VENV)/bin
 # A module's tests stay together, as its fixtures are costly; 'make test TESTS=tests/kernels' runs some of them.
 TESTS ?= -n 2 --dist loadscope
 
-.PHONY: demo live arms test check docs bench clean
+.PHONY: demo live arms test coverage fuzz mutation check docs bench clean
 .DELETE_ON_ERROR:
 
 demo: $(VENV)/.sims
@@ -19,6 +19,15 @@ arms: $(VENV)/.sims
 
 test: $(VENV)/.dev
 	$(RUN)/python -m pytest $(TESTS)
+
+coverage: $(VENV)/.dev
+	$(RUN)/python -m pytest $(TESTS) --cov --cov-branch
+
+fuzz: $(VENV)/.dev
+	DENSE_VS_FUZZ_TIMES=10 DENSE_VS_FUZZ_SEED=1000 $(RUN)/python -m pytest tests/fuzz $(TESTS)
+
+mutation: $(VENV)/.dev
+	nice -n 10 $(RUN)/python tools/mutation/run.py --json profiling/results/mutation.json
 
 check: $(VENV)/.bench
 	$(RUN)/ruff check .

@@ -9,10 +9,9 @@ from typing import Any
 import numpy as np
 import warp as wp
 
+from dense_vs.checks import shown
 from dense_vs.errors import DenseVSError
 from dense_vs.kernels.views import seen_as
-
-LONGEST_SHOWN = 300  # characters of a value in an error
 
 
 def host_or_gpu(value: Any, name: str, expected: str) -> Any:
@@ -70,8 +69,8 @@ def real_vector(value: Any, name: str, shape: tuple[int, ...], dtype: Any = np.f
     Raises:
         DenseVSError: another shape, not floating point, or a value that is not finite in ``dtype``.
     """
-    shown = str(tuple("any" if n < 0 else n for n in shape)).replace("'", "")
-    expected = f"finite floating-point numbers of shape {shown}"
+    sizes = str(tuple("any" if n < 0 else n for n in shape)).replace("'", "")
+    expected = f"finite floating-point numbers of shape {sizes}"
     array = host_or_gpu(value, name, expected)
     if isinstance(array, wp.array):
         array = array.numpy()
@@ -80,7 +79,7 @@ def real_vector(value: Any, name: str, shape: tuple[int, ...], dtype: Any = np.f
     with np.errstate(over="ignore"):
         numbers = array.astype(dtype)
     if not np.isfinite(numbers).all():
-        raise DenseVSError(f"{name} is {_shortened(array.tolist())}; expected {expected}")
+        raise DenseVSError(f"{name} is {shown(array.tolist())}; expected {expected}")
     return numbers
 
 
@@ -100,35 +99,34 @@ def number_array(
         DenseVSError: another shape, a value that is not finite, or no numbers: bools, complex numbers, texts, bytes and
             dates are none, and neither is a ragged list.
     """
-    shown = "" if shape is None else f" of shape {tuple('any' if n < 0 else n for n in shape)}".replace("'", "")
-    expected = expected or f"{'finite ' if finite else ''}numbers{shown}"
-    try:
-        array = np.asarray(value.numpy() if isinstance(value, wp.array) else value)
-    except Exception as error:  # an object of the caller's may raise whatever it likes when it is read
-        raise DenseVSError(f"{name} is a {type(value).__name__}; expected {expected} ({error})") from error
-    # An empty list is float64 for NumPy; an empty array of another kind says nothing wrong.
+    sizes = "" if shape is None else f" of shape {tuple('any' if n < 0 else n for n in shape)}".replace("'", "")
+    expected = expected or f"{'finite ' if finite else ''}numbers{sizes}"
+    array = plain_array(value, name, expected)
     if array.dtype.kind not in "iuf":
-        raise DenseVSError(f"{name} is {_shortened(value)} of dtype {array.dtype}; expected {expected}")
+        raise DenseVSError(f"{name} is {shown(value)} of dtype {array.dtype}; expected {expected}")
     if shape is not None and not _fits(array.shape, shape):
         raise DenseVSError(f"{name} has shape {array.shape}; expected {expected}")
     with np.errstate(over="ignore"):
         numbers = array.astype(np.float64)  # long doubles may leave its range
     if finite and not np.isfinite(numbers).all():
-        raise DenseVSError(f"{name} is {_shortened(numbers.tolist())}; expected {expected}")
+        raise DenseVSError(f"{name} is {shown(numbers.tolist())}; expected {expected}")
     return numbers
+
+
+def plain_array(value: Any, name: str, expected: str) -> np.ndarray:
+    """The value as a NumPy array of whatever it holds, on the host.
+
+    Raises:
+        DenseVSError: it cannot be read as an array, as a ragged list.
+    """
+    try:
+        return np.asarray(value.numpy() if isinstance(value, wp.array) else value)
+    except Exception as error:  # an object of the caller's may raise whatever it likes when it is read
+        raise DenseVSError(f"{name} is a {type(value).__name__}; expected {expected} ({error})") from error
 
 
 def _fits(got: tuple[int, ...], shape: tuple[int, ...]) -> bool:
     return len(got) == len(shape) and all(want in (-1, found) for want, found in zip(shape, got, strict=True))
-
-
-def _shortened(value: Any) -> str:
-    """What a value looks like, as far as an error has room for it."""
-    try:
-        text = repr(value)
-    except Exception:  # the value's own code, or an int of more digits than Python writes
-        text = f"a {type(value).__name__}"
-    return text if len(text) <= LONGEST_SHOWN else f"{text[:LONGEST_SHOWN]}..."
 
 
 def points_array(value: Any, name: str) -> np.ndarray:
@@ -142,9 +140,7 @@ def points_array(value: Any, name: str) -> np.ndarray:
     if array.shape == (2,):
         array = array[None]
     if array.ndim != 2 or array.shape[1] != 2 or not np.isfinite(array).all():
-        raise DenseVSError(
-            f"{name} has shape {array.shape} and values {_shortened(array.tolist())}; expected {expected}"
-        )
+        raise DenseVSError(f"{name} has shape {array.shape} and values {shown(array.tolist())}; expected {expected}")
     return array
 
 

@@ -1,5 +1,6 @@
 """Files that are whole or absent: written beside their place and moved there when complete, read without pickle."""
 
+import errno
 import json
 import math
 import os
@@ -12,6 +13,7 @@ from typing import IO, Any
 
 import numpy as np
 
+from dense_vs.checks import shown
 from dense_vs.errors import DenseVSError
 from dense_vs.memory import free_memory
 
@@ -59,6 +61,26 @@ def atomic_write(path: str | os.PathLike[str], mode: str = "wb") -> Iterator[IO[
         raise
 
 
+def check_writable(path: str | os.PathLike[str]) -> None:
+    """Find out now whether a file can be written later; nothing is left of the trial.
+
+    Raises:
+        DenseVSError: its folder is missing or not writable, or its disk is full.
+    """
+    path = file_path(path)
+    if path.is_dir():
+        raise DenseVSError(f"cannot write {path}: it is a folder")
+    try:
+        handle, temporary = _temporary(path)
+        try:
+            with os.fdopen(handle, "wb") as stream:
+                stream.write(b"\0")
+        finally:
+            os.unlink(temporary)
+    except OSError as error:
+        raise DenseVSError(f"cannot write {path}: {error.strerror or error}") from error
+
+
 def file_path(path: Any) -> Path:
     """A path as :class:`pathlib.Path`.
 
@@ -66,9 +88,14 @@ def file_path(path: Any) -> Path:
         DenseVSError: no path, or one that no system can have.
     """
     try:
-        return Path(os.fsdecode(path))
+        named = Path(os.fsdecode(path))
+        os.lstat(named)
     except (TypeError, ValueError) as error:
         raise DenseVSError(f"path is a {type(path).__name__}; expected a file's path ({error})") from error
+    except OSError as error:
+        if error.errno == errno.ENAMETOOLONG:
+            raise DenseVSError(f"path {shown(path)} of {len(os.fsdecode(path))} characters is too long") from error
+    return named
 
 
 def _temporary(path: Path) -> tuple[int, str]:

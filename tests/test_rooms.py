@@ -145,6 +145,7 @@ GENERATIVE_PARTS = [
     "kinematics",
     "inference",
     "learning",
+    "model_checks",
     "model_file",
     "model",
 ]

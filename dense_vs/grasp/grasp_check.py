@@ -65,8 +65,9 @@ def check_grasp(
     for name, value in (("area_grasp", area_grasp), ("area_raised", area_raised), ("min_area", min_area)):
         check_number(name, value, least=0.0)
     check_number("share", share, above=0.0, below=1.0)
+    behind, closed = check_number("behind", behind, least=0.0), check_number("closed", closed)
     if opening is not None:
-        check_number("opening", opening)
+        opening = check_number("opening", opening)
     least = max(min_area, 1)
     left = float(area_raised) / float(area_grasp) if area_grasp >= least else float("nan")
     if opening is not None:

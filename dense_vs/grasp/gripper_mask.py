@@ -12,7 +12,7 @@ import cv2
 import numpy as np
 
 from dense_vs.arrays import number_array
-from dense_vs.checks import check_number
+from dense_vs.checks import check_number, check_pair
 from dense_vs.errors import DenseVSError
 
 _NEAREST = 0.005  # m before the camera; nothing nearer is drawn
@@ -73,9 +73,7 @@ class GripperModel:
         """Boxes that reach from x to x in the hand frame, turned by every angle: (A, H, W)."""
         turns = number_array(angles, "angles", (-1,))
         camera = number_array(intrinsics, "intrinsics", (3, 3))
-        height, width = (int(side) for side in shape)
-        if min(height, width) < 1:
-            raise DenseVSError(f"shape is {shape}; expected (H, W) of at least 1")
+        height, width = check_pair("shape", shape, least=1, most=16384)
         half = self.width / 2
         corners = np.array(
             [[(x, y, z) for x in span for y in (-half, half) for z in (-self.length, 0.0)] for span in spans]

@@ -14,6 +14,8 @@ from typing import Any
 
 import numpy as np
 
+from dense_vs.arrays import number_array
+from dense_vs.checks import check_number
 from dense_vs.kernels.masks.region_sums import BOTTOM, LEFT, RIGHT, TOP
 from dense_vs.segmentation import MaskQuality, MaskVerdict
 
@@ -55,16 +57,21 @@ class TrustRegion:
         max_step: largest step of a joint ever [m, rad].
         image_step: distance [px] that a step should move the object.
 
+    Raises:
+        DenseVSError: a value out of range.
+
     Attributes:
         step: largest step of a joint at present [m, rad]; kept from run to run.
         retreats: steps taken back, of all runs.
     """
 
     def __init__(self, coupling: Any, tolerance: float, min_motion: float, max_step: float, image_step: float):
-        self._coupling = None if coupling is None else np.asarray(coupling) > 0
-        self._tolerance, self._min_motion = tolerance, min_motion
-        self._max_step, self._image_step = max_step, image_step
-        self.step = min(FIRST_STEP, max_step)
+        self._coupling = None if coupling is None else number_array(coupling, "coupling", (-1, -1)) > 0
+        self._tolerance = check_number("tolerance", tolerance, least=0.0)
+        self._min_motion = check_number("min_motion", min_motion, least=0.0)
+        self._max_step = check_number("max_step", max_step, above=0.0)
+        self._image_step = check_number("image_step", image_step, above=0.0)
+        self.step = min(FIRST_STEP, self._max_step)
         self.retreats = 0
         self.begin()
 
@@ -78,7 +85,7 @@ class TrustRegion:
 
     def command(self, dq: np.ndarray) -> None:
         """Note the step ``(n,)`` that the robot now gets."""
-        self._commanded = np.asarray(dq, dtype=np.float64).copy()
+        self._commanded = number_array(dq, "dq", (-1,))
 
     def judge(self, quality: MaskQuality, positions: np.ndarray, before: np.ndarray | None) -> View:
         """Verdict on a look after the motion between two joint positions ``(n,)``.

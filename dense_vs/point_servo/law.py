@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from dense_vs.arrays import point_array, real_vector
-from dense_vs.checks import check_number, check_whole
+from dense_vs.checks import check_number, check_seed, check_whole
 from dense_vs.errors import DenseVSError
 from dense_vs.robot.joint_group import checked_limits
 
@@ -70,10 +70,10 @@ class VisualServo:
         max_step: float = 0.03,
         dither: float = 0.002,
     ):
-        self.joints = check_whole("joints", joints, least=1)
+        self.joints = check_whole("joints", joints, least=1, most=4096)
         self.options = ServoOptions(gain=gain, damping=damping, max_step=max_step, dither=dither)
         self.joint_limits = checked_limits(joint_limits, self.joints)
-        self._random = np.random.default_rng(seed)
+        self._random = np.random.default_rng(check_seed(seed))
 
     def __call__(
         self, jacobian: Any, point: Any, target: Any, positions: Any = None, *, held: Any = None

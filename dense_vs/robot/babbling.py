@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from dense_vs.arrays import number_array
-from dense_vs.checks import check_number, check_whole
+from dense_vs.checks import check_number, check_seed, check_whole
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -61,12 +61,12 @@ class Babbling:
         max_flow: float = 4.0,
         frame_time: float = 1 / 30,
     ):
-        joints = check_whole("joints", joints, least=1)
+        joints = check_whole("joints", joints, least=1, most=4096)
         self.options = BabblingOptions(
             amplitude=amplitude, time_constant=time_constant, max_flow=max_flow, frame_time=frame_time
         )
         self.rate = 0.5
-        self._random = np.random.default_rng(check_whole("seed", seed, least=0))
+        self._random = np.random.default_rng(check_seed(seed))
         self._noise = np.zeros(joints)
         self._offset = np.zeros(joints)
         self._moments = np.zeros((joints, joints))

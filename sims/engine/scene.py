@@ -8,13 +8,13 @@ import os
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from importlib import resources
-from pathlib import Path
 from typing import Any
 
 import mujoco
 import numpy as np
 
 from dense_vs.errors import DenseVSError
+from dense_vs.files import file_path
 from dense_vs.robot.joint_group import joint_indices
 from dense_vs.sims.engine.built_scenes import ARM_NAMES, scene_file
 from dense_vs.sims.engine.closed_chain import ClosedChain
@@ -148,7 +148,7 @@ def _our_model(
 
 
 def _file_model(robot: str | os.PathLike[str], distractor: str, compliance: Compliance | None) -> mujoco.MjModel:
-    path = Path(robot)
+    path = file_path(robot)
     if not path.is_file():
         raise DenseVSError(
             f"robot {str(robot)!r} is neither a robot of ours nor a file; "

@@ -90,8 +90,8 @@ def named_point(model: mujoco.MjModel, state: mujoco.MjData, name: str) -> np.nd
     Raises:
         DenseVSError: no such name, or no text (which MuJoCo does not survive); the message lists the sites.
     """
-    if not isinstance(name, str):
-        raise DenseVSError(f"point is a {type(name).__name__}; expected the name of a site, body or geom")
+    if not isinstance(name, str) or not name.isprintable():
+        raise DenseVSError(f"point is {name!r}; expected the name of a site, body or geom")
     for kind, positions in (
         (mujoco.mjtObj.mjOBJ_SITE, state.site_xpos),
         (mujoco.mjtObj.mjOBJ_BODY, state.xpos),

@@ -56,14 +56,23 @@ class Mutant:
         line: where it stands, counted from 1.
         function: that it stands in; empty at the module's level, where defaults of arguments count too.
         before, after: the expression.
-        tree: of the whole mutated module.
+        place: of the expression among those that may be mutated.
+        replacement: of its syntax tree.
     """
 
     line: int
     function: str
     before: str
     after: str
-    tree: ast.Module
+    place: int
+    replacement: ast.expr
+
+    def mutated(self, source: str) -> ast.Module:
+        """The module with the mutation in it."""
+        tree = ast.parse(source)
+        target, _ = _nodes(tree)[self.place]
+        _replace(tree, target, self.replacement)
+        return ast.fix_missing_locations(tree)
 
 
 def mutants(source: str) -> Iterator[Mutant]:
@@ -71,11 +80,7 @@ def mutants(source: str) -> Iterator[Mutant]:
     tree = ast.parse(source)
     for place, (node, function) in enumerate(_nodes(tree)):
         for replacement in _replacements(node):
-            mutated = copy.deepcopy(tree)
-            target = next(found for number, (found, _) in enumerate(_nodes(mutated)) if number == place)
-            _replace(mutated, target, replacement)
-            before, after = ast.unparse(node), ast.unparse(replacement)
-            yield Mutant(node.lineno, function, before, after, ast.fix_missing_locations(mutated))
+            yield Mutant(node.lineno, function, ast.unparse(node), ast.unparse(replacement), place, replacement)
 
 
 def _nodes(tree: ast.Module) -> list[tuple[ast.expr, str]]:

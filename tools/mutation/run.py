@@ -130,6 +130,8 @@ def read_reach() -> tuple[dict[str, dict[int, set[str]]], dict[str, float]]:
 
     seconds: dict[str, float] = {}
     for case in ElementTree.parse(WORK / "tests.xml").iter("testcase"):
+        if case.find("failure") is not None or case.find("error") is not None or case.find("skipped") is not None:
+            continue
         parts = (case.get("classname") or "").split(".")
         file = "/".join(parts) + ".py"
         seconds[f"{file}::{case.get('name')}"] = float(case.get("time") or 0.0)
@@ -242,7 +244,7 @@ class _Mutated(importlib.abc.MetaPathFinder, importlib.abc.InspectLoader):
         self._path = ROOT / file
         name = file.removesuffix(".py").removesuffix("/__init__").replace("/", ".")
         self._name = name if name.startswith("dense_vs") else f"dense_vs.{name}"
-        self._tree = mutant.tree
+        self._mutant = mutant
         self._package = file.endswith("__init__.py")
 
     def find_spec(self, fullname: str, path: Any, target: Any = None) -> Any:
@@ -257,7 +259,7 @@ class _Mutated(importlib.abc.MetaPathFinder, importlib.abc.InspectLoader):
         return self._path.read_text(encoding="utf-8")
 
     def get_code(self, fullname: str) -> CodeType:
-        return compile(self._tree, str(self._path), "exec")
+        return compile(self._mutant.mutated(self.get_source(fullname)), str(self._path), "exec")
 
     def is_package(self, fullname: str) -> bool:
         return self._package

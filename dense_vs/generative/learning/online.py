@@ -73,7 +73,7 @@ class OnlineLearner:
     """
 
     def __init__(self, model: WatchedModel, capacity: int = 50, relearn_after: int = 0):
-        capacity = check_whole("capacity", capacity, least=1)
+        capacity = check_whole("capacity", capacity, least=1, most=10**6)
         self.model, self.relearn_after = model, check_whole("relearn_after", relearn_after, least=0)
         self.buffer: deque[tuple[np.ndarray, np.ndarray]] = deque(maxlen=capacity)
         self.ignored: set[int] = set()

@@ -215,6 +215,8 @@ class FewShotSegmenter:
 
 
 def _checked_pairs(images: Sequence[np.ndarray], masks: Sequence[np.ndarray]) -> list[tuple[np.ndarray, np.ndarray]]:
+    if not all(isinstance(ones, (list, tuple, np.ndarray)) for ones in (images, masks)):
+        raise DenseVSError(f"images are a {type(images).__name__} and masks a {type(masks).__name__}; expected lists")
     if len(images) != len(masks) or not len(images):
         raise DenseVSError(f"{len(images)} images and {len(masks)} masks; expected as many of both, at least one")
     pairs = []
