@@ -92,6 +92,7 @@ def test_the_image_moves_and_nothing_fails(page):
 def test_clicks_bring_a_point_to_its_target_and_a_reload_keeps_it(page, session, robot):
     assert until(page, lambda: shown_frame(page) > 0)
     session.ask(session.points.clear)
+    assert until(page, lambda: not len(session.points) and page.locator(".point").count() == 0)
     place = np.array([80.0, 60.0])
     start = place - J @ robot.q
     click(page, place)
@@ -111,6 +112,7 @@ def test_clicks_bring_a_point_to_its_target_and_a_reload_keeps_it(page, session,
 def test_a_drag_lets_the_point_follow(page, session, robot):
     assert until(page, lambda: shown_frame(page) > 0)
     session.ask(session.points.clear)
+    assert until(page, lambda: not len(session.points) and page.locator(".point").count() == 0)
     click(page, (80, 60))
     assert until(page, lambda: page.locator(".point").count() == 1)
     number = next(iter(session.points)).number
