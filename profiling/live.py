@@ -25,9 +25,10 @@ from metrics import Metric, add_report_arguments, report
 from recorded_frames import Recording, image_size, record
 
 from dense_vs.live.access import Access
+from dense_vs.live.mode import Mode
 from dense_vs.live.options import LiveOptions
 from dense_vs.live.server import make_app, make_server
-from dense_vs.live.session import LiveSession, Mode
+from dense_vs.live.session import LiveSession
 from dense_vs.live.source import LiveSource
 
 FPS = 30.0

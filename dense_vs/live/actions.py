@@ -6,8 +6,9 @@ from collections.abc import Callable, Mapping
 from typing import Any
 
 from dense_vs.errors import DenseVSError
+from dense_vs.live.mode import Mode
 from dense_vs.live.recording_thread import RecordingThread, new_folder, room_left
-from dense_vs.live.session import LiveSession, Mode
+from dense_vs.live.session import LiveSession
 
 MOST_MESSAGE = 4096  # bytes
 LEAST_ROOM = 1 << 28  # bytes free before a recording begins

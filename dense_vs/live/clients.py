@@ -8,6 +8,7 @@ image, empty where there is no new one.
 import asyncio
 import json
 import struct
+import time
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
 from itertools import count
@@ -27,6 +28,7 @@ QUIET_SECONDS = 0.25  # a page hears of the state so often at least
 IN_FLIGHT = 2  # images on their way to a page: one that it draws, one that travels
 DEAD_SECONDS = 20.0  # a page that acknowledged no image for so long is closed
 SEND_SECONDS = 10.0
+RELOAD_SECONDS = 5.0  # between the opening of a page and the closing of the one that it takes the place of
 
 
 class Client:
@@ -44,6 +46,7 @@ class Client:
         self.sent = self.shown = 0  # images
         self.last_frame = 0
         self.last_line = 0
+        self.opened = time.monotonic()
 
 
 class Clients:
@@ -108,14 +111,23 @@ class Clients:
             await asyncio.wait(tasks, return_when=asyncio.FIRST_COMPLETED)
         finally:
             # First of all: whatever else there is to do, the robot stops.
+            held = self.control.holder == client.number
             self.control.leave(client.number, "the page in control was closed")
             self._clients.pop(client.number, None)
+            if held:
+                self._succeed()
             self._keep_wanted()
             for task in tasks:
                 task.cancel()
             self._tell_errors(await asyncio.gather(*tasks, return_exceptions=True))
             with suppress(RuntimeError, OSError, WebSocketDisconnect):
                 await asyncio.wait_for(socket.close(), 1.0)
+
+    def _succeed(self) -> None:
+        """Give control to a page that was just opened: a reload may be there before the old page is gone."""
+        fresh = [one.number for one in self._clients.values() if time.monotonic() - one.opened < RELOAD_SECONDS]
+        if fresh:
+            self.control.take(max(fresh))
 
     def _tell_errors(self, results: list[Any]) -> None:
         """A page that went is no error; anything else is one of ours, and is said."""

@@ -81,6 +81,10 @@ class PageGate:
         """The dead-man's key is up."""
         self._held_until = -np.inf
 
+    def largest_step(self, seconds: float) -> float:
+        """Of a joint in a command that comes so long after the last [rad, m]."""
+        return self._max_speed * min(seconds, LONGEST_STEP)
+
     def passed(self, delta: np.ndarray, positions: np.ndarray, limits: np.ndarray, seconds: float) -> np.ndarray:
         """What of a joint step ``(N,)`` reaches the robot.
 
@@ -92,8 +96,7 @@ class PageGate:
         """
         if not self.passing or not np.isfinite(delta).all():
             return np.zeros(len(delta))
-        most = self._max_speed * min(seconds, LONGEST_STEP)
-        step = delta / max(1.0, float(np.abs(delta).max(initial=0.0)) / most)
+        step = delta / max(1.0, float(np.abs(delta).max(initial=0.0)) / self.largest_step(seconds))
         room = limits - positions[:, None]
         return np.clip(step, np.minimum(room[:, 0], 0.0), np.maximum(room[:, 1], 0.0))
 

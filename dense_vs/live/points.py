@@ -16,6 +16,7 @@ from dense_vs.jacobian.estimator import DenseJacobian
 from dense_vs.live.reachability import Reachability
 from dense_vs.pipeline.frame_pipeline import BODY_FLOW, Frame
 from dense_vs.point_servo.law import VisualServo
+from dense_vs.point_servo.loop import ServoLoop
 from dense_vs.point_servo.same_surface import same_surface
 from dense_vs.point_servo.tracker import PointTracker
 
@@ -168,19 +169,20 @@ class LivePoints:
             elif point.error <= TOLERANCE or point.settled >= SETTLE_FRAMES:
                 point.settled += 1
 
-    def step(
-        self, servo: VisualServo, estimator: DenseJacobian, positions: np.ndarray, limits: np.ndarray
-    ) -> np.ndarray:
+    def step(self, servo: VisualServo, loop: ServoLoop) -> np.ndarray:
         """The joint step ``(N,)`` [rad] towards the targets; zero where no point has one. Lost points do not count."""
         chosen = [point for point in self if point.target is not None and not point.lost]
         if all(point.state is PointState.REACHED for point in chosen):
             return np.zeros(servo.joints)
-        places = np.array([point.place for point in chosen])
-        J = np.asarray(estimator.at(places))
-        targets = np.array([point.target for point in chosen])
-        step = servo.together(J, places, targets, np.array([point.weight for point in chosen]), positions)
+        seen = np.array([point.place for point in chosen])
+        J = np.asarray(loop.estimator.at(seen))
+        q = loop.joints.newest
+        places = seen + J @ (q - loop.frame.positions)  # where they are by now, as far as an image comes late
+        targets, weights = np.array([point.target for point in chosen]), np.array([point.weight for point in chosen])
+        step = servo.together(J, places, targets, weights, q, held=loop.joints.watch.stuck)
         for point, own in zip(chosen, J, strict=True):
-            point.reachability.observe(own, point.target - point.place, positions, limits, servo.options.damping)
+            error = point.target - point.place
+            point.reachability.observe(own, error, q, loop.group.limits, servo.options.damping)
         return step
 
     @property

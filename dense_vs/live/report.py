@@ -110,6 +110,7 @@ def state_of(session: "LiveSession", frame: Frame) -> dict[str, Any]:
         "recording": session.recorder is not None,
         "object": None if session.object is None else session.object.told(),
         "size": [width, height],
+        "faults": [str(fault) for fault in loop.faults],
         "source": session.source.name,
         "commands": session.source.commands,
     }

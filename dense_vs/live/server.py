@@ -27,7 +27,8 @@ from dense_vs.errors import DenseVSError
 from dense_vs.live.access import COOKIE, Access
 from dense_vs.live.actions import MOST_MESSAGE
 from dense_vs.live.clients import Clients
-from dense_vs.live.session import LiveSession, Mode
+from dense_vs.live.mode import Mode
+from dense_vs.live.session import LiveSession
 from dense_vs.live.state_file import load_state, most_bytes
 
 FILES = {

@@ -10,7 +10,6 @@ import time
 from collections import deque
 from collections.abc import Callable
 from contextlib import suppress
-from enum import StrEnum
 from queue import Empty, SimpleQueue
 from typing import Any
 
@@ -23,6 +22,7 @@ from dense_vs.jacobian.estimator import DenseJacobian
 from dense_vs.live.gate import GatedRobot, PageGate
 from dense_vs.live.learning import WINDOW, Learning, sureness
 from dense_vs.live.live_object import LiveObject, ObjectServo
+from dense_vs.live.mode import Mode
 from dense_vs.live.options import LiveOptions, chosen_scale
 from dense_vs.live.pacing import PacedCamera
 from dense_vs.live.points import LivePoints, PointState
@@ -42,17 +42,6 @@ JUDGE_EVERY = 3  # frames between looks at the explained motion while nothing is
 GUARD_PERIOD = 0.05  # s
 SLOW_FRAMES, MOST_STALL = 6, 2.0  # frames as usual, and s, that may pass without an image
 FAULT_PAUSE = 0.1  # s between two tries after an error
-
-
-class Mode(StrEnum):
-    """What the robot is doing."""
-
-    STARTING = "starting"
-    STILL = "still"
-    LEARNING = "learning"
-    REACHING = "reaching"
-    CENTERING = "centering"
-    ENDED = "ended"
 
 
 class LiveSession:
@@ -92,6 +81,8 @@ class LiveSession:
         self._frames: deque[tuple[int, Frame]] = deque(maxlen=KEPT_FRAMES)
         self._number = 0
         self._broken = False
+        self._followed: Frame | None = None  # the last frame that the points were carried into
+        self._faulty = 0  # frames one after the other in which the loop itself commanded nothing
         self._last_fault = ("", 0.0)
         self._watchdog: Watchdog | None = None
         self._threads = [
@@ -221,6 +212,7 @@ class LiveSession:
             body=SelfBody(device=options.device, threads=options.threads) if options.labels else None,
             joint_delay=delay if estimator is not None and delay else None,
         )
+        self._largest = self.loop.gate.max_step.copy()
         self.servo = VisualServo(
             len(self.loop.group.names), joint_limits=self.loop.group.limits, seed=options.seed, dither=0.001
         )
@@ -247,7 +239,7 @@ class LiveSession:
         loop = self.running_loop()
         size = loop.estimator.options.height, loop.estimator.options.width
         self.points = LivePoints(*size)
-        # Kernels compile when first used: better now than while the robot moves.
+        # Kernels compile when first used, better now.
         tracker = PointTracker((size[1] / 2, size[0] / 2), loop.frame.gray)
         tracker.update(np.zeros((*size, 2), np.float32), loop.frame.gray)
         loop.estimator.at(tracker.points)
@@ -290,8 +282,10 @@ class LiveSession:
         self._number += 1
         if frame is not before:
             self.robot.frame_seconds = max(frame.time - before.time, 1e-3)
-            self._frames.append((self._number, frame))
-            self.points.follow(before, frame, loop.estimator)
+            if not frame.held:
+                self._frames.append((self._number, frame))
+                self.points.follow(self._followed or before, frame, loop.estimator)
+                self._followed = frame
         if self.recorder is not None and self.camera.picture is not None:
             self.recorder.add(self.camera.picture, self.camera.time, *self.robot.joints())
         if self.camera.time - self.robot.reading_time > self.options.stall_seconds:
@@ -302,11 +296,13 @@ class LiveSession:
         self._publish(frame, before if frame is not before else None)
 
     def _move(self, loop: ServoLoop) -> Frame:
+        # The loop has to know how much is sent: it watches whether the joints follow.
+        loop.gate.max_step = np.minimum(self._largest, self.gate.largest_step(self.robot.frame_seconds))
         if self.mode is Mode.LEARNING and self.gate.passing:
             return loop.babble_once()
         step = np.zeros(len(loop.group.names))
         if self.mode is Mode.REACHING and self.gate.passing:
-            step = self.points.step(self.servo, loop.estimator, loop.frame.positions, loop.group.limits)
+            step = self.points.step(self.servo, loop)
         if self.mode is Mode.CENTERING and self._object_servo is not None and self.gate.passing:
             step = self._object_servo.advance(loop.frame.image, loop.frame.time, loop.frame.positions)
         return loop.step(step)
@@ -321,6 +317,7 @@ class LiveSession:
                 good, text = verdict
                 self.be_still("learned" if good else "not learned")
                 self.board.log(f"{'learned' if good else 'not learned'}: {text}", "info" if good else "warning")
+        self._mind_faults()
         self._mind_object(frame)
         for line, level in told.changes(self.points):
             self.board.log(line, level)
@@ -329,6 +326,13 @@ class LiveSession:
             self.stop("every point is lost" if aimed else "no point has a target")
             self.mode = Mode.STILL
         self.board.plot(frame.time, self.points.worst_error, told.explained)
+
+    def _mind_faults(self) -> None:
+        """Say what the loop finds wrong; where that lasts, motion has to be asked for again."""
+        faults = [fault for fault in self.running_loop().faults if fault.stops]
+        self._faulty = self._faulty + 1 if faults else 0
+        if faults and self._faulty * self.robot.frame_seconds > self.options.stall_seconds:
+            self.stop(str(faults[0]))
 
     def _mind_object(self, frame: Frame) -> None:
         servo, known = self._object_servo, self.object

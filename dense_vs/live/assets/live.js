@@ -89,6 +89,7 @@ function enable(steers) {
 function say() {
   const stopped = latest.mode === "still" && latest.reason && !["learned", "J was forgotten"].includes(latest.reason);
   if (latest.mode === "starting") banner("Starting: the first time, kernels are compiled for up to half a minute.", false);
+  else if (latest.faults?.length) banner(latest.faults.join("; "), true);
   else if (stopped) banner(`Stopped: ${latest.reason}`, true);
   else $("banner").hidden = true;
   const steps = latest.joints ? hint() : "Waiting for the camera.";

@@ -9,8 +9,9 @@ pytest.importorskip("sklearn", reason="the vos extra is not installed")
 from dense_vs.errors import DenseVSError
 from dense_vs.live.actions import Actions
 from dense_vs.live.live_object import checked_box, mask_of_box
+from dense_vs.live.mode import Mode
 from dense_vs.live.options import LiveOptions
-from dense_vs.live.session import LiveSession, Mode
+from dense_vs.live.session import LiveSession
 from dense_vs.live.source import LiveSource
 
 MIDDLE = np.array([(WIDTH - 1) / 2, (HEIGHT - 1) / 2])

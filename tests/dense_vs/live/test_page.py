@@ -11,8 +11,9 @@ pytest.importorskip("uvicorn", reason="the live extra is not installed")
 pytest.importorskip("starlette", reason="the live extra is not installed")
 
 from dense_vs.live.access import Access
+from dense_vs.live.mode import Mode
 from dense_vs.live.options import LiveOptions
-from dense_vs.live.session import LiveSession, Mode
+from dense_vs.live.session import LiveSession
 from dense_vs.live.source import LiveSource
 
 TIMEOUT = 20_000  # ms, of every wait in the browser
@@ -46,6 +47,7 @@ def address(session):
 @pytest.fixture
 def page(chromium, address):
     one = opened(chromium, f"http://{address}/")
+    assert until(one, lambda: one.locator("#learn").is_enabled())
     yield one
     one.close()
 
@@ -90,6 +92,7 @@ def test_the_image_moves_and_nothing_fails(page):
 def test_clicks_bring_a_point_to_its_target_and_a_reload_keeps_it(page, session, robot):
     assert until(page, lambda: shown_frame(page) > 0)
     session.ask(session.points.clear)
+    assert until(page, lambda: not len(session.points) and page.locator(".point").count() == 0)
     place = np.array([80.0, 60.0])
     start = place - J @ robot.q
     click(page, place)
@@ -109,6 +112,7 @@ def test_clicks_bring_a_point_to_its_target_and_a_reload_keeps_it(page, session,
 def test_a_drag_lets_the_point_follow(page, session, robot):
     assert until(page, lambda: shown_frame(page) > 0)
     session.ask(session.points.clear)
+    assert until(page, lambda: not len(session.points) and page.locator(".point").count() == 0)
     click(page, (80, 60))
     assert until(page, lambda: page.locator(".point").count() == 1)
     number = next(iter(session.points)).number

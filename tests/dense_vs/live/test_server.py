@@ -158,6 +158,24 @@ def test_closing_the_page_in_control_stops_and_a_watcher_may_only_stop(address, 
     assert "closed" in session.gate.reason
 
 
+def test_a_reload_that_comes_before_the_old_page_goes_gets_control(address, session):
+    with page(address) as old:
+        receive(old)
+        with page(address) as new:
+            receive(new)
+            old.close()
+            control = ""
+            for _ in range(100):
+                state, jpeg = receive(new)
+                control = state["control"]
+                if jpeg:
+                    tell(new, do="shown")
+                if control == "yours":
+                    break
+            assert control == "yours"
+            assert not session.gate.open
+
+
 def test_a_page_in_control_that_falls_silent_stops(address, session):
     with page(address) as socket:
         receive(socket)

@@ -15,8 +15,9 @@ from sliding_scene import HEIGHT, WIDTH, J, SlidingRobot, wait_for
 from dense_vs.errors import DenseVSError
 from dense_vs.live.actions import Actions, parse
 from dense_vs.live.gate import GatedRobot
+from dense_vs.live.mode import Mode
 from dense_vs.live.options import LiveOptions, chosen_scale
-from dense_vs.live.session import LiveSession, Mode
+from dense_vs.live.session import LiveSession
 from dense_vs.live.source import LiveSource
 
 REFERENCE = Path(__file__).parents[2] / "reference"
@@ -87,7 +88,9 @@ def test_every_fault_stops_commands(session, robot, fault):
     assert robot.holds == 1
     robot.stalled.clear()
     count = len(robot.commands)
-    assert wait_for(lambda: len(robot.commands) > count + 5)  # images come again, and nothing goes on by itself
+    assert wait_for(lambda: len(robot.commands) > count + 5), (
+        session.board.lines()
+    )  # images come again, and nothing goes on by itself
     assert not robot.moved_since(closed + 0.005)  # a command may have passed the gate just before
     assert wait_for(lambda: session.mode is Mode.STILL)
     word = {"stop": "the test", "stall": "camera stalled", "joints": "joint readings", "error": "cable is out"}[fault]
@@ -188,7 +191,8 @@ import sys, time
 from sliding_scene import SlidingRobot
 from dense_vs.drivers.watchdog import Hold
 from dense_vs.live.options import LiveOptions
-from dense_vs.live.session import LiveSession, Mode
+from dense_vs.live.mode import Mode
+from dense_vs.live.session import LiveSession
 from dense_vs.live.source import LiveSource
 robot = SlidingRobot()
 hold = Hold("held_robot:hold", {"path": sys.argv[1], "robot": "board"}, timeout=30.0)

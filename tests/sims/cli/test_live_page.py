@@ -16,8 +16,9 @@ from live_rig import browser, served
 pytest.importorskip("uvicorn", reason="the live extra is not installed")
 pytest.importorskip("starlette", reason="the live extra is not installed")
 
+from dense_vs.live.mode import Mode
 from dense_vs.live.options import LiveOptions
-from dense_vs.live.session import LiveSession, Mode
+from dense_vs.live.session import LiveSession
 from dense_vs.live.source import LiveSource
 from dense_vs.sims import SimCamera, SimRobot, SimWorld
 from dense_vs.sims.cli.live_source import SOURCE
