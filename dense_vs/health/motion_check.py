@@ -16,10 +16,10 @@ from dense_vs.health.faults import Fault, FaultKind
 MOVING = 1.0  # px of flow or J s: places that move less say nothing
 ON_ROBOT = 0.2  # of the largest |J| on the image: places with less are not looked at
 LEAST_PLACES = 12
-KNOWN = 40  # judgments until it is known what is usual
+KNOWN = 60  # judgments until it is known what is usual
 TRUSTED = 0.15  # usual share above which J is known too badly to judge by
 LEAST_SHARE = 0.5  # that counts where J has to follow the robot to new postures
-BABBLING_SHARE = 0.12  # the same about a posture where J has been learned
+BABBLING_SHARE = 0.2  # the same about a posture where J has been learned
 TIMES_USUAL = 4.0
 USUAL = 0.05  # weight of the newest judgment
 GIVEN_UP = (

@@ -61,3 +61,8 @@ def test_an_altered_figure_is_found(page, tmp_path):
     assert subprocess.run([*script, "--check"], check=False).returncode == 1
     assert subprocess.run(script, check=False).returncode == 0
     assert (copy / page).read_text(encoding="utf-8") == text
+
+
+def test_the_table_of_faults_is_that_of_its_result():
+    script = ROOT / "profiling" / "faults.py"
+    assert subprocess.run([sys.executable, str(script), "--page", "--check"], check=False).returncode == 0

@@ -64,6 +64,7 @@ def test_nothing_is_judged_where_j_is_known_badly():
     strange = rng.normal(0, 60, true.shape)
     check = MotionCheck()
     usual(check, q, true, strange, rng, range(KNOWN * 3))
+    assert check.share > 0.3
 
 
 @pytest.mark.parametrize("seed", [2, 3, 4, 5])
