@@ -111,7 +111,7 @@ class JointGroup:
         all_units = (
             ("rad",) * len(every) if units is None else tuple(units) if isinstance(units, (list, tuple, str)) else ()
         )
-        if len(all_units) != len(every) or not set(all_units) <= set(UNITS):
+        if len(all_units) != len(every) or not all(isinstance(one, str) and one in UNITS for one in all_units):
             raise DenseVSError(f"units are {units!r}; expected {len(every)}, each one of {', '.join(UNITS)}")
         return cls(tuple(chosen), indices, bounds[indices], tuple(all_units[i] for i in indices), len(every))
 

@@ -281,7 +281,7 @@ def report(results: list[dict[str, Any]], arguments: argparse.Namespace, drawn: 
             print(f"{group}: {total - counts['survived']} of {total} killed, {100 * share:.1f} %")
     survivors = [one for one in results if one["outcome"] == "survived"]
     for one in survivors:
-        one["reason"] = reasons.get(f"{one['file']}: {one['before']} -> {one['after']}", "no test tells them apart yet")
+        one["reason"] = reasons.get(f"{one['file']}: {one['before']} -> {one['after']}") or _reason(one)
     content = {
         "shares": shares,
         "drawn": drawn,
@@ -290,6 +290,17 @@ def report(results: list[dict[str, Any]], arguments: argparse.Namespace, drawn: 
     }
     if arguments.json is not None:
         write_json(arguments.json, content)
+
+
+def _reason(survivor: dict[str, Any]) -> str:
+    """Why a mutation survived, as far as its form tells."""
+    if not survivor["tests"]:
+        return "only tests marked slow run this line, and those are not asked"
+    if survivor["before"].lstrip("-").replace(".", "").isdigit():
+        return "a constant of the experiment, or an axis that is the same one"
+    if "rng" in survivor["before"]:
+        return "the same distribution: noise of either sign"
+    return "no test tells them apart yet"
 
 
 if __name__ == "__main__":
