@@ -4,7 +4,7 @@ from collections import deque
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from enum import Enum
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 
@@ -16,6 +16,7 @@ from dense_vs.flow.estimator import FlowEstimator
 from dense_vs.jacobian.estimator import DenseJacobian
 from dense_vs.pipeline.frame_pipeline import BODY_FLOW, Frame, FramePipeline
 from dense_vs.point_servo.law import VisualServo
+from dense_vs.point_servo.link_tracker import LinkTracker
 from dense_vs.point_servo.tracker import Method, PointTracker
 from dense_vs.recording.joint_delay import joint_delay as found_joint_delay
 from dense_vs.recording.joint_log import JointBuffer
@@ -29,6 +30,8 @@ DELAY_FRAMES = 60  # of babbling, that the delay of joint readings is found in
 DELAY_MARGIN = 3  # frames more of readings, as the longest delay that is tried
 DELAY_STEP = 8  # px between the pixels that it is found from
 MOST_HELD = 30  # images that wait for their joint readings; a robot whose readings stop is not waited for
+HISTORY = 150  # images that J was corrected by, in which the point's link is looked for
+OWN_JOINT = 0.05  # of the largest column of J at a point: a joint with less does not move it
 SAME_SURFACE = 0.5  # relative difference in J below which two pixels count as one surface
 
 
@@ -149,7 +152,8 @@ class ServoLoop:
         size = estimator.options.height, estimator.options.width
         shared = self.pipeline.flow.method == BODY_FLOW
         self._tracking_flow = self.pipeline.flow if shared else FlowEstimator(BODY_FLOW, *size)
-        self.tracker: PointTracker | None = None
+        self.tracker: PointTracker | LinkTracker | None = None
+        self._history: deque[tuple[np.ndarray, np.ndarray]] = deque(maxlen=HISTORY)
         self.target: np.ndarray | None = None
         self.on_frame = on_frame
         self._finding_delay = joint_delay is None
@@ -181,8 +185,9 @@ class ServoLoop:
         last = self._frame
         frame = self._take(*self.camera.read())
         if self.tracker is not None and frame is not last:
-            self.tracker.update(self._tracking_flow(last.gray, frame.gray), frame.gray)
-            self._renew_patch(self.tracker)
+            self._track(last, frame)
+        if frame is not last and frame.measured is not None:
+            self._history.append((frame.gray, frame.positions))
         if self.on_frame is not None:
             self.on_frame(self)
         return frame
@@ -206,7 +211,7 @@ class ServoLoop:
         self,
         point: Any,
         *,
-        method: Method = "aligned",
+        method: Method | Literal["link"] = "link",
         window: int = 25,
         min_correlation: float = 0.85,
         max_jump: float = 2.5,
@@ -219,8 +224,15 @@ class ServoLoop:
 
         Args:
             point: ``(2,)`` [px].
-            method, window, min_correlation, max_jump, lost_after: how it is followed, see :class:`PointTracker`.
+            method: ``"link"``, by the motion of its whole link, see :class:`LinkTracker`, where the images so far
+                show such a link, else as ``"aligned"``; or one of :class:`PointTracker`.
+            window, lost_after, min_correlation, max_jump: see :class:`PointTracker`.
         """
+        if method == "link":
+            method = "aligned"
+            link = self._link_tracker(point_array(point, "point"), window, lost_after)
+        else:
+            link = None
         self.tracker = PointTracker(
             point,
             self.frame.gray,
@@ -231,9 +243,14 @@ class ServoLoop:
             max_jump=max_jump,
             lost_after=lost_after,
         )
+        if link is not None:
+            self.tracker = link
 
     def reach(self, target: Any, *, tolerance: float = 1.0, settle_frames: int = 5, max_frames: int = 150) -> Reach:
-        """Servo the defined point to a target by DIJE (17); stops when the tracker has lost the point.
+        """Servo the defined point to a target by DIJE (17).
+
+        Stops when the tracker has lost the point. One that is followed by its link is sought on, and counts as reached
+        only where what is seen of the link agrees on its place.
 
         Args:
             target: ``(2,)`` [px].
@@ -247,14 +264,14 @@ class ServoLoop:
         self.target = point_array(target, "target")
         settled = frames = 0
         distance = float(np.hypot(*(self.point - self.target)))
-        while frames < max_frames and settled < settle_frames and not self._lost:
+        while frames < max_frames and not (settled >= settle_frames and self._certain) and not self._given_up:
             self.step(self._when_due(self._servo_step))
             frames += 1
             distance = float(np.hypot(*(self.point - self.target)))
             settled = settled + 1 if distance <= tolerance else 0
         end = ReachEnd.REACHED if settled >= settle_frames else ReachEnd.MISSED
         goal = float(self.target[0]), float(self.target[1])
-        return Reach(goal, frames, distance, ReachEnd.LOST if self._lost else end)
+        return Reach(goal, frames, distance, end if self._certain else ReachEnd.LOST)
 
     def _pacing_flow(self) -> np.ndarray | None:
         """The last frame's image motion: J dq once J is learnt, which neither noise nor others' motion slows down.
@@ -302,15 +319,47 @@ class ServoLoop:
 
     def _same_surface(self, point: Any) -> np.ndarray | None:
         """(H, W) bool: pixels that move as the point does; None where J says nothing yet."""
+        unlikeness = self._unlikeness(point)
+        return None if unlikeness is None else unlikeness <= SAME_SURFACE
+
+    def _unlikeness(self, point: Any) -> np.ndarray | None:
+        """(H, W) difference of every J from the point's, relative to the point's; None where J says nothing yet."""
         own = self.estimator.at(point)[0]
         size = np.linalg.norm(own)
         if size == 0:
             return None
-        return np.linalg.norm(self.estimator.to_numpy() - own, axis=(2, 3)) <= SAME_SURFACE * size
+        return np.linalg.norm(self.estimator.to_numpy() - own, axis=(2, 3)) / size
+
+    def _track(self, last: Frame, frame: Frame) -> None:
+        """Follow the point into the last frame."""
+        if isinstance(self.tracker, LinkTracker):
+            self.tracker.update(frame.gray, frame.positions, lambda: self._unlikeness(self.point))
+        elif self.tracker is not None:
+            self.tracker.update(self._tracking_flow(last.gray, frame.gray), frame.gray)
+            self._renew_patch(self.tracker)
+
+    def _link_tracker(self, point: np.ndarray, window: int, lost_after: int) -> LinkTracker | None:
+        """A tracker by the point's whole link, where the images so far tell how it moves."""
+        frame, history = self.frame, list(self._history)
+        if not history or history[-1][0] is not frame.gray:
+            history.append((frame.gray, frame.positions))
+        unlikeness = self._unlikeness(point)
+        if unlikeness is None:
+            return None
+        moves = np.linalg.norm(self.estimator.at(point)[0], axis=0)
+        joints = moves > OWN_JOINT * moves.max()
+        tracker = LinkTracker(history, point, unlikeness, joints=joints, window=window, lost_after=lost_after)
+        return None if tracker.motion is None else tracker
 
     @property
-    def _lost(self) -> bool:
-        return bool(self.tracker is not None and self.tracker.lost[0])
+    def _certain(self) -> bool:
+        """Whether it is known where the point is."""
+        return self.tracker.certain if isinstance(self.tracker, LinkTracker) else not self._given_up
+
+    @property
+    def _given_up(self) -> bool:
+        """Whether the point is lost and not sought."""
+        return isinstance(self.tracker, PointTracker) and bool(self.tracker.lost[0])
 
     def _take(self, image: np.ndarray, time: float) -> Frame:
         """The last frame that this image lets be processed: itself, or an earlier one that waited for its readings."""
@@ -347,3 +396,4 @@ class ServoLoop:
         self.joint_delay = found_joint_delay(flows, times, *self._buffer.readings())
         if self.joint_delay:
             self.pipeline.restart(forget=True)
+            self._history.clear()
