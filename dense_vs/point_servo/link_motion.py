@@ -167,7 +167,7 @@ class _Normal:
     """Normal equations whose point blocks are eliminated."""
 
     def __init__(self, motion, positions, residual, weights, focal_guess, scale):
-        by_axes, by_point = _derivatives(motion, positions)
+        by_axes, by_point = (np.nan_to_num(one) for one in _derivatives(motion, positions))  # behind the camera: unseen
         heavy = by_axes * weights[..., None, None]
         heavy_point = by_point * weights[..., None, None]
         self.A = np.einsum("tkia,tkib->ab", heavy, by_axes, optimize=True)

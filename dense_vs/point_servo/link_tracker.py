@@ -21,7 +21,7 @@ TRACKED = 16  # that are sought in an image
 SPACING = 7  # px between corners
 RADIUS = 90  # px about the point in which corners are chosen
 SAME_LINK = 0.8  # relative difference in J up to which two pixels may be on one rigid link
-SEEDS = 8  # corners that the fit starts with
+SEEDS = 14  # corners that the fit starts with
 OWN_WEIGHT = 4.0  # of the point itself among the corners
 HARDLY = 1e-3  # weight of corners that do not fit by then
 KEYFRAMES = 60  # images of the babbling that are looked through
@@ -34,6 +34,7 @@ MOST_TURN = 0.5  # rad of a joint since a corner was seen last: it looks differe
 FORGOTTEN = 0.9  # of the offset an image where no corners agree
 LIKE, ALIKE = 0.8, 0.85  # correlations between which the point's own look comes to count alone
 MOST_APART = 4.0  # px, of the two
+MOST_OWN_APART = 2.0  # px, of the two, where the point's own look is taken for certain
 MARGIN = 8  # px about the known corners in which new ones are chosen
 RENEWED_CORRELATION = 0.9  # below it a corner's patch is taken anew
 LEAST_SHARE = 0.4  # of the images that a corner is seen in
@@ -44,10 +45,11 @@ AGREEMENT = 1.5  # px, of a corner with the others
 FOCAL_GUESS = 0.9  # of the image's width: a lens of 58 deg
 CHOSEN_EVERY = 5  # images, at most, new corners
 MOST_SPREAD = 1.0  # px, of the corners in sight
-MOST_UNCERTAIN = 0.6  # px, standard deviation by the fit
+MOST_UNCERTAIN = 0.35  # px, standard deviation by the fit
 REFINED_EVERY = 4  # keyframes
 FIT_ROUNDS = 4
 SHARPNESS = 4
+YOUNG = 0.05  # weight of a corner that is not proven yet
 PROVEN = 6  # keyframes that a new corner has to fit in
 
 
@@ -86,13 +88,13 @@ class LinkTracker:
         unlikeness: np.ndarray,
         *,
         joints: np.ndarray | None = None,
-        window: int = 25,
+        window: int = 19,
         lost_after: int = 15,
     ):
         self.patches = SurfacePatches(window)
         self.fit = np.inf
         self._lost_after = lost_after
-        self._correlation = 1.0
+        self._correlation, self._own_apart = 1.0, 0.0
         self.point = np.array(point, dtype=np.float64)
         self.motion: LinkMotion | None = None
         self.seen, self.unseen = 0, 0
@@ -126,8 +128,13 @@ class LinkTracker:
 
     @property
     def certain(self) -> bool:
-        """Whether corners in sight and the fitted motion agree on where the point is, to about 2 px."""
-        if self.unseen or self.spread > MOST_SPREAD or not self._kept:
+        """Whether it is known to about 2 px where the point is.
+
+        By its own look, with the link not far from agreeing, or by the corners in sight and the fit's own uncertainty.
+        """
+        if self._correlation >= ALIKE and self._own_apart <= MOST_OWN_APART:
+            return True
+        if self.unseen or self.spread > MOST_SPREAD:
             return False
         return self.uncertainty(self._positions) < MOST_UNCERTAIN
 
@@ -158,8 +165,9 @@ class LinkTracker:
         residual = places - expected
         weights = np.where(believed, _weights(correlation), 0.0)
         agree = self._agree(residual, weights * self._proven)
-        self.point = self._blended(expected[0] + self._offset, places[0], correlation[0] if believed[0] else 0.0)
-        self._correlation = float(correlation[0])
+        self._correlation = float(correlation[0]) if believed[0] else -1.0
+        self._own_apart = float(np.linalg.norm(places[0] - expected[0] - self._offset))
+        self.point = self._blended(expected[0] + self._offset, places[0], self._correlation)
         self._renew(gray, guess, expected, residual, correlation, believed & agree)
         self._missed = np.where(believed, 0, self._missed + inside)
         self._seen_at[believed] = positions
@@ -201,13 +209,13 @@ class LinkTracker:
             return used
         middle = np.median(residual[used], axis=0)
         agree = used & (np.linalg.norm(residual - middle, axis=1) < AGREEMENT)
-        self.seen = int(agree.sum())
-        if self.seen >= LEAST_SEEN:
+        self.seen = int(np.sum(agree & self._proven))
+        if agree.sum() >= LEAST_SEEN:
             heavy = weights * agree
             mean = heavy @ residual / heavy.sum()
             self.spread = float(np.sqrt(heavy @ np.sum((residual - mean) ** 2, axis=1) / heavy.sum()))
             self._offset += 0.5 * (mean - self._offset)
-            self.unseen = 0
+            self.unseen = 0 if self.seen >= LEAST_SEEN else self.unseen + 1
         else:
             self.unseen += 1
             self._offset *= FORGOTTEN
@@ -238,7 +246,7 @@ class LinkTracker:
     def _refine(self, iterations: int) -> None:
         assert self.motion is not None
         Q, Z, W = self._stacked()
-        trust = np.where(self._proven, 1.0, 0.05) * self._share
+        trust = np.where(self._proven, self._share, YOUNG)
         self.motion, _ = refine(
             self.motion, Q, Z, W * trust, focal_guess=self._focal_guess, iterations=iterations, scale=self._scale
         )
@@ -284,7 +292,7 @@ class LinkTracker:
         self._maps = np.concatenate([self._maps, np.tile(np.eye(2), (len(found), 1, 1))])
         self._seen_at = np.concatenate([self._seen_at, np.tile(positions, (len(found), 1))])
         self._residual = np.concatenate([self._residual, np.tile(self._offset, (len(found), 1))])
-        for name, value in (("_active", True), ("_share", 0.2), ("_proven", False), ("_missed", 0)):
+        for name, value in (("_active", True), ("_share", 0.5), ("_proven", False), ("_missed", 0)):
             old = getattr(self, name)
             setattr(self, name, np.concatenate([old, np.full(len(found), value, dtype=old.dtype)]))
 
