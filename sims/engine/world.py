@@ -66,6 +66,7 @@ class SimWorld:
             that are late; images on the device stay clean, and so does the truth.
         compliance: True, or a :class:`.compliance.Compliance`, for joints that are soft, late and read with noise, as a
             tendon-driven robot's; our robots only. The truth stays exact.
+        geom_groups: of an MJCF file, the groups of geoms that are drawn; 0, 1 and 2 unless given.
 
     Raises:
         DenseVSError: any argument that cannot be used; the message lists the valid ones.
@@ -89,6 +90,7 @@ class SimWorld:
         physics_on_device: bool = False,
         samples: int | None = None,
         realism: bool | Realism = False,
+        geom_groups: Sequence[int] | None = None,
     ):
         worlds = check_whole("worlds", worlds, least=1)
         self._realism = resolve_realism(realism)
@@ -100,6 +102,7 @@ class SimWorld:
         self._physics_on_device = physics_on_device
         self._choice = {"robot": robot, "joints": joints, "camera": camera, "distractor": distractor}
         self._compliance = self._choice["compliance"] = resolve_compliance(compliance)
+        self._choice["geom_groups"] = geom_groups
         self._choice["texture_sets"] = self._randomization.texture_sets
         self._load(check_whole("seed", seed, least=0))
 
