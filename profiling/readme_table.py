@@ -47,6 +47,7 @@ FRAME = (
 )
 
 LOOP, ONE, ROOFLINE = "closed_loop_h200", "closed_loop_h200_one", "roofline_h200"
+ORDER_2, MANY = "closed_loop_h200_order2", "closed_loop_h200_4096"
 WORLDS = "1024 worlds, cuda:0"
 BATCH = (
     (LOOP, f"closed loop, {WORLDS}", "whole loop with order 1, 1024 robots [frames/s]", "{:,.0f}"),
@@ -62,14 +63,20 @@ BATCH = (
         "reaches that end within 3 px of a random target by the simulator's truth",
         "{:.1%}",
     ),
+    (ORDER_2, f"closed loop, {WORLDS}", "whole loop with order 2, 1024 robots [frames/s]", "{:,.0f}"),
+    (ORDER_2, "J error after babbling, median, cuda:0", "its J error after babbling, median of 4 robots", "{:.2f}"),
+    (ORDER_2, f"device memory, {WORLDS}", "its memory [GiB]", "{:.1f}"),
+    (ORDER_2, f"share of reaches within 3 px, {WORLDS}", "its reaches that end within 3 px", "{:.1%}"),
+    (MANY, "closed loop, 4096 worlds, cuda:0", "whole loop with order 1, 4096 robots [frames/s]", "{:,.0f}"),
+    (MANY, "device memory, 4096 worlds, cuda:0", "its memory [GiB]", "{:.1f}"),
     (ONE, "image to command, 1 worlds, cuda:0", "one robot, order 1: from image to command [ms]", "{:.2f}"),
     (
         ROOFLINE,
         "share_of_copy_rate, shared, order 1, 512 worlds, cuda:0",
-        "predict and update with order 1, 512 worlds: share of the copy rate",
+        "share of the copy rate: one robot's default filter in 512 worlds, order 1",
         "{:.2f}",
     ),
-    (ROOFLINE, "share_of_copy_rate, shared, order 2, 512 worlds, cuda:0", "the same with order 2", "{:.2f}"),
+    (ROOFLINE, "share_of_copy_rate, shared, order 2, 512 worlds, cuda:0", "order 2", "{:.2f}"),
 )
 
 

@@ -23,6 +23,8 @@ FORMS: dict[str, dict[str, Any]] = {
     "diagonal": {"covariance": "diagonal", "prediction_iterations": 1},
     "shared, order 1": {"order": 1},
     "shared, order 2": {"order": 2},
+    "batch, order 1": {"order": 1, "prediction": "model"},
+    "batch, order 2": {"order": 2, "prediction": "model"},
 }
 FLOAT = 4  # bytes
 

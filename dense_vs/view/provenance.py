@@ -1,6 +1,7 @@
 """Where a result comes from, written beside it: date, commit, arguments, machine and versions."""
 
 import argparse
+import os
 import platform
 import shutil
 import subprocess
@@ -58,11 +59,15 @@ def versions() -> dict[str, str]:
 
 
 def commit() -> str | None:
-    """Commit of the source that runs, with ``+changes`` where tracked files differ; None outside of a checkout."""
+    """Commit of the source that runs, with ``+changes`` where tracked files differ.
+
+    Outside of a checkout, what the environment variable ``DENSE_VS_COMMIT`` says, as whoever built a wheel knows what
+    from; else None.
+    """
     source = Path(__file__)
     # A copy installed into an environment that lies inside some other checkout is not that checkout's.
     if shutil.which("git") is None or _git(source.parent, "ls-files", "--error-unmatch", source.name) is None:
-        return None
+        return os.environ.get("DENSE_VS_COMMIT")
     revision = _git(source.parent, "rev-parse", "HEAD")
     changed = _git(source.parent, "status", "--porcelain", "--untracked-files=no")
     return revision and revision + ("+changes" if changed else "")

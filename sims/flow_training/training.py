@@ -88,16 +88,21 @@ class PairRing:
         usual = (pairs.flow.abs().amax((1, 2, 3)) < 40) & pairs.flow.isfinite().all(3).all(2).all(1)
         return previous[usual], present[usual], pairs.flow[usual], pairs.moving[usual]
 
+    @property
+    def wanted(self) -> bool:
+        """Whether those rendered so far have been used often enough for new ones."""
+        return self.options.reuse * self.rendered <= self.used + self.options.first
+
     def keep_filling(self) -> None:
         """Until stopped; a failure is kept for the training thread."""
         try:
             stream = torch.cuda.Stream() if self.moving.is_cuda else None
             with torch.cuda.stream(stream):
                 while not self.stop.is_set():
-                    if self.options.reuse * self.rendered > self.used + self.options.first:
-                        time.sleep(0.002)
-                    else:
+                    if self.wanted:
                         self.fill()
+                    else:
+                        time.sleep(0.002)
         except BaseException as error:
             self.failure = error
 
@@ -213,11 +218,17 @@ def train(
     held_out = [ring.sample(options.batch) for _ in range(max(1, options.first // options.batch // 2))]
     ring.filled = ring.rendered = ring.used = 0  # the held-out scenes are overwritten
     ring.fill()
+    # A GPU renders beside the training steps. A CPU has nothing to spare for that, and PyTorch's threads, started from
+    # two sides at once, would wait for one another.
+    beside = trainer.device.type == "cuda"
     filler = threading.Thread(target=ring.keep_filling, daemon=True)
-    filler.start()
+    if beside:
+        filler.start()
     began = said = time.monotonic()
     mean, since = 0.0, 0
     while (passed := time.monotonic() - began) < 60 * options.minutes and ring.failure is None:
+        if not beside and ring.wanted:
+            ring.fill()
         mean += trainer.step(ring.sample(options.batch), passed / (60 * options.minutes))
         since += 1
         if time.monotonic() - said > 20 or since == 1 == trainer.steps:
@@ -229,7 +240,8 @@ def train(
             mean, since = 0.0, 0
             trainer.save(out)
     ring.stop.set()
-    filler.join()
+    if beside:
+        filler.join()
     if ring.failure is not None:
         raise ring.failure
     trainer.save(out)

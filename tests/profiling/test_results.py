@@ -13,16 +13,12 @@ RESULTS = ROOT / "profiling" / "results"
 ORIGIN = {"date", "commit", "arguments", "machine", "versions"}
 # Measured before the programs wrote all of that down; to be measured again, then nothing stands here.
 BEFORE = {
-    "closed_loop_h200",
-    "closed_loop_h200_one",
     "experiments",
     "generative",
     "peers_cold",
     "reducers",
     "roofline_cpu",
-    "roofline_h200",
     "scaling_cpu",
-    "scaling_h200",
     "segmentation",
     "self_body",
 }

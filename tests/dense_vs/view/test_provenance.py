@@ -36,7 +36,10 @@ def test_no_commit_outside_of_a_checkout(tmp_path, monkeypatch):
     stranger.parent.mkdir()
     stranger.write_text("")
     monkeypatch.setattr(module, "__file__", str(stranger))
+    monkeypatch.delenv("DENSE_VS_COMMIT", raising=False)
     assert commit() is None
+    monkeypatch.setenv("DENSE_VS_COMMIT", "abc")
+    assert commit() == "abc"
 
 
 def test_what_json_has_no_form_for_is_left_out():
