@@ -88,7 +88,7 @@ class LinkTracker:
         unlikeness: np.ndarray,
         *,
         joints: np.ndarray | None = None,
-        window: int = 19,
+        window: int = 25,
         lost_after: int = 15,
     ):
         self.patches = SurfacePatches(window)

@@ -93,9 +93,9 @@ class ServoLoop:
             them J is learned and the commanded step is zero. A command every frame unless given.
         body: labels the robot's own pixels, see :meth:`FramePipeline.labels`; once it knows some, what else moves no
             longer slows the babbling down.
-        renew_patch: correlation below which the patch of a point followed as "aligned" is taken anew as it looks now,
-            where it still aligns. A surface that rotates in depth is lost otherwise; every renewal may add some hundredths of a pixel
-            of drift. The first patch is kept unless given.
+        renew_patch: correlation below which the patch of a point that is followed as "aligned" is taken anew as it
+            looks now, where it still aligns. A surface that rotates in depth is lost otherwise; every renewal may add
+            some hundredths of a pixel of drift. The first patch is kept unless given.
         joint_delay: time that joint readings are behind the images [s], below 0 where the images are late. Unless given
             it is found in the first 2 s of babbling; where there is one, learning begins anew, and an image waits until
             the readings of its time are there.
