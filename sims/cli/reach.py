@@ -115,7 +115,7 @@ def run(arguments: argparse.Namespace) -> None:
     if isinstance(point, str):
         world.project(point)
     height, width = scaled_size((arguments.height, arguments.width), arguments.scale)
-    size = {"height": height, "width": width}
+    size: dict[str, Any] = {"height": height, "width": width}
     joints = len(world.joint_names)
     out = output_folder(arguments.out)
     view = ReachView(world.joint_names)
