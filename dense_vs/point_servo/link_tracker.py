@@ -151,6 +151,10 @@ class LinkTracker:
         assert self.motion is not None
         self._positions = positions = np.asarray(positions, dtype=np.float64)[self._joints]
         expected = self.motion.project(positions)[0]
+        if not np.isfinite(expected[0]).all():  # behind the camera, by a motion that is wrong here
+            self.seen, self.unseen, self._correlation = 0, self.unseen + 1, -1.0
+            return self.point
+        expected = np.where(np.isfinite(expected), expected, -1e6)
         recent = (self._missed < 3)[:, None]
         guess = expected + np.where(recent, self._residual, self._offset)
         inside = self._worth_seeking(guess, positions)

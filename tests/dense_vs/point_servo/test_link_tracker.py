@@ -1,5 +1,7 @@
 """A point of a textured plate that three joints turn in space: followed, covered, found again, never taken for sure."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from planar_scene import PlanarScene
@@ -109,3 +111,12 @@ def test_too_little_seen_is_no_link(plate):
     assert LinkTracker(babbled(plate)[-5:], START, alike()).motion is None
     flat = [(HIDDEN, q) for _, q in babbled(plate)]
     assert LinkTracker(flat, START, alike()).motion is None
+
+
+def test_a_posture_that_the_motion_cannot_show_leaves_the_point_where_it_was(plate, tracker):
+    before = tracker.point.copy()
+    tracker.motion = replace(tracker.motion, points=tracker.motion.points * [1, 1, -1])
+    tracker.update(HIDDEN, np.zeros(3), alike)
+    np.testing.assert_array_equal(tracker.point, before)
+    assert tracker.unseen == 1
+    assert not tracker.certain
