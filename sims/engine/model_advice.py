@@ -59,7 +59,7 @@ def _sagging(scene: "Scene") -> list[str]:
     """Joints that leave their place while their target stands still."""
     model, state = scene.model, mujoco.MjData(scene.model)
     state.qpos[:], state.ctrl[:] = scene.home_qpos, scene.home_ctrl
-    places = model.jnt_qposadr[scene.joints]
+    places = model.jnt_qposadr[scene.joint_ids]
     moved = np.zeros(len(places))
     for _ in range(round(HELD_SECONDS / model.opt.timestep)):
         mujoco.mj_step(model, state)

@@ -22,7 +22,7 @@ class Plate:
         axes /= np.linalg.norm(axes, axis=1, keepdims=True)
         places = np.array([[-0.15, 0.1, 1.1], [0.05, 0.2, 1.2], [0.2, 0.0, 1.15]])
         places -= axes * np.sum(axes * places, axis=1, keepdims=True)
-        center = self.scene.centre
+        center = self.scene.center
         self.chain = LinkMotion(np.zeros(3), axes, places, 115.0, center, np.zeros((1, 3))).with_points(START)
 
     def image(self, q):
