@@ -3,7 +3,7 @@
 from collections import deque
 from collections.abc import Callable, Sequence
 from dataclasses import replace
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 
@@ -16,9 +16,12 @@ from dense_vs.health.faults import Fault, FaultKind
 from dense_vs.health.joint_watch import JointWatch
 from dense_vs.health.motion_check import BABBLING_SHARE, LEAST_SHARE
 from dense_vs.jacobian.estimator import DenseJacobian
-from dense_vs.pipeline.frame_pipeline import BODY_FLOW, LEARNED_UPDATES, MOST_BRIDGED, Frame, FramePipeline
+from dense_vs.pipeline.frame_pipeline import BODY_FLOW, Frame, FramePipeline
+from dense_vs.point_servo.following import follow, pacing_flow
 from dense_vs.point_servo.joint_stream import JointStream
 from dense_vs.point_servo.law import VisualServo
+from dense_vs.point_servo.link_of_point import HISTORY, link_tracker
+from dense_vs.point_servo.link_tracker import LinkTracker
 from dense_vs.point_servo.reach import Reach, ReachEnd
 from dense_vs.point_servo.same_surface import same_surface
 from dense_vs.point_servo.tracker import Method, PointTracker
@@ -27,7 +30,6 @@ from dense_vs.robot.command_gate import MAX_AGE, CommandGate
 from dense_vs.robot.joint_group import JointGroup
 from dense_vs.robot.protocols import Camera, Robot
 
-LEAST_BODY = 0.01  # share of the image that makes the robot's own pixels count as known
 MOST_GAP = 2.0  # s between two images, after which the loop begins anew with what it has learned
 MOST_HELD = 30  # images that wait for their joint readings; a robot whose readings stop is not waited for
 
@@ -50,9 +52,9 @@ class ServoLoop:
             them J is learned and the commanded step is zero. A command every frame unless given.
         body: labels the robot's own pixels, see :meth:`FramePipeline.labels`; once it knows some, what else moves no
             longer slows the babbling down.
-        renew_patch: correlation below which the tracked point's patch is taken anew as it looks now, where it still
-            aligns. A surface that rotates in depth is lost otherwise; every renewal may add some hundredths of a pixel
-            of drift. The first patch is kept unless given.
+        renew_patch: correlation below which the patch of a point that is followed as "aligned" is taken anew as it
+            looks now, where it still aligns. A surface that rotates in depth is lost otherwise; every renewal may add
+            some hundredths of a pixel of drift. The first patch is kept unless given.
         joint_delay: time that joint readings are behind the images [s], below 0 where the images are late. Unless given
             it is found in the first 2 s of babbling; where there is one, learning begins anew, and an image waits until
             the readings of its time are there.
@@ -121,7 +123,8 @@ class ServoLoop:
         size = estimator.options.height, estimator.options.width
         shared = self.pipeline.flow.method == BODY_FLOW
         self._tracking_flow = self.pipeline.flow if shared else FlowEstimator(BODY_FLOW, *size)
-        self.tracker: PointTracker | None = None
+        self.tracker: PointTracker | LinkTracker | None = None
+        self._history: deque[tuple[np.ndarray, np.ndarray]] = deque(maxlen=HISTORY)
         self.target: np.ndarray | None = None
         self.on_frame = on_frame
         delay = None if joint_delay is None else check_number("joint_delay", joint_delay)
@@ -180,6 +183,8 @@ class ServoLoop:
         if self.tracker is not None and seen and frame is not self._followed:
             self._follow_point(self.tracker, frame)
             frame = self._frame
+        if seen and frame.measured is not None and (not self._history or self._history[-1][0] is not frame.gray):
+            self._history.append((frame.gray, frame.positions))
         if self.on_frame is not None:
             self.on_frame(self)
         return frame
@@ -222,13 +227,14 @@ class ServoLoop:
         frame = self.step(self._when_due(self._babbling_step))
         if self.joints.finding and self.joints.find_delay(self.frame.time, self.frame.flow):
             self.pipeline.restart(forget=True)
+            self._history.clear()
         return frame
 
     def define_point(
         self,
         point: Any,
         *,
-        method: Method = "aligned",
+        method: Method | Literal["link"] = "link",
         window: int = 25,
         min_correlation: float = 0.85,
         max_jump: float = 2.5,
@@ -241,8 +247,17 @@ class ServoLoop:
 
         Args:
             point: ``(2,)`` [px].
-            method, window, min_correlation, max_jump, lost_after: how it is followed, see :class:`PointTracker`.
+            method: ``"link"``, by the motion of its whole link, see :class:`LinkTracker`, where the images so far
+                show such a link, else as ``"aligned"``; or one of :class:`PointTracker`.
+            window, lost_after, min_correlation, max_jump: see :class:`PointTracker`.
         """
+        if method == "link":
+            method = "aligned"
+            place = point_array(point, "point")
+            settings = {"window": window, "lost_after": lost_after}
+            link = link_tracker(self.estimator, self._history, self.frame, place, **settings)
+        else:
+            link = None
         self.tracker = PointTracker(
             point,
             self.frame.gray,
@@ -253,10 +268,15 @@ class ServoLoop:
             max_jump=max_jump,
             lost_after=lost_after,
         )
+        if link is not None:
+            self.tracker = link
         self._followed = self._frame
 
     def reach(self, target: Any, *, tolerance: float = 1.0, settle_frames: int = 5, max_frames: int = 150) -> Reach:
-        """Servo the defined point to a target by DIJE (17); stops when the tracker has lost the point.
+        """Servo the defined point to a target by DIJE (17).
+
+        Stops when the tracker has lost the point. One that is followed by its link is sought on, and counts as reached
+        only where what is seen of the link agrees on its place.
 
         Args:
             target: ``(2,)`` [px].
@@ -275,7 +295,7 @@ class ServoLoop:
         self.target, found = goal, {}
         settled = frames = 0
         distance = float(np.hypot(*(self.point - self.target)))
-        while frames < max_frames and settled < settle_frames and not self._lost:
+        while frames < max_frames and not (settled >= settle_frames and self._certain) and not self._given_up:
             self.step(self._when_due(self._servo_step))
             frames += 1
             distance = float(np.hypot(*(self.point - self.target)))
@@ -283,29 +303,12 @@ class ServoLoop:
             blind = any(fault.stops for fault in self.faults)
             settled = settled + 1 if distance <= tolerance and not blind else 0
         end = ReachEnd.REACHED if settled >= settle_frames else ReachEnd.MISSED
-        if self._lost:
+        if not self._certain:
             end = ReachEnd.LOST
         return Reach((float(goal[0]), float(goal[1])), frames, distance, end, tuple(found.values()))
 
-    def _pacing_flow(self) -> np.ndarray | None:
-        """The last frame's image motion: J dq once J is learned, which neither noise nor others' motion slows down.
-
-        Without what is known not to be the robot, once the robot itself is known.
-        """
-        frame, body = self.frame, self.pipeline.body
-        if frame.dq is None:
-            return None
-        learned = self.estimator.updates > LEARNED_UPDATES
-        flow = self.estimator.predicted_flow(frame.dq) if learned else frame.flow
-        if flow is None or body is None:
-            return flow
-        found = body.recognition(self.estimator.jacobian)
-        if np.mean(found == 1) < LEAST_BODY:
-            return flow
-        return np.where((found == 0)[..., None], np.float32(np.nan), flow)
-
     def _babbling_step(self) -> np.ndarray:
-        return self.group.clip_step(self.babbling.step(self._pacing_flow()), self.frame.positions)
+        return self.group.clip_step(self.babbling.step(pacing_flow(self.pipeline, self.frame)), self.frame.positions)
 
     def _servo_step(self) -> np.ndarray:
         J, q = self.estimator.at(self.point)[0], self.joints.newest  # DIJE (16)
@@ -327,20 +330,19 @@ class ServoLoop:
         )
         return choose()
 
-    def _renew_patch(self, tracker: PointTracker) -> None:
-        if self.renew_patch is None or tracker.lost[0]:
-            return
-        # Not where it does not align: something else may cover it.
-        if tracker.options.min_correlation <= float(tracker.correlation[0]) < self.renew_patch:
-            tracker.redefine(tracker.points, self.frame.gray, same_surface(self.estimator, tracker.points[0]))
-
     def _judge_motion(self, least_share: float) -> None:
         if self.pipeline.check is not None:
             self.pipeline.check.least_share = least_share
 
     @property
-    def _lost(self) -> bool:
-        return self.tracker is not None and bool(self.tracker.lost[0])
+    def _certain(self) -> bool:
+        """Whether it is known where the point is."""
+        return self.tracker.certain if isinstance(self.tracker, LinkTracker) else not self._given_up
+
+    @property
+    def _given_up(self) -> bool:
+        """Whether the point is lost and not sought."""
+        return isinstance(self.tracker, PointTracker) and bool(self.tracker.lost[0])
 
     def _take(self, image: np.ndarray, time: float) -> Frame:
         """The last frame that this image lets be processed: itself, or an earlier one that waited for its readings."""
@@ -363,6 +365,7 @@ class ServoLoop:
         late = self.joints.find_lateness(list(check.recent))
         if late is not None:
             self.pipeline.restart()
+            self._history.clear()
             self._say(late)
         return self._frame
 
@@ -378,17 +381,9 @@ class ServoLoop:
         late = self._newest - self.frame.time
         return f"the image is {late:.3f} s old" if late > MAX_AGE + max(self.joints.delay, 0.0) else ""
 
-    def _follow_point(self, tracker: PointTracker, frame: Frame) -> None:
+    def _follow_point(self, tracker: PointTracker | LinkTracker, frame: Frame) -> None:
         """Take the tracked point along from the last frame that it was followed in, and say where it is not seen."""
         last, self._followed = self._followed, frame
-        dq = frame.positions - last.positions
-        if self.pipeline.motion(dq) > MOST_BRIDGED:
-            flow = self.estimator.predicted_flow(dq)
-        else:
-            flow = self._tracking_flow(last.gray, frame.gray)
-        tracker.update(flow, frame.gray)
-        correlation = float(tracker.correlation[0])
-        if correlation < tracker.options.min_correlation:
-            text = f"its surroundings correlate by {correlation:.2f} with how they were"
-            self._say(Fault(FaultKind.POINT, text, stops=False, holds=False))
-        self._renew_patch(tracker)
+        unseen = follow(tracker, self.pipeline, self._tracking_flow, last, frame, self.renew_patch)
+        if unseen:
+            self._say(Fault(FaultKind.POINT, unseen, stops=False, holds=False))

@@ -9,10 +9,16 @@ from dense_vs.jacobian.estimator import DenseJacobian
 SAME_SURFACE = 0.5  # relative difference in J below which two pixels count as one surface
 
 
-def same_surface(estimator: DenseJacobian, point: Any) -> np.ndarray | None:
-    """Bool ``(H, W)``: pixels that move as the point ``(2,)`` [px] does; None where J says nothing there yet."""
+def unlikeness(estimator: DenseJacobian, point: Any) -> np.ndarray | None:
+    """``(H, W)`` difference of every J from the point's, relative to the point's; None where J is 0."""
     own = estimator.at(point)[0]
     size = np.linalg.norm(own)
     if size == 0:
         return None
-    return np.linalg.norm(estimator.to_numpy() - own, axis=(2, 3)) <= SAME_SURFACE * size
+    return np.linalg.norm(estimator.to_numpy() - own, axis=(2, 3)) / size
+
+
+def same_surface(estimator: DenseJacobian, point: Any) -> np.ndarray | None:
+    """Bool ``(H, W)``: pixels that move as the point ``(2,)`` [px] does; None where J says nothing there yet."""
+    unlike = unlikeness(estimator, point)
+    return None if unlike is None else unlike <= SAME_SURFACE

@@ -1,6 +1,7 @@
 """Arguments of every command that simulates a robot."""
 
 import argparse
+import sys
 from typing import TYPE_CHECKING
 
 from dense_vs.cli.options import add_device_arguments
@@ -22,6 +23,11 @@ def add_world_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument("--joints", metavar="A,B,C", help="joints to use (default: all with a position actuator)")
     parser.add_argument("--camera", metavar="NAME", help="camera of the model (default: its first)")
+    parser.add_argument(
+        "--geom-groups",
+        metavar="A,B",
+        help="groups of the MJCF file's geoms that are drawn, where collision shapes are others (default: 0,1,2)",
+    )
     parser.add_argument("--height", type=int, default=240, metavar="PX", help="image height in pixels (default: 240)")
     parser.add_argument("--width", type=int, default=320, metavar="PX", help="image width in pixels (default: 320)")
     parser.add_argument(
@@ -52,12 +58,14 @@ def make_world(arguments: argparse.Namespace) -> "SimWorld":
         DenseVSError: the ``sims`` extra is not installed, or an argument cannot be used.
     """
     try:
+        from dense_vs.sims.engine.model_advice import advice
+        from dense_vs.sims.engine.robots import ROBOTS
         from dense_vs.sims.engine.world import SimWorld
     except ImportError as error:
         raise DenseVSError(
             f"simulation needs {error.name}, which is not installed; pip install 'dense-vs[sims]'"
         ) from error
-    return SimWorld(
+    world = SimWorld(
         arguments.robot,
         joints=arguments.joints.split(",") if arguments.joints else None,
         camera=arguments.camera,
@@ -69,4 +77,16 @@ def make_world(arguments: argparse.Namespace) -> "SimWorld":
         distractor=arguments.distractor,
         compliance=arguments.compliance,
         realism=arguments.realism,
+        geom_groups=_whole_numbers(arguments.geom_groups),
     )
+    if arguments.robot not in ROBOTS:
+        for sentence in advice(world.scene):
+            print(f"note: {sentence}", file=sys.stderr)
+    return world
+
+
+def _whole_numbers(text: str | None) -> list[int] | None:
+    try:
+        return None if text is None else [int(part) for part in text.split(",")]
+    except ValueError:
+        raise DenseVSError(f"--geom-groups is {text!r}; expected whole numbers such as 1,2") from None

@@ -5,7 +5,7 @@ import time
 from collections.abc import Sequence
 from contextlib import nullcontext
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, get_args
 
 import numpy as np
 
@@ -14,8 +14,9 @@ from dense_vs.errors import DenseVSError
 from dense_vs.files import output_folder, write_json
 from dense_vs.flow.estimator import FlowEstimator
 from dense_vs.jacobian.estimator import DenseJacobian
+from dense_vs.pipeline.frame_pipeline import scaled_size
 from dense_vs.point_servo.law import VisualServo
-from dense_vs.point_servo.tracker import TrackerOptions
+from dense_vs.point_servo.tracker import Method, TrackerOptions
 from dense_vs.recording.video_writer import VideoWriter
 from dense_vs.sims.cli.options import add_world_arguments, make_world
 from dense_vs.view.panels import ReachView
@@ -60,9 +61,41 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument(
         "--tracker",
-        default="aligned",
+        default="link",
         metavar="METHOD",
-        help="aligned, fixed_point, or paper, DIJE (15) (default: aligned)",
+        help="how the point is followed: link, by its whole rigid link; aligned, fixed_point, or paper, DIJE (15) "
+        "(default: link)",
+    )
+    parser.add_argument(
+        "--window", type=int, default=25, metavar="PX", help="side of the patches that are followed, odd (default: 25)"
+    )
+    parser.add_argument(
+        "--min-correlation",
+        type=float,
+        default=0.85,
+        metavar="C",
+        help="of the tracker aligned: least correlation at which a patch counts as seen (default: 0.85)",
+    )
+    parser.add_argument(
+        "--lost-after",
+        type=int,
+        default=15,
+        metavar="N",
+        help="frames without sight of it after which a point counts as lost (default: 15)",
+    )
+    parser.add_argument(
+        "--scale",
+        type=float,
+        default=1.0,
+        metavar="S",
+        help="factor on the images' size, one over a whole number (default: 1)",
+    )
+    parser.add_argument(
+        "--range",
+        type=float,
+        default=0.8,
+        metavar="SHARE",
+        help="share of the joints' range that targets are drawn from, 0 to 1 (default: 0.8)",
     )
     parser.add_argument("--no-video", action="store_true", help="do not draw the video")
     add_world_arguments(parser)
@@ -77,13 +110,15 @@ def run(arguments: argparse.Namespace) -> None:
         raise DenseVSError("--targets and --max-frames are whole numbers of at least 1")
     check_number("--babble", arguments.babble, above=0, most=LONGEST)
     check_number("--gain", arguments.gain, above=0)
-    TrackerOptions(method=arguments.tracker)  # wrong here, not after the babbling
+    check_number("--range", arguments.range, above=0, most=1)
+    tracker = _tracker_options(arguments)
     point = _point(arguments.point)
     started = time.perf_counter()
     world = make_world(arguments)
     if isinstance(point, str):
         world.project(point)
-    size = {"height": arguments.height, "width": arguments.width}
+    height, width = scaled_size((arguments.height, arguments.width), arguments.scale)
+    size: dict[str, Any] = {"height": height, "width": width}
     joints = len(world.joint_names)
     out = output_folder(arguments.out)
     view = ReachView(world.joint_names)
@@ -101,6 +136,7 @@ def run(arguments: argparse.Namespace) -> None:
             point=point,
             seed=arguments.seed,
             babble_seconds=arguments.babble,
+            scale=arguments.scale,
             on_frame=after_frame,
             estimator=DenseJacobian(
                 **size, joints=joints, device=arguments.device, threads=arguments.threads, on_bad_flow="skip"
@@ -109,8 +145,8 @@ def run(arguments: argparse.Namespace) -> None:
             flow=FlowEstimator(arguments.flow, **size),
         )
         learned = experiment.learn()
-        experiment.choose(method=arguments.tracker)
-        targets = experiment.targets(arguments.targets)
+        experiment.choose(**tracker)
+        targets = experiment.targets(arguments.targets, share_of_range=arguments.range)
         measured = []
         for number, target in enumerate(targets):
             bar.set_description(f"target {number + 1} of {len(targets)}")
@@ -140,6 +176,20 @@ def run(arguments: argparse.Namespace) -> None:
         f"{close} of {len(measured)} targets within {REACHED_PX:g} px (true error); "
         f"{len(experiment.trace.times)} frames in {seconds:.1f} s, simulation included; results in {out}"
     )
+
+
+def _tracker_options(arguments: argparse.Namespace) -> dict[str, Any]:
+    """Options of :meth:`ServoLoop.define_point`; wrong ones are refused here, not after the babbling."""
+    methods = ("link", *get_args(Method))
+    if arguments.tracker not in methods:
+        raise DenseVSError(f"--tracker is {arguments.tracker!r}; expected one of {', '.join(methods)}")
+    options = {
+        "window": arguments.window,
+        "min_correlation": arguments.min_correlation,
+        "lost_after": arguments.lost_after,
+    }
+    TrackerOptions(**options)
+    return {"method": arguments.tracker, **options}
 
 
 def _of_target(measured: "MeasuredReach") -> dict[str, Any]:

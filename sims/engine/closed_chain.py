@@ -76,13 +76,15 @@ class ClosedChain:
         state.qpos[:] = qpos
         mujoco.mj_kinematics(model, state)
         mujoco.mj_comPos(model, state)
+        mujoco.mj_tendon(model, state)  # an equality constraint may tie tendons
         mujoco.mj_makeConstraint(model, state)
         rows = state.efc_type == int(mujoco.mjtConstraint.mjCNSTR_EQUALITY)
         jacobian = np.zeros((state.nefc, model.nv))
         if mujoco.mj_isSparse(model):
             mujoco.mju_sparse2dense(jacobian, state.efc_J, state.efc_J_rownnz, state.efc_J_rowadr, state.efc_J_colind)
         else:
-            jacobian[:] = state.efc_J.reshape(state.nefc, model.nv)
+            # Room is made for every row; those that are all zero are left out.
+            jacobian[:] = state.efc_J.reshape(-1, model.nv)[: state.nefc]
         return state.efc_pos[rows].copy(), jacobian[rows]
 
 

@@ -20,6 +20,7 @@ from dense_vs.sims.engine.built_scenes import ARM_NAMES, scene_file
 from dense_vs.sims.engine.closed_chain import ClosedChain
 from dense_vs.sims.engine.compliance import Compliance, soften
 from dense_vs.sims.engine.distractor import DISTRACTORS
+from dense_vs.sims.engine.model_advice import draw_groups, other_drives
 from dense_vs.sims.engine.robots import ROBOTS, TOOLS, RobotModel, hold_tool, home_posture, turn_camera
 from dense_vs.sims.engine.textures import paint_geoms
 
@@ -59,6 +60,7 @@ def load_scene(
     distractor: str,
     texture_sets: int = 1,
     compliance: Compliance | None = None,
+    geom_groups: Sequence[int] | None = None,
 ) -> Scene:
     """Compile a robot's model and resolve the names in it.
 
@@ -68,10 +70,14 @@ def load_scene(
     """
     ours = ROBOTS.get(robot) if isinstance(robot, str) else None
     if ours:
+        if geom_groups is not None:
+            raise DenseVSError(f"geom_groups is {geom_groups!r}; expected None with a robot of ours")
         model = _our_model(ours, seed, distractor, texture_sets, compliance)
     else:
         path = scene_file(robot) if isinstance(robot, str) and robot in ARM_NAMES else robot
         model = _file_model(path, distractor, compliance)
+        if geom_groups is not None:
+            draw_groups(model, geom_groups)
     mocap = -1
     if distractor != "none":
         mocap = int(model.body_mocapid[model.body(DISTRACTORS[distractor].body).id])
@@ -201,7 +207,10 @@ def _position_actuators(model: mujoco.MjModel) -> dict[int, int]:
 def _find_joints(model: mujoco.MjModel, joints: Sequence[str] | None, actuated: dict[int, int]) -> list[int]:
     valid = [_name(model, "joint", j) for j in sorted(actuated)]
     if not valid:
-        raise DenseVSError("no joint of the model has a position actuator; expected at least one <position joint=...>")
+        raise DenseVSError(
+            f"no joint of the model has a position actuator{other_drives(model)}; expected at least one "
+            "<position joint=...>"
+        )
     if joints is None:
         return sorted(actuated)
     names = [_name(model, "joint", j) for j in range(model.njnt)]
@@ -212,7 +221,8 @@ def _find_joints(model: mujoco.MjModel, joints: Sequence[str] | None, actuated: 
             kind = kind.name.removeprefix("mjJNT_").lower()
             raise DenseVSError(f"joint {joint!r} is of type {kind}; expected a hinge or slide: {_listed(valid)}")
         if index not in actuated:
-            raise DenseVSError(f"joint {joint!r} has no position actuator; expected one of {_listed(valid)}")
+            drive = other_drives(model, index)
+            raise DenseVSError(f"joint {joint!r} has no position actuator{drive}; expected one of {_listed(valid)}")
     return found
 
 

@@ -10,6 +10,12 @@ from dense_vs.sims.engine.surface_points import SurfacePoint
 from dense_vs.sims.engine.world import SimWorld
 
 ATTEMPTS = 2000
+_CRITERIA = {
+    "loop": "In {0} postures a loop of the chain cannot close",
+    "outside": "in {0} the point is outside the image or less than {1:g} px from its border",
+    "near": "in {0} it is less than {2:g} px from the target before",
+    "hidden": "in {0} something covers it, or it is turned away",
+}
 
 
 def reachable_targets(
@@ -79,7 +85,7 @@ def _targets_of_world(
     else:
         home = scene.home_qpos[columns]
         low, high = np.maximum(low, home - reach), np.minimum(high, home + reach)
-    targets = []
+    targets, refused = [], dict.fromkeys(_CRITERIA, 0)
     for _ in range(ATTEMPTS):
         if len(targets) == count:
             break
@@ -87,6 +93,7 @@ def _targets_of_world(
         posture[columns] = (low + high) / 2 + (high - low) / 2 * random.uniform(-1, 1, len(columns))
         data.qpos[:], closed = scene.chain.closed(model, posture)
         if not closed:
+            refused["loop"] += 1
             continue
         data.mocap_pos[:] = present.mocap_pos
         data.mocap_quat[:] = present.mocap_quat
@@ -98,14 +105,15 @@ def _targets_of_world(
         position = surface_points.world_point(data, geom, point.local[number])
         pixel = surface_points.project(position, world.intrinsics, pose)
         inside = np.all(pixel >= border) and np.all(pixel <= (width - 1 - border, height - 1 - border))
-        if not inside or np.hypot(*(pixel - previous)) < least_distance:
-            continue
-        if not surface_points.is_seen(model, data, pose, geom, position):
+        near = np.hypot(*(pixel - previous)) < least_distance
+        if not inside or near or not surface_points.is_seen(model, data, pose, geom, position):
+            refused["outside" if not inside else "near" if near else "hidden"] += 1
             continue
         targets.append(pixel)
         previous = pixel
     if len(targets) < count:
         raise DenseVSError(
-            f"found {len(targets)} targets in {ATTEMPTS} random postures in world {number}; expected {count}"
+            f"found {len(targets)} targets in {ATTEMPTS} random postures in world {number}; expected {count}. "
+            + ", ".join(_CRITERIA[why].format(times, border, least_distance) for why, times in refused.items() if times)
         )
     return np.array(targets).reshape(count, 2)

@@ -1,9 +1,6 @@
 """The simulated world: a robot before a camera, whose images come with exact flow, Jacobian and mask.
 
-world = SimWorld("arm", seed=3)
-world.step([0.02, 0.0, -0.01, 0.0])
-image = world.frame().rgb
-world.true_jacobian(), world.true_flow(), world.project("tip")
+image = SimWorld("arm", seed=3).frame().rgb
 """
 
 import os
@@ -67,6 +64,7 @@ class SimWorld:
             that are late; images on the device stay clean, and so does the truth.
         compliance: True, or a :class:`.compliance.Compliance`, for joints that are soft, late and read with noise, as a
             tendon-driven robot's; our robots only. The truth stays exact.
+        geom_groups: of an MJCF file's geoms, those drawn; 0, 1 and 2 unless given.
 
     Raises:
         DenseVSError: any argument that cannot be used; the message lists the valid ones.
@@ -90,6 +88,7 @@ class SimWorld:
         physics_on_device: bool = False,
         samples: int | None = None,
         realism: bool | Realism = False,
+        geom_groups: Sequence[int] | None = None,
     ):
         worlds = check_whole("worlds", worlds, least=1, most=MAX_WORLDS)
         self._realism = resolve_realism(realism)
@@ -102,6 +101,7 @@ class SimWorld:
         self._physics_on_device = check_flag("physics_on_device", physics_on_device)
         self._choice = {"robot": robot, "joints": joints, "camera": camera, "distractor": distractor}
         self._compliance = self._choice["compliance"] = resolve_compliance(compliance)
+        self._choice["geom_groups"] = geom_groups
         self._choice["texture_sets"] = self._randomization.texture_sets
         self._load(check_whole("seed", seed, least=0))
 

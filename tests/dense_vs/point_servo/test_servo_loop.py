@@ -172,7 +172,7 @@ def test_a_patch_that_is_renewed_stays_on_its_point(scene):
     loop.babble(4.0)
     start = np.array([60.0, 50.0])
     on_plane = scene.to_plane(start, robot.q)
-    loop.define_point(start)
+    loop.define_point(start, method="aligned")
     renewed = []
     loop.on_frame = lambda loop: renewed.append(float(loop.tracker.correlation[0]) == 1.0)
     for target in ([72.0, 44.0], [54.0, 56.0]):

@@ -27,6 +27,31 @@ CRANK = """
 <equality><connect site1="end" site2="piston"/></equality>
 <actuator><position joint="crank"/></actuator></mujoco>
 """
+# A finger that a tendon over both joints lets follow another, and a second tendon with a limit, as in shipped hands.
+FINGERS = """
+<mujoco><compiler angle="radian"/><option jacobian="{form}"/><worldbody>
+  <body><joint name="driven"/><geom size="0.1"/></body>
+  <body pos="0 1 0"><joint name="finger" frictionloss="0.1" range="-1 1" limited="true"/><geom size="0.1"/></body>
+  <body pos="1 1 0"><joint name="loose"/><geom size="0.1"/></body>
+</worldbody>
+<tendon>
+  <fixed name="tie"><joint joint="finger" coef="1"/><joint joint="driven" coef="-0.5"/></fixed>
+  <fixed name="stop" limited="true" range="-1 1" frictionloss="0.1"><joint joint="loose" coef="1"/></fixed>
+</tendon>
+<equality><tendon tendon1="tie"/></equality>
+<actuator><position joint="driven" kp="100"/></actuator></mujoco>
+"""
+
+
+@pytest.mark.parametrize("form", ["dense", "sparse"])
+def test_a_finger_that_a_tendon_ties(form):
+    model = mujoco.MjModel.from_xml_string(FINGERS.format(form=form))
+    chain = ClosedChain(model, np.array([0]), np.zeros(3))
+    assert [model.joint(int(j)).name for j in chain.passive] == ["finger"]
+    posture, closed = chain.closed(model, np.array([0.4, 0.0, 0.7]))
+    assert closed
+    np.testing.assert_allclose(posture, [0.4, 0.2, 0.7], atol=1e-8)
+    np.testing.assert_allclose(chain.coupling(model, posture), [[0.5]], atol=1e-8)
 
 
 def test_a_mimic_joint():

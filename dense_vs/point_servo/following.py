@@ -1,0 +1,55 @@
+"""One image's step of following a point, by whichever tracker follows it, and what sets the pace of babbling."""
+
+import numpy as np
+
+from dense_vs.flow.estimator import FlowEstimator
+from dense_vs.pipeline.frame_pipeline import LEARNED_UPDATES, MOST_BRIDGED, Frame, FramePipeline
+from dense_vs.point_servo.link_tracker import LinkTracker
+from dense_vs.point_servo.same_surface import same_surface, unlikeness
+from dense_vs.point_servo.tracker import PointTracker
+
+LEAST_BODY = 0.01  # share of the image that makes the robot's own pixels count as known
+
+
+def follow(
+    tracker: PointTracker | LinkTracker,
+    pipeline: FramePipeline,
+    tracking_flow: FlowEstimator,
+    last: Frame,
+    frame: Frame,
+    renew_patch: float | None,
+) -> str:
+    """Take a point along from one frame to another; why it is not seen, empty where it is."""
+    estimator = pipeline.estimator
+    if isinstance(tracker, LinkTracker):
+        tracker.update(frame.gray, frame.positions, lambda: unlikeness(estimator, tracker.point))
+        return "too few corners of its link are seen where they are expected" if tracker.unseen else ""
+    dq = frame.positions - last.positions
+    if pipeline.motion(dq) > MOST_BRIDGED:
+        flow = estimator.predicted_flow(dq)
+    else:
+        flow = tracking_flow(last.gray, frame.gray)
+    tracker.update(flow, frame.gray)
+    correlation, least = float(tracker.correlation[0]), tracker.options.min_correlation
+    # Not renewed where it does not align: something else may cover it.
+    if renew_patch is not None and not tracker.lost[0] and least <= correlation < renew_patch:
+        tracker.redefine(tracker.points, frame.gray, same_surface(estimator, tracker.points[0]))
+    return f"its surroundings correlate by {correlation:.2f} with how they were" if correlation < least else ""
+
+
+def pacing_flow(pipeline: FramePipeline, frame: Frame) -> np.ndarray | None:
+    """The last frame's image motion: J dq once J is learned, which neither noise nor others' motion slows down.
+
+    Without what is known not to be the robot, once the robot itself is known.
+    """
+    estimator, body = pipeline.estimator, pipeline.body
+    if frame.dq is None:
+        return None
+    learned = estimator.updates > LEARNED_UPDATES
+    flow = estimator.predicted_flow(frame.dq) if learned else frame.flow
+    if flow is None or body is None:
+        return flow
+    found = body.recognition(estimator.jacobian)
+    if np.mean(found == 1) < LEAST_BODY:
+        return flow
+    return np.where((found == 0)[..., None], np.float32(np.nan), flow)
