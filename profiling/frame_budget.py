@@ -91,8 +91,8 @@ def stage_times(
         clock.wrap(loop.pipeline, "flow", "flow")
         clock.wrap(loop, "_tracking_flow", "flow")
         clock.wrap(loop.robot, "joints", "joint step")
-        clock.wrap(loop._buffer, "add", "joint step")
-        clock.wrap(loop._buffer, "at", "joint step")
+        clock.wrap(loop.joints, "read", "joint step")
+        clock.wrap(loop.joints, "at", "joint step")
         clock.wrap(estimator, "update", "update")
         clock.wrap(estimator, "predict", "update")
         launches = {"regress": "gain", "update_gain": "gain", "predict": "predicted flow", "correct": "correction"}

@@ -32,7 +32,8 @@ class SelfMotionOptions:
         unexplained: share of the motion's energy that the joints may leave unexplained on the body, where no image
             says more.
         least_energy: of flow and of what is unexplained; with less of both nothing is known [px^2].
-        process_noise, measurement_noise, initial_variance: as in :class:`dense_vs.jacobian.options.JacobianOptions`.
+        process_noise, measurement_noise, initial_variance, max_joint_step: as in
+            :class:`dense_vs.jacobian.options.JacobianOptions`.
     """
 
     decay: float = 0.93
@@ -44,11 +45,12 @@ class SelfMotionOptions:
     process_noise: float = 1e4
     measurement_noise: float = 0.1
     initial_variance: float = 1e4
+    max_joint_step: float = 100.0
 
     def __post_init__(self):
         for field in fields(self):
             value = getattr(self, field.name)
-            if field.name in ("measurement_noise", "initial_variance"):
+            if field.name in ("measurement_noise", "initial_variance", "max_joint_step"):
                 check_number(field.name, value, above=0)
             else:
                 check_number(field.name, value, least=0, most=1 if field.name in ("decay", "unexplained") else None)

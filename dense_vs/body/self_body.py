@@ -27,7 +27,7 @@ from dense_vs.checks import check_choice, check_flag, check_number, check_whole
 from dense_vs.device import resolve_device, resolve_threads
 from dense_vs.errors import DenseVSError
 from dense_vs.jacobian.image import array_shape, jacobian_image
-from dense_vs.jacobian.options import step_factors
+from dense_vs.jacobian.options import refuse_large_steps, step_factors
 from dense_vs.kernels.body.kmeans import kmeans_kernels
 from dense_vs.kernels.launch import PixelLaunch
 
@@ -143,7 +143,8 @@ class SelfBody:
                 outlines and know things by their colors; without, labels are those of motion alone.
 
         Raises:
-            DenseVSError: shape, dtype, or a joint step that is not finite; nothing has changed then.
+            DenseVSError: shape, dtype, or a joint step that is not finite or above ``motion.max_joint_step``; nothing
+                has changed then.
         """
         seen = None if image is None else self._images(image, array_shape(flow))
         worlds = self._worlds
@@ -152,16 +153,22 @@ class SelfBody:
             size = array_shape(flow)
             if len(size) not in (3, 4):
                 raise DenseVSError(f"flow has shape {size}; expected a float32 array of shape (H, W, 2)")
+            self._check_step(step)
             height, width = size[-3:-1]
             motion = vec2_image(flow, "flow", (worlds, height, width), self.device)
             self._prepare(height, width, step.shape[-1])
         else:
             expected = (self._joints,) if worlds == 1 else (worlds, self._joints)
             step = real_vector(dq, "dq", expected, np.float32)
+            self._check_step(step)
             motion = vec2_image(flow, "flow", self._shape, self.device)
         if self._motion is not None:
             self._motion.observe(motion, step.reshape(worlds, -1))
             self._refine(self._motion, seen)
+
+    def _check_step(self, step: np.ndarray) -> None:
+        factors = np.array(step_factors(self._joint_scale, step.shape[-1]))
+        refuse_large_steps(step, "dq", factors, self._motion_options.max_joint_step)
 
     def submit(self, jacobian: Any) -> bool:
         """Give Algorithm 1 a J ``(H, W, 2, N)`` float32 to work on; returns at once.

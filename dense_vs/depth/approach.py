@@ -13,9 +13,10 @@ from enum import Enum
 import numpy as np
 
 from dense_vs.checks import check_number, check_whole
-from dense_vs.depth import METHODS, DepthUnobservableError, depth_from_areas, depth_from_masks
-from dense_vs.depth.mask_fit import Method
+from dense_vs.depth.area_fit import DepthUnobservableError, depth_from_areas
+from dense_vs.depth.mask_fit import METHODS, Method, depth_from_masks
 from dense_vs.errors import DenseVSError
+from dense_vs.robot.command_gate import CommandGate
 from dense_vs.robot.joint_group import JointGroup
 from dense_vs.robot.protocols import Camera, Robot
 from dense_vs.segmentation import MaskQuality, MaskVerdict, Segmenter, assess_mask
@@ -36,7 +37,7 @@ class ApproachEnd(Enum):
 
 @dataclass(frozen=True)
 class Approach:
-    """What an approach came to.
+    """Result of an approach.
 
     Attributes:
         end: why it ended.
@@ -94,6 +95,8 @@ class DepthApproach:
     ):
         if method not in METHODS:
             raise DenseVSError(f"method is {method!r}; expected one of {', '.join(METHODS)}")
+        if not isinstance(steps, (tuple, list)) or len(steps) != 2:
+            raise DenseVSError(f"steps are {steps!r}; expected the smallest and the largest step [m]")
         least = check_number("the smallest of steps", steps[0], above=0.0)
         most = check_number("the largest of steps", steps[1], least=least)
         self.camera, self.robot, self.segmenter = camera, robot, segmenter
@@ -101,17 +104,23 @@ class DepthApproach:
         self.method: Method = method
         self.near = check_number("near", near, above=0.0)
         self.steps = least, most
+        self.gate = CommandGate(robot, self.group, max_step=most)
         self.views = check_whole("views", views, least=2)
         self.hidden, self.on_view = hidden, on_view
 
     def run(self) -> Approach:
-        """Approach from the present place, the object centered in the image."""
+        """Approach from the present place, the object centered in the image.
+
+        Raises:
+            DenseVSError: an image or a reading that is old, or not on the other's clock.
+        """
+        self.gate.restart()
         masks: list[np.ndarray] = []
         qualities: list[MaskQuality] = []
         positions: list[float] = []
         end = ApproachEnd.EXHAUSTED
         while len(masks) < self.views:
-            image, _ = self.camera.read()
+            image, seen_at = self.camera.read()
             forget_images(self.segmenter)  # views are far apart
             masks.append(self.segmenter.segment(image))
             qualities.append(assess_mask(masks[-1], hidden=self.hidden))
@@ -128,7 +137,7 @@ class DepthApproach:
             if step is None:
                 end = ApproachEnd.NEAR
                 break
-            if not self._advance(step):
+            if not self._advance(step, seen_at):
                 end = ApproachEnd.LIMIT
                 break
         return self._answer(end, masks, qualities, np.array(positions))
@@ -153,13 +162,18 @@ class DepthApproach:
             return most
         return float(np.clip(left / 4.0, least, most))
 
-    def _advance(self, step: float) -> bool:
+    def _advance(self, step: float, seen_at: float) -> bool:
         """Step toward the object; False where the joint does not follow, at its limit or against something."""
-        before = self._position()
+        positions, read_at = self.robot.joints()
+        before = float(self.group.take(positions)[0])
         step = min(step, before - float(self.group.limits[0, 0]))
         if step < 0.5 * self.steps[0]:
             return False
-        self.robot.command(self.group.spread([-step]))
+        self.gate.send([-step], [before], image_time=seen_at, reading_time=read_at)
+        if self.gate.stopped:
+            raise DenseVSError(
+                f"the approach stopped: {self.gate.stopped}; expected new images and readings of one clock"
+            )
         return before - self._position() > 0.5 * step
 
     def _position(self) -> float:

@@ -1,7 +1,12 @@
-"""What a fit says about itself."""
+"""Report of a fit: errors, noise, unobservable parameters, suspicious detections."""
 
 from dataclasses import dataclass, field
 from typing import Any
+
+from dense_vs.checks import check_number
+
+MOST_MISFIT = 5.0  # about what 0.01 rad of noise in joints that are taken as exact comes to
+USELESS_MISFIT = 20.0  # joints in degrees, or of other samples, come to 90 and more
 
 
 @dataclass(frozen=True)
@@ -55,6 +60,9 @@ class FitReport:
         pixel_sigma: estimated noise of a pixel coordinate [px].
         expected_error_px: mean error to be expected on other postures, spread like those learned from, without the
             noise of measuring there; None where it was not computed (actions, Cartesian controllers, method "paper").
+        misfit: rms_px as a multiple of the noise that the images show where no joint is used, about 1 where joints and
+            images belong together; None where it was not computed. Above :data:`MOST_MISFIT` the fit counts as not
+            converged, above :data:`USELESS_MISFIT` :meth:`GenerativeModel.command` refuses to work with it.
         pose_sigma: estimated noise of rotation [rad] and translation [m], with a Cartesian controller.
     """
 
@@ -72,6 +80,12 @@ class FitReport:
     pixel_sigma: float | None = None
     pose_sigma: tuple[float, float] | None = None
     expected_error_px: float | None = None
+    misfit: float | None = None
+
+    @property
+    def useless(self) -> bool:
+        """Whether joints and images do not belong together."""
+        return self.misfit is not None and self.misfit > USELESS_MISFIT
 
     @property
     def losses(self) -> list[float]:
@@ -94,6 +108,11 @@ class FitReport:
     def from_dict(cls, content: dict[str, Any]) -> "FitReport":
         """What :meth:`as_dict` made."""
         report = cls(**content)
+        for name in ("rms_px", "mean_error_px", "seconds"):
+            setattr(report, name, float(getattr(report, name)))
+        for name in ("joint_sigma", "pixel_sigma", "expected_error_px"):
+            if getattr(report, name) is not None:
+                setattr(report, name, check_number(name, getattr(report, name), least=0))
         report.stages = [Stage(**stage) for stage in content["stages"]]
         report.outliers = [Outlier(**outlier) for outlier in content["outliers"]]
         report.swapped = [(t, c, a, b) for t, c, a, b in content["swapped"]]

@@ -1,9 +1,9 @@
 """The dense image Jacobian estimator: a Kalman filter at every pixel, DIJE section III.
 
 ``u = J dq`` relates the optical flow u [px] of a pixel to the joint step dq [rad] between two frames, DIJE (1); it is
-the observation of the filter, DIJE (2) to (4). Each frame the estimate is moved with the image, DIJE (8) by (13) or
-(14), and corrected by the flow, DIJE (9) to (12). Beyond the paper, and measured better: one full covariance in place
-of the diagonal one of DIJE (5), shared by all pixels, as it depends on no image data; the image Hessian dJ/dq
+the observation of the filter, DIJE (2), DIJE (3), DIJE (4). Each frame the estimate is moved with the image, DIJE (8)
+by (13) or (14), and corrected by the flow, DIJE (9) to (12). Beyond the paper, and measured better: one full covariance
+in place of the diagonal one of DIJE (5), shared by all pixels, as it depends on no image data; the image Hessian dJ/dq
 estimated beside J, so that J follows the posture (both in ``kernels/jacobian/covariance.py``); process noise that
 grows with the motion; a second step of the fixed point that DIJE (14) begins.
 """
@@ -17,15 +17,19 @@ import numpy as np
 import warp as wp
 
 from dense_vs.arrays import points_array, real_vector, vec2_image
+from dense_vs.checks import check_whole
 from dense_vs.device import resolve_device, resolve_threads, room_for
 from dense_vs.errors import DenseVSError
 from dense_vs.files import atomic_write, read_arrays
 from dense_vs.jacobian.filter import JacobianFilter, filter_bytes
-from dense_vs.jacobian.options import CovarianceForm, JacobianOptions, OnBadFlow, Prediction
+from dense_vs.jacobian.options import CovarianceForm, JacobianOptions, OnBadFlow, Prediction, refuse_large_steps
+from dense_vs.jacobian.stored_state import STATE, check_stored
 from dense_vs.kernels.views import seen_as
 
 FORMAT = "dense-vs dense image Jacobian"
 FORMAT_VERSION = 1
+STORED = ("format", "format_version", "options", "updates", *STATE)
+MOST_AWAY = 50.0  # rad in standard units, of a joint from the posture that the filter's state belongs to
 
 
 class DenseJacobian:
@@ -56,6 +60,8 @@ class DenseJacobian:
             not learned. J then does not depend on the joints' units; steps in rad are expected without it.
         rest: where neither the flow nor J dq reaches it, J fades to zero [px]; 0 learns from every flow.
         max_innovation: bound on the length of u - J dq as a multiple of that of u plus 0.5 px; none unless given.
+        max_joint_step: largest step of a joint between two images that is believed [rad], in standard units with a
+            ``joint_scale``; a larger one is refused.
         move_variance: whether ``"diagonal"`` moves the variance with J.
         on_bad_flow: ``"error"`` refuses a flow with a value that is not finite; ``"skip"`` only predicts there.
         device: ``"auto"``, ``"cpu"`` or ``"cuda:N"``.
@@ -91,6 +97,7 @@ class DenseJacobian:
         joint_scale: Any = None,
         rest: float = 0.0,
         max_innovation: float | None = None,
+        max_joint_step: float = 100.0,
         move_variance: bool = False,
         on_bad_flow: OnBadFlow = "error",
         device: str = "auto",
@@ -115,6 +122,7 @@ class DenseJacobian:
             joint_scale=joint_scale,
             rest=rest,
             max_innovation=max_innovation,
+            max_joint_step=max_joint_step,
             move_variance=move_variance,
             on_bad_flow=on_bad_flow,
         )
@@ -123,6 +131,7 @@ class DenseJacobian:
         with room_for("a dense image Jacobian", self.options.worlds, filter_bytes(self.options), self.device):
             self.filter = JacobianFilter(self.options, self.device, self.threads, spans=self.takes_spans)
         self.updates = 0
+        self._away = np.zeros((self.options.worlds, self.options.joints))  # from the filter's reference posture [rad]
 
     @property
     def jacobian(self) -> Any:
@@ -147,7 +156,7 @@ class DenseJacobian:
 
     @property
     def variance(self) -> np.ndarray:
-        """Variance of J's columns, float32 ``(H, W, N)`` [px^2/rad^2], the same for the rows x and y, DIJE (6), (7).
+        """Variance of J's columns, float32 ``(H, W, N)`` [px^2/rad^2], the same for rows x and y, DIJE (6), DIJE (7).
 
         Infinite for a joint that is not learned.
         """
@@ -212,8 +221,10 @@ class DenseJacobian:
                 frame, such a flow says more: its errors hardly grow with the distance moved (beyond the paper).
 
         Raises:
-            DenseVSError: shape, dtype, or a value that is not finite; a span where :attr:`takes_spans` is false; the
-                estimate stays as it was.
+            DenseVSError: shape, dtype, a value that is not finite, a step above ``max_joint_step``; a span where
+                :attr:`takes_spans` is false; the estimate stays as it was.
+
+        Flow of 2^17 px and more is no flow, as one that is not finite.
         """
         joint_step = self._joint_step(dq)
         spanned = None if span is None else self._span(span)
@@ -224,8 +235,7 @@ class DenseJacobian:
                 f"flow has {bad} pixels that are not finite; expected finite values, or "
                 "DenseJacobian(on_bad_flow='skip')"
             )
-        self.filter.advance(joint_step, spanned)
-        self.updates += 1
+        self._advance(joint_step, spanned)
 
     def predict(self, dq: Any) -> None:
         """Take one frame without its flow: move J with the image, its uncertainty growing; a later flow may span it.
@@ -234,8 +244,29 @@ class DenseJacobian:
             DenseVSError: as for :meth:`update`.
         """
         joint_step = self._joint_step(dq)
-        self.filter.advance(joint_step, self._span(np.zeros(np.shape(dq))))
-        self.updates += 1
+        self._advance(joint_step, self._span(np.zeros(np.shape(dq))))
+
+    def blend(self, jacobian: Any, share: Any) -> None:
+        """Draw J to one that is known from elsewhere, as from a body model; the uncertainty stays. For one world.
+
+        Args:
+            jacobian: ``(H, W, 2, N)`` [px/rad].
+            share: ``(H, W)``, 0 leaves J as it is, 1 takes the other.
+
+        Raises:
+            DenseVSError: several worlds, another shape, values that are not finite, a share out of 0 to 1.
+        """
+        size = self.options.height, self.options.width
+        if self.options.worlds != 1:
+            raise DenseVSError(f"estimator has {self.options.worlds} worlds; expected one to blend J in")
+        other = real_vector(jacobian, "jacobian", (*size, 2, self.options.joints), np.float32)
+        weight = real_vector(share, "share", size, np.float32)
+        if weight.min() < 0 or weight.max() > 1:
+            raise DenseVSError(f"share is from {weight.min()} to {weight.max()}; expected 0 to 1")
+        stored = self.filter.stored()
+        state = np.array(stored["state"])
+        state[0, ..., : self.options.joints] += (other - self.to_numpy()) * weight[..., None, None]
+        self.filter.restore({**stored, "state": state})
 
     def predicted_flow(self, dq: Any) -> np.ndarray:
         """The flow J dq that a joint step would cause, float32 ``(H, W, 2)`` [px].
@@ -265,6 +296,7 @@ class DenseJacobian:
     def reset(self) -> None:
         """Forget everything: J = 0 and H = 0 with their initial variances."""
         self.filter.reset()
+        self._away[...] = 0.0
         self.updates = 0
 
     def save(self, path: str | os.PathLike[str]) -> None:
@@ -286,27 +318,33 @@ class DenseJacobian:
         Raises:
             DenseVSError: not such a file, another version of it, or arrays that do not fit its options.
         """
-        content = read_arrays(path, "a saved Jacobian")
+        content = read_arrays(path, "a saved Jacobian", STORED)
         if str(content.get("format")) != FORMAT:
             raise DenseVSError(f"{path} is not a saved Jacobian; expected a file that DenseJacobian.save wrote")
         if str(content.get("format_version")) != str(FORMAT_VERSION):
             raise DenseVSError(f"{path} has format version {content.get('format_version')}; expected {FORMAT_VERSION}")
         try:
-            options = asdict(JacobianOptions(**json.loads(str(content["options"]))))
-            updates = int(content["updates"])
-            estimator = cls(device=device, threads=threads, **options)
-            stored = [(name, array, content[name]) for name, array in estimator.filter.stored().items()]
-        except (KeyError, ValueError, TypeError) as error:
+            options = JacobianOptions(**json.loads(str(content["options"])))
+            updates = check_whole("updates", content["updates"].item(), least=0)
+            check_stored(content, options)  # before memory is taken for sizes that the file only claims
+        except (KeyError, ValueError, TypeError, AttributeError, RecursionError) as error:
             raise DenseVSError(f"{path} is damaged: {error}") from error
-        for name, expected, found in stored:
-            if found.shape != expected.shape or found.dtype != expected.dtype or not np.isfinite(found).all():
-                raise DenseVSError(
-                    f"{path} is damaged: {name} has shape {found.shape} and dtype {found.dtype}; "
-                    f"expected finite values of shape {expected.shape} and dtype {expected.dtype}"
-                )
-        estimator.filter.restore({name: found for name, _, found in stored})
+        estimator = cls(device=device, threads=threads, **asdict(options))
+        estimator.filter.restore({name: content[name] for name in STATE})
+        estimator._away = np.array(content["displacement"])
         estimator.updates = updates
         return estimator
+
+    def _advance(self, joint_step: np.ndarray, span: np.ndarray | None) -> None:
+        """Take a frame, from a reference posture so near that what float32 keeps of J + H d is J's."""
+        if self.options.order == 2:
+            away = self._away + joint_step
+            if (np.abs(away) * self._factors > MOST_AWAY).any():
+                self.filter.refer_to_present()
+                away = joint_step.astype(np.float64)
+            self._away = away
+        self.filter.advance(joint_step, span)
+        self.updates += 1
 
     def _span(self, span: Any) -> np.ndarray:
         if not self.takes_spans:
@@ -314,13 +352,16 @@ class DenseJacobian:
                 f"flow that spans more or less than a frame, covariance {self.options.covariance!r} and prediction "
                 f"{self.options.prediction!r}; expected covariance 'shared' and prediction 'model' or 'none'"
             )
-        worlds, joints = self.options.worlds, self.options.joints
-        step = real_vector(span, "span", (joints,) if worlds == 1 else (worlds, joints), np.float32)
-        return step.reshape(worlds, joints)
+        return self._checked_step(span, "span")
 
     def _joint_step(self, dq: Any) -> np.ndarray:
+        return self._checked_step(dq, "dq")
+
+    def _checked_step(self, value: Any, name: str) -> np.ndarray:
+        """A joint displacement (worlds, N) float32 that a robot can have made."""
         worlds, joints = self.options.worlds, self.options.joints
-        step = real_vector(dq, "dq", (joints,) if worlds == 1 else (worlds, joints), np.float32)
+        step = real_vector(value, name, (joints,) if worlds == 1 else (worlds, joints), np.float32)
+        refuse_large_steps(step, name, self._factors, self.options.max_joint_step)
         return step.reshape(worlds, joints)
 
     def _unbatch(self, array: np.ndarray) -> np.ndarray:

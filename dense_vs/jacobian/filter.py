@@ -19,6 +19,7 @@ from dense_vs.kernels.image.tiles import tile_launch
 from dense_vs.kernels.jacobian.covariance import (
     fixed_gain,
     forget_covariance,
+    hessian_place,
     regressors,
     state_columns,
     update_shared_covariance,
@@ -83,7 +84,7 @@ class JacobianFilter:
         self.covariance[0].assign(self._initial_covariance())
 
     def stored(self) -> dict[str, np.ndarray]:
-        """What the next frame depends on, by name: the state (B, H, W, 2, C), its covariance, the displacement."""
+        """Arrays that the next frame depends on, by name: state (B, H, W, 2, C), its covariance, the displacement."""
         now = self.now
         state = self.state[now].numpy()
         if self.layout == "planes":
@@ -104,6 +105,18 @@ class JacobianFilter:
         self.covariance[self.now].assign(stored["covariance"])
         self.displacement[self.now].assign(stored["displacement"])
         self._present_known = False
+
+    def refer_to_present(self) -> None:
+        """Keep J at the present posture in place of an earlier one; on the host, for a state of second order."""
+        stored = self.stored()
+        joints = self.options.joints
+        state, away = stored["state"], stored["displacement"].astype(np.float32)
+        for i, j in zip(*np.triu_indices(joints), strict=True):
+            hessian = state[..., hessian_place(i, j, joints)]
+            state[..., i] += hessian * away[:, j, None, None, None]
+            if i != j:
+                state[..., j] += hessian * away[:, i, None, None, None]
+        self.restore(stored | {"displacement": np.zeros_like(stored["displacement"])})
 
     def stage(self, flow: wp.array) -> None:
         """Take in the flow (B, H, W) of vec2 of the next frame and count its bad pixels; no state changes."""
@@ -309,7 +322,7 @@ class JacobianFilter:
 
 
 def filter_bytes(options: JacobianOptions) -> int:
-    """What a filter takes on a device a world, about [bytes]."""
+    """Memory of a filter on a device for each world, about [bytes]."""
     columns = state_columns(options.joints, options.order or 1)
     own = {"diagonal": options.joints, "full": options.joints**2}.get(options.covariance, 0)
     # Both halves of state and covariance, flow and model flow; a float32 each.

@@ -5,8 +5,8 @@ from typing import Any, Literal, TypedDict, get_args
 
 import numpy as np
 
-from dense_vs.arrays import real_vector
-from dense_vs.checks import check_choice, check_number, check_whole
+from dense_vs.arrays import number_array
+from dense_vs.checks import check_choice, check_flag, check_number, check_whole
 from dense_vs.errors import DenseVSError
 
 CovarianceForm = Literal["shared", "diagonal", "fixed", "full"]
@@ -17,13 +17,14 @@ MAX_JOINTS = 64
 MAX_JOINTS_FULL = 8
 MAX_JOINTS_ORDER_2 = 8
 MAX_JOINTS_DEFAULT_ORDER_2 = 6
+MOST_JOINT_STEP = 1000.0  # rad; the covariance of order 2 holds fourth powers of a step
 STANDARD_STEP = 0.012  # rad a frame, that of the babbling which the variances were tuned on
 STANDARD_SPREAD = 0.12  # rad, standard deviation of the joints' positions in it
 
 
 @dataclass(frozen=True, kw_only=True)
 class JacobianOptions:
-    """What fixes a filter's behavior; units px and rad (m for a prismatic joint).
+    """Options of a filter; units px and rad (m for a prismatic joint).
 
     Only the ratios of the three variances matter: scaling all of them leaves J as it is.
 
@@ -58,6 +59,8 @@ class JacobianOptions:
             flow's noise [px]; 0, the default, learns from every flow however small. For ``"shared"`` and ``"fixed"``.
         max_innovation: bound on the length of u - J dq as a multiple of the length of u plus 0.5 px, against
             occlusions and wrong flow; none unless given. For ``"shared"`` and ``"fixed"``.
+        max_joint_step: largest step of a joint between two images that is believed [rad], in standard units where there
+            is a ``joint_scale``; a larger one is refused.
         move_variance: whether ``"diagonal"`` moves the variance with J; the paper does not. The
             other forms keep it in place.
         on_bad_flow: ``"error"`` refuses a flow image with a value that is not finite; ``"skip"`` only
@@ -82,6 +85,7 @@ class JacobianOptions:
     joint_scale: tuple[float, ...] | None = None
     rest: float = 0.0
     max_innovation: float | None = None
+    max_joint_step: float = 100.0
     move_variance: bool = False
     on_bad_flow: OnBadFlow = "error"
 
@@ -116,8 +120,11 @@ class JacobianOptions:
         if self.order is None:
             second = self.covariance == "shared" and self.joints <= MAX_JOINTS_DEFAULT_ORDER_2
             object.__setattr__(self, "order", 2 if second else 1)
-        if isinstance(self.order, bool) or self.order not in (1, 2):
+        # A number of NumPy's own would be another order to the kernels' cache, and no literal in their code.
+        if isinstance(self.order, bool) or not isinstance(self.order, (int, np.integer)) or self.order not in (1, 2):
             raise DenseVSError(f"order is {self.order!r}; expected 1 or 2")
+        object.__setattr__(self, "order", int(self.order))
+        object.__setattr__(self, "move_variance", check_flag("move_variance", self.move_variance))
         if self.order == 2 and (self.covariance != "shared" or self.joints > MAX_JOINTS_ORDER_2):
             raise DenseVSError(
                 f"order 2 with covariance {self.covariance!r} and {self.joints} joints; expected covariance "
@@ -132,6 +139,9 @@ class JacobianOptions:
         for name in ("measurement_noise", "initial_variance", "initial_hessian_variance", "max_variance"):
             object.__setattr__(self, name, check_number(name, getattr(self, name), above=0))
         object.__setattr__(self, "rest", check_number("rest", self.rest, least=0))
+        object.__setattr__(
+            self, "max_joint_step", check_number("max_joint_step", self.max_joint_step, above=0, most=MOST_JOINT_STEP)
+        )
         if self.max_innovation is not None:
             object.__setattr__(self, "max_innovation", check_number("max_innovation", self.max_innovation, above=0))
         if self.covariance not in ("shared", "fixed") and (self.rest or self.max_innovation):
@@ -141,7 +151,7 @@ class JacobianOptions:
 
     @property
     def step_factors(self) -> tuple[float, ...]:
-        """What each joint's step is multiplied by to be in standard units; 0 for one that is not learned."""
+        """Factor that brings each joint's step to standard units; 0 for one that is not learned."""
         return step_factors(self.joint_scale, self.joints)
 
     def _check_joint_scale(self) -> None:
@@ -154,7 +164,7 @@ class JacobianOptions:
 
 
 class EstimatorOptions(TypedDict, total=False):
-    """What may be chosen of :class:`JacobianOptions` where the size follows from something else."""
+    """Options of :class:`JacobianOptions` that may be chosen where the size follows from something else."""
 
     order: int | None
     covariance: CovarianceForm
@@ -170,22 +180,43 @@ class EstimatorOptions(TypedDict, total=False):
     joint_scale: tuple[float, ...] | None
     rest: float
     max_innovation: float | None
+    max_joint_step: float
     move_variance: bool
     on_bad_flow: OnBadFlow
 
 
 def step_factors(joint_scale: Any, joints: int) -> tuple[float, ...]:
-    """What brings each joint's step to standard units: STANDARD_STEP / scale, 0 where the scale is 0, 1 without any.
+    """Factors of the joints' steps to standard units: STANDARD_STEP / scale, 0 where the scale is 0, 1 without any.
 
     Raises:
         DenseVSError: not ``joints`` finite numbers of at least 0.
     """
     if joint_scale is None:
         return (1.0,) * joints
-    scale = real_vector(np.asarray(joint_scale, dtype=float), "joint_scale", (joints,))
+    scale = number_array(joint_scale, "joint_scale", (joints,))
     if (scale < 0).any():
         raise DenseVSError(f"joint_scale is {scale.tolist()}; expected typical steps of at least 0")
     return tuple(STANDARD_STEP / float(value) if value > 0 else 0.0 for value in scale)
+
+
+def refuse_large_steps(step: np.ndarray, name: str, factors: np.ndarray, most: float) -> None:
+    """Refuse joint displacements ``(..., N)`` that no robot makes between two images.
+
+    Args:
+        step: [rad].
+        name: what to call it in an error.
+        factors: ``(N,)``, what brings each joint's step to standard units.
+        most: largest [rad].
+
+    Raises:
+        DenseVSError: a larger one.
+    """
+    size = np.abs(step) * factors
+    if (size > most).any():
+        raise DenseVSError(
+            f"{name} is {np.asarray(step).tolist()}; expected steps of at most max_joint_step = {most:g} between two "
+            "images"
+        )
 
 
 def recorded_options(joints: int) -> EstimatorOptions:

@@ -1,9 +1,8 @@
 """Visual servoing on an object's mask: VOS-VS sections 4.1 to 4.3 as a loop over a camera, a robot and a segmenter.
 
-Look, segment, take the centroid by VOS-VS (4) and (5), move by VOS-VS (10) and, where asked to learn, update J+ by
-VOS-VS (11). The loop ends
-in one of a few named states and never moves while the object is not seen, except back to where it was. How a robot
-moves while it learns is said in :mod:`dense_vs.mask_servo.trust_region`.
+Look, segment, take the centroid by VOS-VS (4) and VOS-VS (5), move by VOS-VS (10) and, where asked to learn, update J+
+by VOS-VS (11). The loop ends in one of a few named states and never moves while the object is not seen, except back to
+where it was. How a robot moves while it learns is said in :mod:`dense_vs.mask_servo.trust_region`.
 """
 
 from collections.abc import Callable, Sequence
@@ -18,6 +17,7 @@ from dense_vs.mask_servo.featurewise_broyden import FeaturewiseBroyden
 from dense_vs.mask_servo.hadamard_broyden import HadamardBroyden
 from dense_vs.mask_servo.law import FeatureServo, FeatureState
 from dense_vs.mask_servo.trust_region import TrustRegion, View
+from dense_vs.robot.command_gate import CommandGate
 from dense_vs.robot.joint_group import JointGroup
 from dense_vs.robot.protocols import Camera, Robot
 from dense_vs.segmentation import MaskQuality, Segmenter, assess_mask
@@ -34,6 +34,7 @@ class ServoEnd(Enum):
     LEAVING = "leaving"  # while learning: a part of the object is seen or a joint is held, the last motions taken back
     AT_LIMIT = "at limit"  # joint limits hold the robot and the error no longer falls
     EXHAUSTED = "exhausted"  # the allowed number of looks was not enough
+    STOPPED = "stopped"  # an image or a reading was old, or the two are not on one clock: see ``stopped``
 
 
 @dataclass(frozen=True)
@@ -54,23 +55,25 @@ class ServoLook:
 
     @property
     def centroid(self) -> np.ndarray:
-        """(s_x, s_y), VOS-VS (4) and (5) [px]; nan where the object is not seen."""
+        """(s_x, s_y), VOS-VS (4) and VOS-VS (5) [px]; nan where the object is not seen."""
         return np.array(self.quality.centroid)
 
 
 @dataclass(frozen=True)
 class ServoRun:
-    """What a run did.
+    """Result of a run.
 
     Attributes:
         end: why it ended.
         looks: all looks, in order.
         mask: the last mask, bool ``(H, W)``.
+        stopped: why it ended ``STOPPED``, else empty.
     """
 
     end: ServoEnd
     looks: list[ServoLook] = field(default_factory=list)
     mask: np.ndarray | None = None
+    stopped: str = ""
 
     @property
     def error_px(self) -> float:
@@ -127,6 +130,7 @@ class MaskServo:
         self.learner = pinv if isinstance(pinv, (HadamardBroyden, FeaturewiseBroyden)) else None
         self._fixed = None if self.learner is not None else np.asarray(pinv, dtype=np.float64)
         largest = check_number("max_step", max_step, above=0.0)
+        self.gate = CommandGate(robot, self.group, max_step=largest)
         image_step = check_number("max_image_step", max_image_step, above=0.0)
         self.servo = FeatureServo(
             target,
@@ -153,6 +157,7 @@ class MaskServo:
     def run(self, max_looks: int = 30) -> ServoRun:
         """Servo until the object is at the target, is lost, joint limits hold, or the looks are used up."""
         self.servo.reset()
+        self.gate.restart()
         self.servo.gain = self._gain
         if self.region is not None:
             self.region.begin()
@@ -162,12 +167,13 @@ class MaskServo:
         mask = None
         held, least = 0, np.inf
         for _ in range(max_looks):
-            image, _ = self.camera.read()
+            image, seen_at = self.camera.read()
             # The robot moved since the last image: where the object was says little about where it is.
             forget_images(self.segmenter)
             mask = self.segmenter.segment(image)
             quality = assess_mask(mask)
-            positions = self.group.take(self.robot.joints()[0]).astype(np.float64)
+            reading, read_at = self.robot.joints()
+            positions = self.group.take(reading).astype(np.float64)
             features = np.array(quality.centroid) if quality.servoable else None
             whole = self._learn(quality, positions, looks[-1].joints if looks else None)
             pinv = self.pinv if self.region is None else self.region.active(self.pinv)
@@ -182,7 +188,9 @@ class MaskServo:
                 back = self.region.retreat(positions, command.error, quality, (mask.shape[0], mask.shape[1]))
                 if back is not None:
                     self.servo.max_step = np.asarray(self.region.step)
-                    self._command(self._within_limits(positions, back))
+                    self._command(back, positions, seen_at, read_at)
+                    if self.gate.stopped:
+                        return ServoRun(ServoEnd.STOPPED, looks, mask, self.gate.stopped)
                     continue
                 if quality.servoable:
                     return ServoRun(ServoEnd.LEAVING, looks, mask)
@@ -201,7 +209,9 @@ class MaskServo:
                     if self.region is None or command.at_limit.any()
                     else self.region.enough(command.dq, command.error)
                 )
-                self._command(self._within_limits(positions, dq))
+                self._command(dq, positions, seen_at, read_at)
+                if self.gate.stopped:
+                    return ServoRun(ServoEnd.STOPPED, looks, mask, self.gate.stopped)
         return ServoRun(ServoEnd.EXHAUSTED, looks, mask)
 
     def _learn(self, quality: MaskQuality, positions: np.ndarray, before: np.ndarray | None) -> bool:
@@ -219,13 +229,7 @@ class MaskServo:
         self.servo.max_step = np.asarray(self.region.step)
         return True
 
-    def _within_limits(self, positions: np.ndarray, dq: np.ndarray) -> np.ndarray:
-        limits = self.servo.joint_limits
-        if limits is None:
-            return dq
-        return np.clip(dq, np.minimum(limits[:, 0] - positions, 0.0), np.maximum(limits[:, 1] - positions, 0.0))
-
-    def _command(self, dq: np.ndarray) -> None:
+    def _command(self, dq: np.ndarray, positions: np.ndarray, seen_at: float, read_at: float) -> None:
         if self.region is not None:
-            self.region.command(dq)
-        self.robot.command(self.group.spread(dq))
+            self.region.command(self.gate.bounded(dq, positions))
+        self.gate.send(dq, positions, image_time=seen_at, reading_time=read_at)

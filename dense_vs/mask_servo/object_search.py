@@ -9,8 +9,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from dense_vs.arrays import number_array
 from dense_vs.checks import check_whole
 from dense_vs.errors import DenseVSError
+from dense_vs.robot.command_gate import CommandGate
 from dense_vs.robot.joint_group import JointGroup
 from dense_vs.robot.protocols import Camera, Robot
 from dense_vs.segmentation import MaskQuality, Segmenter, assess_mask
@@ -19,7 +21,7 @@ from dense_vs.segmentation.segmenter import forget_images
 
 @dataclass(frozen=True)
 class SearchResult:
-    """What a search came to.
+    """Result of a search.
 
     Attributes:
         found: whether the object is seen now.
@@ -44,10 +46,10 @@ def search_offsets(reach: Sequence[float], rings: int = 1) -> np.ndarray:
     Raises:
         DenseVSError: a reach that is not above 0, or fewer than 0 rings.
     """
-    spacing = np.asarray(reach, dtype=np.float64)
-    if spacing.shape != (2,) or not (np.isfinite(spacing).all() and (spacing > 0).all()):
+    spacing = number_array(reach, "reach", (2,), expected="two lengths above 0 [m]")
+    if not (spacing > 0).all():
         raise DenseVSError(f"reach is {reach!r}; expected two lengths above 0 [m]")
-    rings = check_whole("rings", rings, least=0)
+    rings = check_whole("rings", rings, least=0, most=100)
     grid = [(i, j) for i in range(-rings, rings + 1) for j in range(-rings, rings + 1)]
     grid.sort(key=lambda place: (max(map(abs, place)), abs(place[0]) + abs(place[1]), np.arctan2(*place)))
     return np.array(grid, dtype=np.float64) * spacing
@@ -80,9 +82,11 @@ def search_object(
         raise DenseVSError(f"joints are {list(joints)}; expected two of {', '.join(robot.joint_names)}")
     offsets = search_offsets(reach, rings)
     start = group.take(robot.joints()[0]).astype(np.float64)
+    # From one side of the outermost ring to the other; back to the start is less.
+    gate = CommandGate(robot, group, max_step=2 * max(rings, 1) * np.asarray(reach, dtype=np.float64))
     looks = 0
     for offset in offsets:
-        _go(robot, group, np.clip(start + offset, group.limits[:, 0], group.limits[:, 1]))
+        _go(robot, gate, np.clip(start + offset, group.limits[:, 0], group.limits[:, 1]))
         forget_images(segmenter)
         image, _ = camera.read()
         mask = segmenter.segment(image)
@@ -90,11 +94,12 @@ def search_object(
         looks += 1
         if quality.servoable and quality.area >= min_area:
             return SearchResult(True, looks, quality, mask)
-    _go(robot, group, start)
+    _go(robot, gate, start)
     return SearchResult(False, looks, quality, mask)
 
 
-def _go(robot: Robot, group: JointGroup, place: np.ndarray) -> None:
-    delta = group.spread(place - group.take(robot.joints()[0]))
-    if np.abs(delta).max() > 1e-3:
-        robot.command(delta)
+def _go(robot: Robot, gate: CommandGate, place: np.ndarray) -> None:
+    reading, read_at = robot.joints()
+    positions = gate.group.take(reading).astype(np.float64)
+    if np.abs(place - positions).max() > 1e-3:
+        gate.send(place - positions, positions, reading_time=read_at)

@@ -6,7 +6,7 @@ image that corrected it (beyond the paper).
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cache, cached_property, partial
 from typing import Any
 
@@ -15,10 +15,14 @@ import numpy as np
 
 from dense_vs.arrays import real_vector
 from dense_vs.body.self_body import SelfBody
-from dense_vs.checks import check_number
+from dense_vs.checks import check_number, check_pair
 from dense_vs.errors import DenseVSError
 from dense_vs.flow.estimator import FlowEstimator, to_gray
+from dense_vs.health.faults import Fault
+from dense_vs.health.image_watch import ImageWatch
+from dense_vs.health.motion_check import MotionCheck
 from dense_vs.jacobian.estimator import DenseJacobian
+from dense_vs.pipeline.body_prior import BodyPrior
 
 BASELINE = 3.0  # px, image motion by J dq at which J is corrected
 MAX_SPAN = 8  # frames after which it is corrected in any case
@@ -26,11 +30,14 @@ FIRST_FRAMES = 10  # each corrects J, which says little yet
 BODY_FLOW = "dis"
 _GRID_STEP = 8  # px, between the points that image motion is looked at
 _MOVING = 0.1  # of the largest motion: points that move less do not count
+MOST_BRIDGED = 8.0  # px, motion across frames that were not used up to which flow tells it; beyond, J dq does
+LEARNED_UPDATES = 30  # after which J says how far the robot moves in the image
+_GUESSED = 50.0  # px/rad before
 
 
 @dataclass(frozen=True)
 class Frame:
-    """What one frame brought.
+    """Result of one frame.
 
     Attributes:
         time: stamp of the image [s].
@@ -40,6 +47,8 @@ class Frame:
         dq: ``(N,)`` joint step since the frame before [rad]; None for the first frame.
         measured: ``(H, W, 2)`` float32 and ``(N,)``, flow and joint displacement since the image that J was corrected
             by before [px, rad]; None in the frames in which J was only moved.
+        faults: what is wrong with it. Where one of them holds, the frame was not learned from, ``dq`` is None, and
+            ``positions`` are the last that were believed.
     """
 
     time: float
@@ -48,12 +57,18 @@ class Frame:
     positions: np.ndarray
     dq: np.ndarray | None
     measured: tuple[np.ndarray, np.ndarray] | None = None
+    faults: tuple[Fault, ...] = ()
     _calculate: Callable[[], np.ndarray | None] = field(default=lambda: None, repr=False, compare=False)
 
     @cached_property
     def flow(self) -> np.ndarray | None:
         """float32 ``(H, W, 2)`` since the frame before [px], calculated when first asked for; None for the first."""
         return self._calculate()
+
+    @property
+    def held(self) -> bool:
+        """Whether nothing was learned from it because of a fault."""
+        return any(fault.holds for fault in self.faults)
 
 
 class FramePipeline:
@@ -72,6 +87,9 @@ class FramePipeline:
             that spans several.
         before_update: called with each frame's time, flow and joint step while the estimator is still that of the frame
             before; a judge of its prediction.
+        watched: whether images that say nothing, and motion that the joints do not explain, are left out; for a live
+            robot. A recording's repeated images are found by what reads it. ``check`` then judges the motion.
+        prior: what a body model knows of J from the first frame on.
 
     Raises:
         DenseVSError: sizes that differ, several worlds, a scale out of (0, 1], a baseline below 0.
@@ -87,6 +105,8 @@ class FramePipeline:
         baseline: float = BASELINE,
         still: np.ndarray | None = None,
         before_update: Callable[[float, np.ndarray, np.ndarray], None] | None = None,
+        watched: bool = False,
+        prior: BodyPrior | None = None,
     ):
         size = estimator.options.height, estimator.options.width
         if estimator.options.worlds != 1:
@@ -111,23 +131,28 @@ class FramePipeline:
         self.body = body
         self._body_flow = self.flow if body is None else FlowEstimator(BODY_FLOW, *size)
         self.before_update = before_update
+        self.prior = prior
         self.frame: Frame | None = None
+        self._watch = ImageWatch() if watched else None
+        self.check = MotionCheck() if watched else None
+        self._seen: tuple[float, np.ndarray | None] | None = None  # stamp and positions of the last image, used or not
 
-    def process(self, image: Any, time: float, positions: Any) -> Frame:
+    def process(self, image: Any, time: float, positions: Any, faults: tuple[Fault, ...] = ()) -> Frame:
         """Take the next image; from the second on the estimator is updated.
 
         Args:
             image: RGB uint8 ``(H, W, 3)`` or gray ``(H, W)``, before scaling.
             time: its stamp [s], later than the last one's.
             positions: ``(N,)`` joint positions at that time [rad].
+            faults: of these positions; where one holds, the frame is shown and not learned from.
 
         Raises:
             DenseVSError: another image size than before, a time that does not increase, bad positions; nothing has
                 changed then.
         """
-        last = self.frame
-        if not np.isfinite(time) or (last is not None and time <= last.time):
-            before = "" if last is None else f" after {last.time}"
+        last, seen = self.frame, self._seen
+        if not np.isfinite(time) or (seen is not None and time <= seen[0]):
+            before = "" if seen is None else f" after {seen[0]}"
             raise DenseVSError(f"image time stamp is {time} s{before}; expected increasing finite seconds")
         q = real_vector(positions, "positions", (self.estimator.options.joints,))
         scaled = self._scaled(np.asarray(image))
@@ -138,11 +163,23 @@ class FramePipeline:
                 f"image of {gray.shape[1]} x {gray.shape[0]} pixels once scaled by {self.scale}; "
                 f"expected {expected[1]} x {expected[0]}"
             )
+        given = faults
+        if self._watch is not None:
+            before = q if seen is None or seen[1] is None else seen[1]
+            gray, fault = self._watch.judge(gray, lambda: self._moved(q - before))
+            faults = faults if fault is None else (*faults, fault)
+        # Where a reading is not believed, how far the robot moves until the next is not known.
+        self._seen = time, None if any(fault.holds for fault in given) else q
+        shown = Frame(time, scaled, gray, q, None, faults=faults)
+        if shown.held:
+            return shown
         if last is None:
-            self.frame = self._corrected = Frame(time, scaled, gray, q, None)
+            if self.prior is not None:
+                self.prior.begin(self.estimator, q)
+            self.frame = self._corrected = shown
             self._moved_to = q
         else:
-            self.frame = self._follow(last, time, scaled, gray, q)
+            self.frame = self._follow(last, shown)
         return self.frame
 
     def restart(self, *, forget: bool = False) -> None:
@@ -153,8 +190,13 @@ class FramePipeline:
         """
         if forget:
             self.estimator.reset()
-        self.frame = self._corrected = None
+        self.frame = self._corrected = self._seen = None
         self._span_frames = 0
+        if self._watch is not None and self.check is not None:
+            self._watch.restart()
+            self.check.forget_doubt()
+            if forget:
+                self.check.restart()
 
     def motion(self, joint_step: np.ndarray) -> float:
         """How fast a joint step ``(N,)`` moves the robot in the image: 95 % of what moves by J dq is slower [px]."""
@@ -162,31 +204,54 @@ class FramePipeline:
         moving = moved[moved > _MOVING * moved.max(initial=0.0)]
         return float(np.quantile(moving, 0.95)) if moving.size else 0.0
 
-    def _follow(self, last: Frame, time: float, image: np.ndarray, gray: np.ndarray, q: np.ndarray) -> Frame:
+    def _moved(self, joint_step: np.ndarray) -> float:
+        """How far a joint step moves the robot in the image, guessed where J says nothing yet [px]."""
+        if self.estimator.updates > LEARNED_UPDATES:
+            return self.motion(joint_step)
+        return _GUESSED * float(np.abs(joint_step).max(initial=0.0))
+
+    def _follow(self, last: Frame, shown: Frame) -> Frame:
         """Take a frame that has one before it."""
-        first = self._corrected
+        first, gray, q = self._corrected, shown.gray, shown.positions
         assert first is not None
         dq, span = q - last.positions, q - first.positions
         # The images alone are kept, not the frame before, which keeps its own.
         calculate = cache(partial(self.flow, last.gray, gray))
+        followed = partial(replace, shown, dq=dq, _calculate=calculate)
         if self.before_update is not None:
-            self.before_update(time, calculate(), dq)
+            self.before_update(shown.time, calculate(), dq)
         self._span_frames += 1
         step = q - self._moved_to
         if self.still is not None and (np.abs(step) < self.still).all():
-            return Frame(time, image, gray, q, dq, None, calculate)
+            return followed()
         moved_since = not np.array_equal(self._moved_to, first.positions)
         self._moved_to = q
+        spans = self.estimator.takes_spans
+        if self._watch is not None and spans and self._span_frames > 1 and self.motion(span) > MOST_BRIDGED:
+            self.estimator.predict(step)
+            return self._begin_span(followed(_calculate=partial(self.estimator.predicted_flow, dq)))
         if not self._is_due(span):
             self.estimator.predict(step)
-            return Frame(time, image, gray, q, dq, None, calculate)
+            return followed()
         flow = calculate() if self._span_frames == 1 else self.flow(first.gray, gray)
+        fault = None
+        if self.check is not None and spans and self.estimator.updates > LEARNED_UPDATES:
+            columns, rows = self._grid.astype(int).T
+            fault = self.check.judge(flow[rows, columns], self.estimator.at(self._grid), span, first.time, shown.time)
+        if fault is not None:
+            self.estimator.predict(step)
+            return self._begin_span(followed(faults=(*shown.faults, fault)))
         self.estimator.update(flow, step, span if moved_since else None)
+        if self.prior is not None:
+            self.prior.correct(self.estimator, q, flow, span)
         if self.body is not None:
-            self.body.observe(self._body_flow(first.gray, gray), span, image)
+            self.body.observe(self._body_flow(first.gray, gray), span, shown.image)
             self.body.submit(self.estimator.jacobian)
-        self._span_frames = 0
-        self._corrected = frame = Frame(time, image, gray, q, dq, (flow, span), calculate)
+        return self._begin_span(followed(measured=(flow, span)))
+
+    def _begin_span(self, frame: Frame) -> Frame:
+        """Let the next flow begin at this frame."""
+        self._corrected, self._span_frames = frame, 0
         return frame
 
     def _is_due(self, span: np.ndarray) -> bool:
@@ -215,5 +280,11 @@ class FramePipeline:
 
 
 def scaled_size(shape: tuple[int, ...], scale: float) -> tuple[int, int]:
-    """(height, width) of an image of ``shape`` scaled by ``scale``."""
-    return round(shape[0] * scale), round(shape[1] * scale)
+    """(height, width) of an image of ``shape`` scaled by ``scale``.
+
+    Raises:
+        DenseVSError: no size of an image, or a factor that is not above 0.
+    """
+    height, width = check_pair("shape", shape, least=1, most=1 << 24)
+    scale = check_number("scale", scale, above=0, most=1 << 24)
+    return round(height * scale), round(width * scale)

@@ -11,9 +11,13 @@ from typing import Any
 import numpy as np
 
 from dense_vs.arrays import point_array, real_vector
-from dense_vs.checks import check_number, check_whole
+from dense_vs.checks import check_number, check_seed, check_whole
 from dense_vs.errors import DenseVSError
 from dense_vs.robot.joint_group import checked_limits
+
+RANK_TOLERANCE = 1e-15  # ratio of singular values below which the smaller one is rounding
+LEAST_SIZE = 1e-100  # px/rad; a J as small is none
+MOST_MOTION = 1e150  # px; the direction of a motion counts, its step is bounded
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -66,24 +70,63 @@ class VisualServo:
         max_step: float = 0.03,
         dither: float = 0.002,
     ):
-        self.joints = check_whole("joints", joints, least=1)
+        self.joints = check_whole("joints", joints, least=1, most=4096)
         self.options = ServoOptions(gain=gain, damping=damping, max_step=max_step, dither=dither)
         self.joint_limits = checked_limits(joint_limits, self.joints)
-        self._random = np.random.default_rng(seed)
+        self._random = np.random.default_rng(check_seed(seed))
 
-    def __call__(self, jacobian: Any, point: Any, target: Any, positions: Any = None) -> np.ndarray:
+    def __call__(
+        self, jacobian: Any, point: Any, target: Any, positions: Any = None, *, held: Any = None
+    ) -> np.ndarray:
         """Joint step ``(N,)`` [rad] towards the target.
 
         Args:
             jacobian: ``(2, N)`` [px/rad], J at the point, DIJE (16).
             point, target: ``(2,)`` [px].
             positions: ``(N,)`` joint positions [rad]; needed where there are limits.
+            held: bool ``(N,)``, joints that are to stay where they are; the others do without them.
 
         Raises:
             DenseVSError: another shape, a value that is not finite, or positions missing.
         """
         J = real_vector(jacobian, "jacobian", (2, self.joints))
-        error = point_array(target, "target") - point_array(point, "point")
+        return self._toward(J, point_array(target, "target") - point_array(point, "point"), positions, held)
+
+    def together(
+        self,
+        jacobians: Any,
+        points: Any,
+        targets: Any,
+        weights: Any = None,
+        positions: Any = None,
+        held: Any = None,
+    ) -> np.ndarray:
+        """Joint step ``(N,)`` [rad] that brings several points nearer to their targets: DIJE (17) with their J stacked.
+
+        Args:
+            jacobians: ``(K, 2, N)`` [px/rad], J at each point.
+            points, targets: ``(K, 2)`` [px].
+            weights: ``(K,)`` above 0, how much each point's error counts beside the others'; all alike unless given.
+                Only their ratios matter: the largest counts as 1.
+            positions: ``(N,)`` joint positions [rad]; needed where there are limits.
+            held: bool ``(N,)``, joints that are to stay where they are; the others do without them.
+
+        Raises:
+            DenseVSError: another shape, a value that is not finite, a weight of 0 or less, or positions missing.
+        """
+        J = real_vector(jacobians, "jacobians", (-1, 2, self.joints))
+        count = len(J)
+        error = real_vector(targets, "targets", (count, 2)) - real_vector(points, "points", (count, 2))
+        weight = np.ones(count) if weights is None else real_vector(weights, "weights", (count,))
+        if not count or (weight <= 0).any():
+            raise DenseVSError(f"weights are {weight.tolist()}; expected at least one, all above 0")
+        root = np.sqrt(weight / weight.max())[:, None]
+        return self._toward((J * root[..., None]).reshape(2 * count, -1), (error * root).ravel(), positions, held)
+
+    def _toward(self, J: np.ndarray, error: np.ndarray, positions: Any, held: Any) -> np.ndarray:
+        """The step for an error ``(M,)`` [px] with J ``(M, N)``."""
+        with np.errstate(over="ignore"):
+            motion = self.options.gain * error
         room = np.array([[-np.inf, np.inf]] * self.joints)
         if np.isfinite(self.joint_limits).any():
             if positions is None:
@@ -93,7 +136,9 @@ class VisualServo:
             room = np.stack(
                 [np.minimum(self.joint_limits[:, 0] - q, 0.0), np.maximum(self.joint_limits[:, 1] - q, 0.0)], axis=1
             )
-        step = self._within(room, J, self.options.gain * error)
+        if held is not None:
+            room[np.asarray(held, dtype=bool)] = 0.0
+        step = self._within(room, J, np.clip(motion, -MOST_MOTION, MOST_MOTION))
         if self.options.dither and np.any(step):
             step = step + self._random.normal(0.0, self.options.dither, self.joints)
         return np.clip(step, room[:, 0], room[:, 1])
@@ -106,7 +151,9 @@ class VisualServo:
         step = np.zeros(self.joints)
         free = np.ones(self.joints, dtype=bool)
         for _ in range(self.joints):
-            step[free] = self._solve(J[:, free], motion - J[:, ~free] @ step[~free])
+            with np.errstate(over="ignore", invalid="ignore"):
+                left = motion - J[:, ~free] @ step[~free]
+            step[free] = self._solve(J[:, free], np.clip(np.nan_to_num(left), -MOST_MOTION, MOST_MOTION))
             longest = np.abs(step).max()
             if longest > self.options.max_step:
                 step *= self.options.max_step / longest
@@ -118,6 +165,11 @@ class VisualServo:
         return step
 
     def _solve(self, J: np.ndarray, motion: np.ndarray) -> np.ndarray:
-        if self.options.damping == 0:
-            return np.linalg.pinv(J) @ motion
-        return J.T @ np.linalg.solve(J @ J.T + self.options.damping**2 * np.eye(2), motion)
+        """J# times a motion, by singular values: J J^T squares them, which loses the small one or overflows."""
+        left, sizes, right = np.linalg.svd(J, full_matrices=False)
+        damping = self.options.damping
+        known = sizes > max(RANK_TOLERANCE * sizes.max(initial=0.0), LEAST_SIZE)
+        inverse = np.zeros(len(sizes))
+        with np.errstate(over="ignore"):  # s / (s^2 + d^2) without a square of a large number
+            inverse[known] = 1 / (sizes[known] + damping * (damping / sizes[known]))
+        return right.T @ (inverse * (left.T @ motion))

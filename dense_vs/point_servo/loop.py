@@ -2,74 +2,34 @@
 
 from collections import deque
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
-from enum import Enum
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
 from dense_vs.arrays import point_array
 from dense_vs.body.self_body import SelfBody
-from dense_vs.checks import check_number
+from dense_vs.checks import check_number, check_whole
 from dense_vs.errors import DenseVSError
 from dense_vs.flow.estimator import FlowEstimator
+from dense_vs.health.faults import Fault, FaultKind
+from dense_vs.health.joint_watch import JointWatch
+from dense_vs.health.motion_check import BABBLING_SHARE, LEAST_SHARE
 from dense_vs.jacobian.estimator import DenseJacobian
-from dense_vs.pipeline.frame_pipeline import BODY_FLOW, Frame, FramePipeline
+from dense_vs.pipeline.frame_pipeline import BODY_FLOW, LEARNED_UPDATES, MOST_BRIDGED, Frame, FramePipeline
+from dense_vs.point_servo.joint_stream import JointStream
 from dense_vs.point_servo.law import VisualServo
+from dense_vs.point_servo.reach import Reach, ReachEnd
+from dense_vs.point_servo.same_surface import same_surface
 from dense_vs.point_servo.tracker import Method, PointTracker
-from dense_vs.recording.joint_delay import joint_delay as found_joint_delay
-from dense_vs.recording.joint_log import JointBuffer
 from dense_vs.robot.babbling import Babbling
+from dense_vs.robot.command_gate import MAX_AGE, CommandGate
 from dense_vs.robot.joint_group import JointGroup
 from dense_vs.robot.protocols import Camera, Robot
 
 LEAST_BODY = 0.01  # share of the image that makes the robot's own pixels count as known
-LEARNT_UPDATES = 30  # after which the babbling's pace comes from J dq
-DELAY_FRAMES = 60  # of babbling, that the delay of joint readings is found in
-DELAY_MARGIN = 3  # frames more of readings, as the longest delay that is tried
-DELAY_STEP = 8  # px between the pixels that it is found from
+MOST_GAP = 2.0  # s between two images, after which the loop begins anew with what it has learned
 MOST_HELD = 30  # images that wait for their joint readings; a robot whose readings stop is not waited for
-SAME_SURFACE = 0.5  # relative difference in J below which two pixels count as one surface
-
-
-class ReachEnd(Enum):
-    """How a reach ended."""
-
-    PENDING = "pending"
-    """Not over yet; only in a batch that is still running."""
-    REACHED = "reached"
-    """The point stayed within the tolerance of its target."""
-    MISSED = "missed"
-    """The frames were used up."""
-    LOST = "lost"
-    """The tracker lost the point."""
-
-
-@dataclass(frozen=True)
-class Reach:
-    """One reach.
-
-    Attributes:
-        target: x, y [px].
-        frames: frames it took.
-        error_px: distance of the tracked point from the target at the end.
-        end: how it ended.
-    """
-
-    target: tuple[float, float]
-    frames: int
-    error_px: float
-    end: ReachEnd
-
-    @property
-    def reached(self) -> bool:
-        """Whether the point stayed within the tolerance."""
-        return self.end is ReachEnd.REACHED
-
-    @property
-    def lost(self) -> bool:
-        """Whether the tracker had lost the point at the end."""
-        return self.end is ReachEnd.LOST
 
 
 class ServoLoop:
@@ -96,7 +56,13 @@ class ServoLoop:
         joint_delay: time that joint readings are behind the images [s], below 0 where the images are late. Unless given
             it is found in the first 2 s of babbling; where there is one, learning begins anew, and an image waits until
             the readings of its time are there.
+        max_step: largest step of a joint in one command, a number or one for each joint [rad, m]; what babbling and
+            servo are set to unless given. See :class:`dense_vs.robot.CommandGate`, which every command goes through.
+        max_speed: speed above which no motor moves a joint [rad/s, m/s]; readings that say so are not believed. Twice
+            the largest step a frame unless given.
         on_frame: called with the loop after every frame; a viewer, a recorder, an evaluation.
+
+    While something is wrong with an image or a reading (:attr:`faults`) nothing is commanded and nothing is learned.
 
     Raises:
         DenseVSError: parts that do not fit each other.
@@ -120,6 +86,8 @@ class ServoLoop:
         body: SelfBody | None = None,
         renew_patch: float | None = None,
         joint_delay: float | None = None,
+        max_step: Any = None,
+        max_speed: float | None = None,
         on_frame: Callable[["ServoLoop"], None] | None = None,
     ):
         self.camera, self.robot = camera, robot
@@ -144,7 +112,11 @@ class ServoLoop:
         pace = {} if command_period is None else {"frame_time": command_period}
         self.babbling = babbling or Babbling(count, seed=seed, **pace)
         self._next_command = time
-        self.pipeline = FramePipeline(estimator, flow, scale=scale, body=body)
+        steps = self.babbling.largest_step, self.servo.options.max_step + 4 * self.servo.options.dither
+        largest = max(steps) if max_step is None else max_step
+        self.gate = CommandGate(robot, self.group, max_step=largest)
+        watch = JointWatch(self.group.names, self.gate.max_step, max_speed)
+        self.pipeline = FramePipeline(estimator, flow, scale=scale, body=body, watched=True)
         # Sharper at outlines than J's flow needs to be: a point near one would be carried off with the background.
         size = estimator.options.height, estimator.options.width
         shared = self.pipeline.flow.method == BODY_FLOW
@@ -152,17 +124,27 @@ class ServoLoop:
         self.tracker: PointTracker | None = None
         self.target: np.ndarray | None = None
         self.on_frame = on_frame
-        self._finding_delay = joint_delay is None
-        self.joint_delay = 0.0 if joint_delay is None else check_number("joint_delay", joint_delay)
-        self._motion: list[tuple[float, np.ndarray | None]] = []  # time and flow of the frames it is found from
-        self._buffer = JointBuffer(count)
-        self._held: deque[tuple[np.ndarray, float]] = deque()  # images whose joint readings are still to come
-        self._frame = self.pipeline.process(image, time, self._reading(time))
+        delay = None if joint_delay is None else check_number("joint_delay", joint_delay)
+        self.joints = JointStream(robot, self.group, watch, delay)
+        self._held: deque[tuple[np.ndarray, float, tuple[Fault, ...]]] = deque()  # images that wait for their readings
+        self._newest = time
+        faults = self.joints.read(time)
+        self._frame = self._followed = self.pipeline.process(image, time, self.joints.at(time), faults)
 
     @property
     def frame(self) -> Frame:
         """The last frame; with late joint readings, the last one that they have reached."""
         return self._frame
+
+    @property
+    def faults(self) -> tuple[Fault, ...]:
+        """What is wrong with the last frame; empty where nothing is."""
+        return self._frame.faults
+
+    @property
+    def joint_delay(self) -> float:
+        """Time that joint readings are behind the images, as far as is known [s]."""
+        return self.joints.delay
 
     @property
     def point(self) -> np.ndarray:
@@ -176,31 +158,71 @@ class ServoLoop:
         return self.tracker.points[0]
 
     def step(self, delta: np.ndarray) -> Frame:
-        """Command a joint step ``(N,)`` [rad], then take the next image through estimator and tracker."""
-        self.robot.command(self.group.spread(delta))
-        last = self._frame
+        """Command a joint step ``(N,)`` [rad], then take the next image through estimator and tracker.
+
+        A step of zero is commanded instead while :attr:`faults` stop the robot, see :class:`CommandGate`.
+
+        Raises:
+            DenseVSError: not N finite numbers; nothing has been commanded then.
+        """
+        stop = "; ".join(str(fault) for fault in self.faults if fault.stops)
+        sent = self.gate.send(
+            np.where(self.joints.watch.stuck, 0.0, delta),
+            self.joints.newest,
+            image_time=self.frame.time if not self._held else None,
+            now=self._newest,
+            reading_time=self.joints.newest_time,
+            stop=stop or self._waited_long(),
+        )
+        self.joints.watch.commanded(sent)
         frame = self._take(*self.camera.read())
-        if self.tracker is not None and frame is not last:
-            self.tracker.update(self._tracking_flow(last.gray, frame.gray), frame.gray)
-            self._renew_patch(self.tracker)
+        seen = all(fault.kind not in (FaultKind.DARK, FaultKind.FROZEN) for fault in frame.faults)
+        if self.tracker is not None and seen and frame is not self._followed:
+            self._follow_point(self.tracker, frame)
+            frame = self._frame
         if self.on_frame is not None:
             self.on_frame(self)
         return frame
+
+    def resume(self) -> None:
+        """Begin anew with the next image and reading as they are, keeping J and the tracked point.
+
+        For a robot that was moved by someone else, or whose encoders or clock were set: their step is no motion.
+
+        Raises:
+            DenseVSError: stamps of joints and camera that are not of one clock.
+        """
+        self._restart()
+        self._take(*self.camera.read())
+
+    def _restart(self) -> None:
+        self.joints.restart()
+        self.gate.restart()
+        self.pipeline.restart()
+        self._held.clear()
+        self._newest = -np.inf
 
     def babble(self, seconds: float) -> None:
         """Move at random for that long on the camera's clock, learning J."""
         if not np.isfinite(seconds) or seconds <= 0:
             raise DenseVSError(f"babbling of {seconds!r} s; expected a finite number above 0")
         end = self.frame.time + seconds
+        self._judge_motion(BABBLING_SHARE)
         while self.frame.time < end:
-            self.step(self._when_due(self._babbling_step))
-            if self._finding_delay:
-                self._find_delay()
+            self.babble_once()
         while self._held:  # let what is known catch up with where the robot is
             before = len(self._held)
             self.step(np.zeros(self.estimator.options.joints))
             if len(self._held) >= before:
                 break
+        self._judge_motion(LEAST_SHARE)
+
+    def babble_once(self) -> Frame:
+        """One frame of babbling, for a program that decides after every frame whether to go on."""
+        frame = self.step(self._when_due(self._babbling_step))
+        if self.joints.finding and self.joints.find_delay(self.frame.time, self.frame.flow):
+            self.pipeline.restart(forget=True)
+        return frame
 
     def define_point(
         self,
@@ -224,13 +246,14 @@ class ServoLoop:
         self.tracker = PointTracker(
             point,
             self.frame.gray,
-            weights=self._same_surface(point),
+            weights=same_surface(self.estimator, point),
             method=method,
             window=window,
             min_correlation=min_correlation,
             max_jump=max_jump,
             lost_after=lost_after,
         )
+        self._followed = self._frame
 
     def reach(self, target: Any, *, tolerance: float = 1.0, settle_frames: int = 5, max_frames: int = 150) -> Reach:
         """Servo the defined point to a target by DIJE (17); stops when the tracker has lost the point.
@@ -242,30 +265,38 @@ class ServoLoop:
             max_frames: frames after which it gives up.
 
         Raises:
-            DenseVSError: no point defined, or a target that is not two finite numbers.
+            DenseVSError: no point defined, a target that is not two finite numbers, a tolerance that is not above 0,
+                or frames that are no whole numbers of at least 1.
         """
-        self.target = point_array(target, "target")
+        goal = point_array(target, "target")
+        tolerance = check_number("tolerance", tolerance, above=0)
+        settle_frames = check_whole("settle_frames", settle_frames, least=1)
+        max_frames = check_whole("max_frames", max_frames, least=1)
+        self.target, found = goal, {}
         settled = frames = 0
         distance = float(np.hypot(*(self.point - self.target)))
         while frames < max_frames and settled < settle_frames and not self._lost:
             self.step(self._when_due(self._servo_step))
             frames += 1
             distance = float(np.hypot(*(self.point - self.target)))
-            settled = settled + 1 if distance <= tolerance else 0
+            found |= {fault.kind: fault for fault in self.faults}
+            blind = any(fault.stops for fault in self.faults)
+            settled = settled + 1 if distance <= tolerance and not blind else 0
         end = ReachEnd.REACHED if settled >= settle_frames else ReachEnd.MISSED
-        goal = float(self.target[0]), float(self.target[1])
-        return Reach(goal, frames, distance, ReachEnd.LOST if self._lost else end)
+        if self._lost:
+            end = ReachEnd.LOST
+        return Reach((float(goal[0]), float(goal[1])), frames, distance, end, tuple(found.values()))
 
     def _pacing_flow(self) -> np.ndarray | None:
-        """The last frame's image motion: J dq once J is learnt, which neither noise nor others' motion slows down.
+        """The last frame's image motion: J dq once J is learned, which neither noise nor others' motion slows down.
 
         Without what is known not to be the robot, once the robot itself is known.
         """
         frame, body = self.frame, self.pipeline.body
         if frame.dq is None:
             return None
-        learnt = self.estimator.updates > LEARNT_UPDATES
-        flow = self.estimator.predicted_flow(frame.dq) if learnt else frame.flow
+        learned = self.estimator.updates > LEARNED_UPDATES
+        flow = self.estimator.predicted_flow(frame.dq) if learned else frame.flow
         if flow is None or body is None:
             return flow
         found = body.recognition(self.estimator.jacobian)
@@ -277,11 +308,14 @@ class ServoLoop:
         return self.group.clip_step(self.babbling.step(self._pacing_flow()), self.frame.positions)
 
     def _servo_step(self) -> np.ndarray:
-        J = self.estimator.at(self.point)[0]  # DIJE (16)
-        return self.servo(J, self.point, self.target, self.frame.positions)
+        J, q = self.estimator.at(self.point)[0], self.joints.newest  # DIJE (16)
+        point = self.point + J @ (q - self.frame.positions)  # where it is by now, as far as an image comes late
+        return self.servo(J, point, self.target, q, held=self.joints.watch.stuck)
 
     def _when_due(self, choose: Callable[[], np.ndarray]) -> np.ndarray:
-        """The chosen joint step where a command is due by now, else zero."""
+        """The chosen joint step where a command is due by now and nothing stops the robot, else zero."""
+        if any(fault.stops for fault in self.faults):
+            return np.zeros(self.estimator.options.joints)
         if self.command_period is None:
             return choose()
         late = self.frame.time - self._next_command
@@ -298,52 +332,63 @@ class ServoLoop:
             return
         # Not where it does not align: something else may cover it.
         if tracker.options.min_correlation <= float(tracker.correlation[0]) < self.renew_patch:
-            tracker.redefine(tracker.points, self.frame.gray, self._same_surface(tracker.points[0]))
+            tracker.redefine(tracker.points, self.frame.gray, same_surface(self.estimator, tracker.points[0]))
 
-    def _same_surface(self, point: Any) -> np.ndarray | None:
-        """(H, W) bool: pixels that move as the point does; None where J says nothing yet."""
-        own = self.estimator.at(point)[0]
-        size = np.linalg.norm(own)
-        if size == 0:
-            return None
-        return np.linalg.norm(self.estimator.to_numpy() - own, axis=(2, 3)) <= SAME_SURFACE * size
+    def _judge_motion(self, least_share: float) -> None:
+        if self.pipeline.check is not None:
+            self.pipeline.check.least_share = least_share
 
     @property
     def _lost(self) -> bool:
-        return bool(self.tracker is not None and self.tracker.lost[0])
+        return self.tracker is not None and bool(self.tracker.lost[0])
 
     def _take(self, image: np.ndarray, time: float) -> Frame:
         """The last frame that this image lets be processed: itself, or an earlier one that waited for its readings."""
-        positions = self._reading(time)
-        if self.joint_delay <= 0:
-            self._frame = self.pipeline.process(image, time, positions)
-            return self._frame
-        self._held.append((np.array(image), time))  # a camera may reuse its buffer
-        while self._held and (self._is_read(self._held[0][1]) or len(self._held) > MOST_HELD):
-            image, time = self._held.popleft()
-            self._frame = self.pipeline.process(image, time, self._buffer.at(time + self.joint_delay))
+        if time - self._newest > MOST_GAP:
+            self._restart()
+        faults = self.joints.read(time)
+        self._newest = max(self._newest, time)
+        if self.joints.delay <= 0:
+            return self._process(image, time, faults)
+        self._held.append((np.array(image), time, faults))  # a camera may reuse its buffer
+        while self._held and (self.joints.has(self._held[0][1]) or len(self._held) > MOST_HELD):
+            self._process(*self._held.popleft())
         return self._frame
 
-    def _reading(self, time: float) -> np.ndarray:
-        """Take the robot's newest reading; where the joints were at an image's time, as far as is known by now."""
-        positions, stamp = self.robot.joints()
-        self._buffer.add(self.group.take(positions), stamp)
-        return self._buffer.at(time + self.joint_delay)
+    def _process(self, image: np.ndarray, time: float, faults: tuple[Fault, ...]) -> Frame:
+        self._frame = frame = self.pipeline.process(image, time, self.joints.at(time), faults)
+        check = self.pipeline.check
+        if check is None or all(fault.kind is not FaultKind.MISFIT for fault in frame.faults):
+            return frame
+        late = self.joints.find_lateness(list(check.recent))
+        if late is not None:
+            self.pipeline.restart()
+            self._say(late)
+        return self._frame
 
-    def _is_read(self, time: float) -> bool:
-        return time + self.joint_delay <= self._buffer.readings()[0][-1] + 1e-6  # s; stamps are sums of rounded numbers
+    def _say(self, fault: Fault) -> None:
+        """Add what is wrong to the last frame."""
+        followed = self._followed is self._frame
+        self._frame = replace(self._frame, faults=(*self._frame.faults, fault))
+        if followed:
+            self._followed = self._frame
 
-    def _find_delay(self) -> None:
-        """Note the last frame's motion; once there is enough, find the delay and begin anew where there is one."""
-        flow, start = self._frame.flow, DELAY_STEP // 2
-        self._motion.append((self._frame.time, None if flow is None else flow[start::DELAY_STEP, start::DELAY_STEP]))
-        if len(self._motion) < DELAY_FRAMES + DELAY_MARGIN:
-            return
-        self._finding_delay = False
-        seen = self._motion[:DELAY_FRAMES]
-        times = np.array([time for time, _ in seen])
-        flows = np.array([np.nan_to_num(flow).ravel() for _, flow in seen[1:] if flow is not None])
-        self._motion = []
-        self.joint_delay = found_joint_delay(flows, times, *self._buffer.readings())
-        if self.joint_delay:
-            self.pipeline.restart(forget=True)
+    def _waited_long(self) -> str:
+        """Why nothing may be commanded where images wait for their readings."""
+        late = self._newest - self.frame.time
+        return f"the image is {late:.3f} s old" if late > MAX_AGE + max(self.joints.delay, 0.0) else ""
+
+    def _follow_point(self, tracker: PointTracker, frame: Frame) -> None:
+        """Take the tracked point along from the last frame that it was followed in, and say where it is not seen."""
+        last, self._followed = self._followed, frame
+        dq = frame.positions - last.positions
+        if self.pipeline.motion(dq) > MOST_BRIDGED:
+            flow = self.estimator.predicted_flow(dq)
+        else:
+            flow = self._tracking_flow(last.gray, frame.gray)
+        tracker.update(flow, frame.gray)
+        correlation = float(tracker.correlation[0])
+        if correlation < tracker.options.min_correlation:
+            text = f"its surroundings correlate by {correlation:.2f} with how they were"
+            self._say(Fault(FaultKind.POINT, text, stops=False, holds=False))
+        self._renew_patch(tracker)

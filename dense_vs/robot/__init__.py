@@ -1,10 +1,22 @@
-"""The interfaces to a robot: its camera, joints and gripper, joints by name, and the motion by which it learns.
+"""The interfaces to a robot: its camera, joints and gripper, joints by name, the last gate of commands, and the motion
+by which it learns.
 
 May import: the ground (``errors``, ``checks``, ``arrays``, ``device``, ``files``) and kernels.
 """
 
 from dense_vs.robot.babbling import Babbling, BabblingOptions
+from dense_vs.robot.command_gate import CommandGate
 from dense_vs.robot.joint_group import JointGroup
-from dense_vs.robot.protocols import Camera, Gripper, GripperState, Robot
+from dense_vs.robot.protocols import Camera, Gripper, GripperState, JointUnits, Robot
 
-__all__ = ["Babbling", "BabblingOptions", "Camera", "Gripper", "GripperState", "JointGroup", "Robot"]
+__all__ = [
+    "Babbling",
+    "BabblingOptions",
+    "Camera",
+    "CommandGate",
+    "Gripper",
+    "GripperState",
+    "JointGroup",
+    "JointUnits",
+    "Robot",
+]

@@ -21,7 +21,7 @@ from typing import Any
 import warp as wp
 
 from dense_vs.kernels.image.bilinear import bilinear, bilinear_taps
-from dense_vs.kernels.image.flow_field import finite
+from dense_vs.kernels.image.flow_field import finite, is_flow
 from dense_vs.kernels.jacobian.moved_pixels import pixel_shift, sample_vec2
 
 wp.set_module_options({"enable_backward": False})
@@ -98,7 +98,7 @@ def _update_motion(Jacobian: Any, JointVector: Any, joints: int) -> wp.Kernel:
             taps = bilinear_taps(x, y, moved, width, height)
             predicted = sample_vec2(motion_in, world, taps)
             error = wp.vec2(0.0, 0.0)
-            seen = finite(flow)
+            seen = is_flow(flow)
             if seen:
                 error = flow - predicted
                 by_flow = bilinear_taps(x, y, flow, width, height)

@@ -35,6 +35,12 @@ def state_columns(joints: int, order: int) -> int:
     return joints + (joints * (joints + 1) // 2 if order == 2 else 0)
 
 
+def hessian_place(i: int, j: int, joints: int) -> int:
+    """Column of H_ij = H_ji in the state, on the host; as :func:`hessian_column`."""
+    low, high = min(i, j), max(i, j)
+    return joints + low * joints - low * (low - 1) // 2 + high - low
+
+
 @wp.func
 def hessian_column(i: int, j: int, joints: int) -> int:
     """Column of H_ij = H_ji in the state: row by row of the upper triangle, after the columns of J."""
@@ -72,7 +78,7 @@ def standard_step(
 
 @wp.func
 def column_factor(factor: wp.array2d(dtype=wp.float64), world: int, column: int, joints: int) -> wp.float64:
-    """What turns a column of the state from standard units to the joints' own."""
+    """Factor that turns a column of the state from standard units to the joints' own."""
     if column < joints:
         return factor[world, column]
     pair = column_pair(column, joints)
@@ -83,7 +89,7 @@ def column_factor(factor: wp.array2d(dtype=wp.float64), world: int, column: int,
 def second_order_entry(
     span: wp.array2d(dtype=wp.float32), factor: wp.array2d(dtype=wp.float64), world: int, column: int, joints: int
 ) -> wp.float64:
-    """What multiplies H_ij in 1/2 sum_ij H_ij s_i s_j, all in standard units."""
+    """Factor of H_ij in 1/2 sum_ij H_ij s_i s_j, all in standard units."""
     pair = column_pair(column, joints)
     product = standard_step(span, factor, world, pair[0]) * standard_step(span, factor, world, pair[1])
     if pair[0] == pair[1]:
@@ -189,6 +195,15 @@ def update_shared_covariance(
                 covariance_out[world, i, j] *= scale
                 covariance_out[world, j, i] *= scale
 
+    # Rounding over a large step leaves entries that no covariance has: |P_ij| <= sqrt(P_ii P_jj).
+    for i in range(columns):
+        covariance_out[world, i, i] = wp.max(covariance_out[world, i, i], wp.float64(0.0))
+    for i in range(columns):
+        for j in range(columns):
+            if i != j:
+                most = wp.sqrt(covariance_out[world, i, i] * covariance_out[world, j, j])
+                covariance_out[world, i, j] = wp.clamp(covariance_out[world, i, j], -most, most)
+
     innovation_variance = measurement_noise
     for i in range(columns):
         projected = wp.float64(0.0)
@@ -205,6 +220,7 @@ def update_shared_covariance(
         else:
             innovation_variance -= projected * second_order_entry(span_in, factor_in, world, i, joints)
 
+    innovation_variance = wp.max(innovation_variance, measurement_noise)
     for i in range(columns):
         gain = projected_out[world, i] / innovation_variance
         for j in range(columns):

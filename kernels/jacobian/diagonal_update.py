@@ -5,7 +5,7 @@ from types import SimpleNamespace
 import warp as wp
 
 from dense_vs.kernels.image.bilinear import bilinear
-from dense_vs.kernels.image.flow_field import finite
+from dense_vs.kernels.image.flow_field import is_flow
 from dense_vs.kernels.image.row_taps import find_row_taps
 from dense_vs.kernels.jacobian.moved_pixels import innovation, moved_taps
 
@@ -63,7 +63,7 @@ def diagonal_update_kernel(types: SimpleNamespace) -> wp.Kernel:
             gain = projected * (1.0 / (wp.dot(projected, dq) + measurement_noise))
             error = innovation(flow, model_flow_in, world, taps)
             write_state(jacobian_out, world, y, x, prior + wp.outer(error, gain))  # DIJE (10)
-            if finite(flow):
+            if is_flow(flow):
                 variance = variance - wp.cw_mul(gain, projected)  # DIJE (11)
             variance_out[world, y, x] = variance
 

@@ -4,7 +4,7 @@ from types import SimpleNamespace
 
 import warp as wp
 
-from dense_vs.kernels.image.flow_field import finite
+from dense_vs.kernels.image.flow_field import is_flow
 from dense_vs.kernels.image.row_taps import find_row_taps
 from dense_vs.kernels.jacobian.moved_pixels import innovation, moved_taps
 
@@ -61,7 +61,7 @@ def full_update_kernel(types: SimpleNamespace) -> wp.Kernel:
             gain = projected * (1.0 / (wp.dot(projected, dq) + measurement_noise))
             error = innovation(flow, model_flow_in, world, taps)
             write_state(jacobian_out, world, y, x, prior + wp.outer(error, gain))
-            if finite(flow):
+            if is_flow(flow):
                 covariance = covariance - wp.outer(gain, projected)
             covariance_out[world, y, x] = covariance
 

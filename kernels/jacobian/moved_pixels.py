@@ -8,7 +8,7 @@ further step comes nearer to the fixed point y = x - v(y) (beyond the paper).
 import warp as wp
 
 from dense_vs.kernels.image.bilinear import Taps, bilinear, bilinear_taps
-from dense_vs.kernels.image.flow_field import finite
+from dense_vs.kernels.image.flow_field import finite, is_flow
 from dense_vs.kernels.image.row_taps import row_taps
 
 wp.set_module_options({"enable_backward": False})
@@ -56,6 +56,6 @@ def moved_taps(
 @wp.func
 def innovation(flow: wp.vec2, model_flow: wp.array3d(dtype=wp.vec2), world: int, taps: Taps) -> wp.vec2:
     """u - J dq [px], the bracket of DIJE (10); zero where the flow is not finite, which keeps the prediction."""
-    if finite(flow):
+    if is_flow(flow):
         return flow - sample_vec2(model_flow, world, taps)
     return wp.vec2(0.0, 0.0)

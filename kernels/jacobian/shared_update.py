@@ -10,7 +10,7 @@ from types import SimpleNamespace
 import warp as wp
 
 from dense_vs.kernels.image.bilinear import bilinear_taps
-from dense_vs.kernels.image.flow_field import finite
+from dense_vs.kernels.image.flow_field import is_flow
 from dense_vs.kernels.image.row_taps import find_row_taps
 from dense_vs.kernels.jacobian.innovation_bounds import FADE, NEAR, at_rest, bounded_innovation
 from dense_vs.kernels.jacobian.moved_pixels import innovation, moved_taps, sample_vec2
@@ -92,16 +92,16 @@ def shared_update_kernels(types: SimpleNamespace) -> SimpleNamespace:
             error = wp.vec2(0.0, 0.0)
             if one_frame:
                 error = innovation(flow, model_flow_in, world, taps)
-            if or_flow != 0 and one_frame and finite(flow) and wp.dot(error, error) > NEAR:
+            if or_flow != 0 and one_frame and is_flow(flow) and wp.dot(error, error) > NEAR:
                 by_flow = bilinear_taps(x, y, flow, width, state_in.shape[1])
                 error_by_flow = flow - sample_vec2(model_flow_in, world, by_flow)
                 if wp.dot(error_by_flow, error_by_flow) < wp.dot(error, error):
                     taps = by_flow
                     error = error_by_flow
             prior = sample_state(state_in, world, taps)
-            if not one_frame and finite(flow):
+            if not one_frame and is_flow(flow):
                 error = flow - prior * measured
-            if measures and finite(flow) and at_rest(flow, error, rest):
+            if measures and is_flow(flow) and at_rest(flow, error, rest):
                 write_state(state_out, world, y, x, FADE * prior)
             else:
                 write_state(state_out, world, y, x, prior + wp.outer(bounded_innovation(error, flow, bound), gain))

@@ -9,7 +9,7 @@ from functools import cache
 import warp as wp
 
 from dense_vs.kernels.image.bilinear import bilinear_taps
-from dense_vs.kernels.image.flow_field import finite
+from dense_vs.kernels.image.flow_field import finite, is_flow
 from dense_vs.kernels.image.tiles import tile_pixel
 from dense_vs.kernels.jacobian.innovation_bounds import FADE, NEAR, at_rest, bounded_innovation
 from dense_vs.kernels.jacobian.state_image import Layout
@@ -70,11 +70,11 @@ def single_pass_kernel(
                     moved = sample_state(state_in, world, bilinear_taps(x, y, moved, width, height)) * regressor
             else:
                 moved = wp.vec2(0.0, 0.0)
-        elif wp.static(iterations > 0) and finite(flow):  # DIJE (13)
+        elif wp.static(iterations > 0) and is_flow(flow):  # DIJE (13)
             moved = flow
         prior = sample_state(state_in, world, bilinear_taps(x, y, moved, width, height))
         error = wp.vec2(0.0, 0.0)
-        if finite(flow):
+        if is_flow(flow):
             error = flow - prior * measured_in[world]
             if wp.static(or_flow) and one_frame and wp.dot(error, error) > NEAR:
                 prior_by_flow = sample_state(state_in, world, bilinear_taps(x, y, flow, width, height))

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from dense_vs.checks import check_number, check_whole
-from dense_vs.point_servo.loop import ReachEnd
+from dense_vs.point_servo.reach import ReachEnd
 
 # By the numbers of kernels/simulation/servo_episode.py.
 ENDS = (ReachEnd.PENDING, ReachEnd.REACHED, ReachEnd.MISSED, ReachEnd.LOST)

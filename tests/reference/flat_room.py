@@ -28,6 +28,7 @@ class FlatRoom:
         self.commands: list[np.ndarray] = []
         self.joint_limits = None if limits is None else np.array(limits, dtype=float)
         self.before_look = lambda: None
+        self.time = 0.0
         self.held = False
         self.grip = 0.0  # how far the fingertips reach below the camera [m]
         self.jams = False
@@ -46,16 +47,17 @@ class FlatRoom:
             center = np.array([(WIDTH - 1) / 2, (HEIGHT - 1) / 2]) + scale * offset
             x, y = np.meshgrid(np.arange(WIDTH), np.arange(HEIGHT))
             image[np.hypot(x - center[0], y - center[1]) < scale * self.disc.radius] = 255
-        return image, 0.0
+        return image, self.time
 
     def segment(self, image):
         return image[..., 0] > 128
 
     def joints(self):
-        return self.q.copy(), 0.0
+        return self.q.copy(), self.time
 
     def command(self, delta):
         self.commands.append(np.array(delta))
+        self.time += 0.1
         self.q = self.q + delta
         if self.joint_limits is not None:
             self.q = np.clip(self.q, *self.joint_limits.T)

@@ -1,7 +1,8 @@
 """How far a model's pixels may be off at postures like those it was learned from, from the samples alone.
 
 Beyond the paper. A model can explain few samples to within their noise and still be wrong elsewhere. The covariance of
-what was learned, the inverse of the normal matrix, shows this without holding samples out.
+what was learned, the inverse of the normal matrix, shows this without holding samples out. To that comes what no
+parameter explains at the samples either, as where joints are in another unit or belong to other images.
 """
 
 import numpy as np
@@ -11,6 +12,7 @@ from dense_vs.generative.prediction import predict
 
 POSTURES = 30
 DRAWS = 50
+BY_CHANCE = 1.5  # times the noise: residuals that may be noise
 OPEN = 1e-11  # eigenvalue of the information with a unit diagonal: below, the direction is open, as the scale is
 
 
@@ -46,6 +48,16 @@ def expected_error(
     wrong = wrong @ rng.normal(size=(wrong.shape[1], DRAWS))
     off = others.pixel_changes(State(parameters, joints), wrong)
     return float(np.linalg.norm(off, axis=-2)[shown].mean())
+
+
+def unexplained_distance(rms: float, pixel_sigma: float) -> float:
+    """Mean distance [px] that residuals of ``rms`` a coordinate show beyond noise of ``pixel_sigma``.
+
+    What no parameter explains at the samples is there at other postures too; 0 where chance may have made it.
+    """
+    if rms <= BY_CHANCE * pixel_sigma:
+        return 0.0
+    return float(np.sqrt(np.pi / 2 * (rms**2 - pixel_sigma**2)))
 
 
 def shared_information(equations: NormalEquations) -> np.ndarray:

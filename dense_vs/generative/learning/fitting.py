@@ -15,7 +15,7 @@ from dense_vs.generative.learning.end_to_end import (
     fit_pixels,
     initial_parameters,
 )
-from dense_vs.generative.learning.expected_error import expected_error
+from dense_vs.generative.learning.expected_error import expected_error, unexplained_distance
 from dense_vs.generative.learning.state_noise import fit_noisy_actions, fit_noisy_readings
 from dense_vs.generative.least_squares.levenberg_marquardt import Solution, minimize
 from dense_vs.generative.least_squares.observability import describe_unobservable
@@ -29,7 +29,7 @@ from dense_vs.generative.reconstruction.initialization import (
     guessed_intrinsics,
     intrinsics_prior,
 )
-from dense_vs.generative.report import FitReport, Stage
+from dense_vs.generative.report import MOST_MISFIT, FitReport, Stage
 
 STILL = 1e-6  # rad of range: below, a joint did not move
 REJECTION_ROUNDS = 4
@@ -37,7 +37,7 @@ REJECTION_ROUNDS = 4
 
 @dataclass(frozen=True)
 class FitOptions:
-    """What a fit is told beside the observations; see :meth:`GenerativeModel.fit`."""
+    """Options of a fit; see :meth:`GenerativeModel.fit`."""
 
     state: str = "observed"
     pixel_sigma: float | None = None
@@ -105,7 +105,10 @@ def fit_joint_model(obs: Observations, seed: int, options: FitOptions) -> Fit:
     _finish(report, obs, problem, best, options)
     if options.state != "actions":
         state = best.state
-        report.expected_error_px = expected_error(problem, state, obs.pixels, state.joints, pixel_sigma)
+        report.misfit = report.rms_px / pixel_sigma
+        report.converged = report.converged and report.misfit <= MOST_MISFIT
+        known = expected_error(problem, state, obs.pixels, state.joints, max(pixel_sigma, report.rms_px))
+        report.expected_error_px = float(np.hypot(known, unexplained_distance(report.rms_px, pixel_sigma)))
     report.seconds = time.perf_counter() - started
     dh = best.state.dh if isinstance(best.state, DHState) else None
     return Fit(_without_unseen(best.state.parameters, problem), best.state.joints, report, dh)

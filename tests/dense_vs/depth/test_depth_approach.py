@@ -106,3 +106,23 @@ def test_masks_of_parts_at_first_do_not_end_it():
     assert result.end is ApproachEnd.NEAR
     assert room.q[2] < 0.3
     assert result.z_object == pytest.approx(0.0, abs=0.01)
+
+
+@pytest.mark.parametrize("steps", [(0.01, np.inf), (0.01, np.nan), (0.0, 0.05), (0.05, 0.01), (0.01,), 0.05, None])
+def test_steps_that_would_send_the_camera_anywhere(steps):
+    room = FlatRoom(Disc(np.zeros(2)))
+    with pytest.raises(DenseVSError, match="steps"):
+        approach(room, steps=steps)
+    assert not room.commands
+
+
+def test_no_step_is_longer_than_asked_for_and_none_on_an_old_image():
+    room = FlatRoom(Disc(np.zeros(2)))
+    approach(room, steps=(0.01, 0.03))
+    assert np.abs(room.commands).max() <= 0.03
+    room = FlatRoom(Disc(np.zeros(2)))
+    image, read = room.read(), room.read
+    room.read = lambda: image if len(room.commands) > 2 else read()
+    with pytest.raises(DenseVSError, match=r"the approach stopped: the image of .* was acted on before"):
+        approach(room)
+    assert len(np.flatnonzero(np.any(room.commands, axis=1))) <= 4

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from reference_recordings import record
 
+from dense_vs.errors import DenseVSError
 from dense_vs.generative import GenerativeModel
 from dense_vs.generative.learning.expected_error import inverse_root, shared_information
 from dense_vs.generative.least_squares.pixel_problem import NormalEquations
@@ -54,3 +55,36 @@ def test_information_of_the_shared_unknowns_is_what_the_others_leave():
     np.testing.assert_allclose(np.linalg.inv(shared), expected, rtol=1e-9)
     half = inverse_root(shared)
     np.testing.assert_allclose(half @ half.T, expected, rtol=1e-9)
+
+
+@pytest.mark.parametrize("joints", ["degrees", "random", "of other samples"])
+def test_joints_that_do_not_belong_to_the_images_are_told(ur5, joints):
+    wrong = {
+        "degrees": np.rad2deg(ur5.joints),
+        "random": np.random.default_rng(0).uniform(-2, 2, ur5.joints.shape),
+        "of other samples": np.roll(ur5.joints, 7, axis=0),
+    }[joints]
+    model = GenerativeModel.fit(ur5.observations(joints=wrong))
+    report = model.report
+    assert not report.converged
+    assert report.misfit > 10
+    true = np.linalg.norm(model.pixels(wrong[:20]) - ur5.pixels[:20], axis=-1)
+    assert report.expected_error_px > 0.5 * np.nanmean(true)
+    with pytest.raises(DenseVSError, match="the model misses its own samples by"):
+        model.command(ur5.pixels[0], ur5.pixels[1])
+
+
+def test_a_model_that_fits_has_no_misfit(ur5, model):
+    assert model.report.converged
+    assert 0.7 < model.report.misfit < 1.3
+    model.command(ur5.pixels[0], ur5.pixels[1])
+
+
+def test_an_image_that_no_posture_explains_moves_nothing(ur5, model):
+    rng = np.random.default_rng(1)
+    noise = np.where(np.isfinite(ur5.pixels[0]), rng.uniform(0, 600, ur5.pixels[0].shape), np.nan)
+    assert model.misfit_px(ur5.pixels[:5], model.infer_joints(ur5.pixels[:5])).max() < 1.5
+    assert model.misfit_px(noise, model.infer_joints(noise)) > 30
+    for now, target, name in ((noise, ur5.pixels[1], "current"), (ur5.pixels[1], noise, "target")):
+        with pytest.raises(DenseVSError, match=f"no posture explains the {name} image: the nearest is"):
+            model.command(now, target)

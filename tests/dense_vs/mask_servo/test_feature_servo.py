@@ -79,3 +79,13 @@ def test_bad_input_is_refused():
         plain.step(np.eye(3), [0.0, 0.0])
     with pytest.raises(DenseVSError, match="features have shape"):
         plain.step(PINV, [0.0, 0.0, 0.0])
+
+
+@pytest.mark.parametrize(("gain", "size"), [(1e300, 1.0), (1.0, 1e200), (1e200, 1e200), (1e308, 1e307)])
+def test_no_number_is_too_large_for_a_step(gain, size):
+    bounded = FeatureServo([0.0, 0.0], gain, max_step=[0.1, 0.2, 0.3]).step(size * PINV, [300.0, 200.0]).dq
+    usual = FeatureServo([0.0, 0.0], 1e6, max_step=[0.1, 0.2, 0.3]).step(PINV, [300.0, 200.0]).dq
+    np.testing.assert_allclose(bounded, usual, rtol=1e-9)
+    if size > 1e150 and gain > 1e150:
+        with pytest.raises(DenseVSError, match=r"step is .*expected a smaller gain"):
+            FeatureServo([0.0, 0.0], gain).step(size * PINV, [300.0, 200.0])

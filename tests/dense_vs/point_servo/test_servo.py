@@ -172,3 +172,26 @@ def test_whole_numbers_are_welcome_as_points():
     np.testing.assert_array_equal(
         VisualServo(2, dither=0)(J, [1, 2], (3, 4)), VisualServo(2, dither=0)(J, np.array([1.0, 2]), np.array([3.0, 4]))
     )
+
+
+@pytest.mark.parametrize("options", [{}, {"gain": 1e300}, {"damping": 0.0}, {"damping": 1e300}, {"gain": 1e308}])
+@pytest.mark.parametrize("size", [1.0, 1e9, 1e160, 1e308, 1e-300])
+@pytest.mark.parametrize("rank", [1, 2])
+def test_no_number_is_too_large_for_a_step(options, size, rank):
+    J = size * np.array([[1.0, -0.5, 0.25], [0.5, 1.0, 0.1]])
+    if rank == 1:
+        J[1] = 2 * J[0] if size < 1e300 else J[0]
+    servo = VisualServo(3, joint_limits=[[-0.5, 0.001]] * 3, dither=0.0, **options)
+    for target in ([90.0, 50.0], [1e300, -1e300]):
+        step = servo(J, [10.0, 10.0], target, np.zeros(3))
+        assert np.isfinite(step).all()
+        assert np.abs(step).max() <= servo.options.max_step * (1 + 1e-12)
+        assert (step <= 0.001).all()
+
+
+def test_joints_that_are_held_stay_and_the_others_do_without():
+    J = np.array([[100.0, 0.0, 50.0], [0.0, 100.0, 30.0]])
+    servo = VisualServo(3, gain=0.1, damping=0, **FREE)
+    step = servo(J, [0.0, 0.0], [10.0, 4.0], held=[True, False, False])
+    assert step[0] == 0
+    np.testing.assert_allclose(J @ step, [1.0, 0.4])

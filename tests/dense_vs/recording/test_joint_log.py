@@ -186,9 +186,21 @@ def test_buffer_takes_a_reading_once():
     buffer = JointBuffer(1)
     buffer.add(np.array([1.0]), 0.5)
     buffer.add(np.array([7.0]), 0.5)
-    buffer.add(np.array([7.0]), 0.4)
     buffer.add(np.array([2.0]), 0.6)
     np.testing.assert_allclose([buffer.at(t)[0] for t in (0.0, 0.5, 0.55, 0.6, 9.0)], [1, 1, 1.5, 2, 2])
+
+
+@pytest.mark.parametrize("stamp", [0.4, -3.0, 3.0, 1e9])
+def test_buffer_says_that_a_stamp_is_of_another_clock(stamp):
+    buffer = JointBuffer(1)
+    buffer.add(np.array([1.0]), 0.5)
+    with pytest.raises(DenseVSError, match=r"joint time stamp is .* s after 0.5 s; expected increasing stamps"):
+        buffer.add(np.array([7.0]), stamp)
+    buffer.add(np.array([2.0]), 0.6)
+    np.testing.assert_allclose([buffer.at(t)[0] for t in (0.5, 0.55, 0.6)], [1, 1.5, 2])
+    buffer.clear()
+    buffer.add(np.array([4.0]), stamp)
+    assert buffer.at(0.5) == 4.0
 
 
 def test_buffer_does_not_keep_hold_of_its_input():

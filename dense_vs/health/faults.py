@@ -1,0 +1,47 @@
+"""What can be wrong with a frame: its image, its joint readings, or that the two do not belong together."""
+
+from dataclasses import dataclass
+from enum import StrEnum
+
+
+class FaultKind(StrEnum):
+    """What is wrong."""
+
+    CLOCK = "clock"
+    """Joint stamps jump, go back or are not on the camera's clock."""
+    READING = "reading"
+    """A joint reading that no motor can have made."""
+    STUCK = "stuck joint"
+    """A joint's reading does not follow its commands: the joint, or its encoder, is stuck."""
+    DARK = "dark image"
+    """The image shows nothing."""
+    FROZEN = "frozen image"
+    """The same image again although the robot moved."""
+    NOISE = "noisy image"
+    """Single pixels are wrong; the image is used once they are repaired."""
+    MISFIT = "motion not explained"
+    """The image does not move as the joints say."""
+    LATE = "late images"
+    """Images belong to earlier joint readings than their stamps say."""
+    POINT = "point not seen"
+    """The tracked point's surroundings are covered or look otherwise."""
+
+
+@dataclass(frozen=True)
+class Fault:
+    """Something wrong with a frame.
+
+    Attributes:
+        kind: what.
+        text: what was seen, in words.
+        stops: whether no motion is commanded because of it.
+        holds: whether nothing is learned from the frame because of it.
+    """
+
+    kind: FaultKind
+    text: str
+    stops: bool = True
+    holds: bool = True
+
+    def __str__(self) -> str:
+        return f"{self.kind}: {self.text}"

@@ -1,0 +1,103 @@
+"""A live robot's joints on the camera's clock: readings judged, kept, and interpolated to the images' stamps."""
+
+import numpy as np
+
+from dense_vs.health.faults import Fault, FaultKind
+from dense_vs.health.joint_watch import JointWatch
+from dense_vs.health.motion_check import Motion, find_lateness
+from dense_vs.recording.joint_delay import joint_delay as found_joint_delay
+from dense_vs.recording.joint_log import JointBuffer
+from dense_vs.robot.joint_group import JointGroup
+from dense_vs.robot.protocols import Robot
+
+DELAY_FRAMES = 60  # of babbling, that the delay of joint readings is found in
+DELAY_MARGIN = 3  # frames more of readings, as the longest delay that is tried
+DELAY_STEP = 8  # px between the pixels that it is found from
+
+
+class JointStream:
+    """Readings of a robot's joints.
+
+    Args:
+        robot: gives them.
+        group: the n joints in use.
+        watch: judges them.
+        delay: time that readings are behind the images [s]; None to find it.
+
+    Attributes:
+        delay: as far as is known [s].
+        finding: whether it is still to be found.
+    """
+
+    def __init__(self, robot: Robot, group: JointGroup, watch: JointWatch, delay: float | None):
+        self._robot, self._group, self.watch = robot, group, watch
+        self.finding = delay is None
+        self.delay = 0.0 if delay is None else delay
+        self._motion: list[tuple[float, np.ndarray | None]] = []  # time and flow of the frames it is found from
+        self.restart()
+
+    def restart(self) -> None:
+        """Forget earlier readings, as after a gap."""
+        self._buffer = JointBuffer(len(self._group.names))
+        self.watch.restart()
+        self._motion = []
+
+    def read(self, image_time: float) -> tuple[Fault, ...]:
+        """Take the robot's newest reading, if it can be believed; what is wrong with it.
+
+        Raises:
+            DenseVSError: as :meth:`JointWatch.judge`.
+        """
+        positions, stamp = self._robot.joints()
+        reading = np.asarray(self._group.take(positions), dtype=np.float64)
+        faults = self.watch.judge(reading, stamp, image_time)
+        if not any(fault.stops for fault in faults):
+            self._buffer.add(reading, stamp)
+        return tuple(faults)
+
+    @property
+    def newest(self) -> np.ndarray:
+        """The last reading that was believed, ``(n,)`` [rad]."""
+        assert self.watch.positions is not None  # one is read before anything is asked
+        return self.watch.positions
+
+    @property
+    def newest_time(self) -> float:
+        """Its stamp [s]."""
+        return self.watch.time
+
+    def at(self, image_time: float) -> np.ndarray:
+        """Where the joints were at an image's time, as far as is known by now, ``(n,)`` [rad]."""
+        return self._buffer.at(image_time + self.delay)
+
+    def has(self, image_time: float) -> bool:
+        """Whether the readings of an image's time are there."""
+        return image_time + self.delay <= self._buffer.readings()[0][-1] + 1e-6  # s; stamps are rounded sums
+
+    def find_delay(self, time: float, flow: np.ndarray | None) -> bool:
+        """Note a frame's motion; once there is enough, find the delay. Whether there is one, found just now."""
+        start = DELAY_STEP // 2
+        if flow is None:  # a frame that was not used: begin anew with the next
+            self._motion = []
+        self._motion.append((time, None if flow is None else flow[start::DELAY_STEP, start::DELAY_STEP]))
+        if len(self._motion) < DELAY_FRAMES + DELAY_MARGIN:
+            return False
+        self.finding = False
+        seen = self._motion[:DELAY_FRAMES]
+        times = np.array([time for time, _ in seen])
+        flows = np.array([np.nan_to_num(flow).ravel() for _, flow in seen[1:] if flow is not None])
+        self._motion = []
+        self.delay = found_joint_delay(flows, times, *self._buffer.readings())
+        return self.delay != 0.0
+
+    def find_lateness(self, recent: list[Motion]) -> Fault | None:
+        """Take out a delay that motions which the joints do not explain are explained by; what it is, if one is."""
+        frame_time = self.watch.frame_time
+        found = find_lateness(recent, self._buffer.at, self.delay, frame_time)
+        if found is None or abs(found - self.delay) < 0.4 * frame_time:
+            return None
+        self.delay = found
+        text = f"joint readings are {self.delay:.3f} s behind the images now; taken out"
+        if self.delay <= 0:
+            text = f"images come {-self.delay:.3f} s later than their stamps say; taken out"
+        return Fault(FaultKind.LATE, text, stops=False, holds=False)
