@@ -1,4 +1,4 @@
-"""Which pixels are the robot's own body: DIJE's Algorithms 1 and 2, and evidence from motion.
+"""Which pixels are the robot's own body: DIJE's Algorithms 1 and 2, and evidence from motion and color.
 
 May import: the ground, kernels and :mod:`dense_vs.jacobian`.
 """

@@ -6,6 +6,8 @@ labeled by motion alone. Chromaticity is stretched, as few surfaces are vivid. T
 stood still before a hand took it is known as other while it moves with the hand.
 """
 
+from typing import Any
+
 import cv2
 import numpy as np
 
@@ -25,7 +27,7 @@ class Appearance:
     def color_bins(self, image: np.ndarray) -> np.ndarray:
         """Index of each pixel's color, ``(H, W)``, of an image RGB ``(H, W, 3)`` or gray ``(H, W)`` uint8."""
         rgb = image if image.ndim == 3 else cv2.cvtColor(image, cv2.COLOR_GRAY2RGB)
-        lab = cv2.cvtColor(rgb, cv2.COLOR_RGB2LAB)
+        lab: Any = cv2.cvtColor(rgb, cv2.COLOR_RGB2LAB)
         values = np.arange(256)
         bins = values * BINS // 256
         vivid = np.clip((values - 128) * VIVID + 128, 0, 255) * BINS // 256

@@ -29,7 +29,8 @@ class SelfMotionOptions:
         rest: where neither flow nor prediction reaches it a frame is no evidence [px].
         still: flow of an image that stands still [px].
         due: predicted motion that a still image contradicts [px].
-        unexplained: share of the motion's energy that the joints may leave unexplained on the body.
+        unexplained: share of the motion's energy that the joints may leave unexplained on the body, where no image
+            says more.
         least_energy: of flow and of what is unexplained; with less of both nothing is known [px^2].
         process_noise, measurement_noise, initial_variance, max_joint_step: as in
             :class:`dense_vs.jacobian.options.JacobianOptions`.

@@ -7,6 +7,8 @@ nothing or near pixels that both are sure of, as somebody who passes by may wear
 along the image's edges, and what is connected counts as the body where motion says so on average.
 """
 
+from typing import Any
+
 import cv2
 import numpy as np
 
@@ -69,6 +71,7 @@ class RefinedLabels:
 
 def _moving_parts(likely: np.ndarray, motion: np.ndarray) -> np.ndarray:
     """Those connected parts of a mask ``(H, W)`` whose mean log-odds of motion are above 0."""
+    part: Any
     count, part, sizes, _ = cv2.connectedComponentsWithStats(likely.astype(np.uint8), connectivity=4)
     pixels = sizes[:, cv2.CC_STAT_AREA]
     total = np.bincount(part.ravel(), np.clip(motion, -2.0, 2.0).ravel(), count)

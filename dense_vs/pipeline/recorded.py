@@ -26,7 +26,7 @@ from dense_vs.recording.prefetch import prefetch
 from dense_vs.recording.survey import joint_motions
 
 # Found on three reaches of a humanoid (``profiling/real_robot.py``): 0.03 to 0.07 s do alike.
-JOINT_SMOOTHING = 0.05  # s
+JOINT_SMOOTHING = 0.065  # s
 STILL_NOISES = 5.0  # standard deviations of its readings that a joint at rest stays within from image to image
 
 

@@ -1,5 +1,7 @@
 """A frame through the estimator: the right flow and joint step reach it, or nothing changes."""
 
+from typing import Any
+
 import cv2
 import numpy as np
 import pytest
@@ -123,6 +125,7 @@ def test_slow_motion_is_measured_over_several_frames(scene):
         frame = pipeline.process(scene.image(q), k / 30, q)
         if k == 0:
             continue
+        assert frame.dq is not None
         np.testing.assert_allclose(frame.dq, q - path[k - 1])
         spans.append(0 if frame.measured is None else 1)
         if frame.measured is not None:
@@ -208,6 +211,7 @@ def test_a_robot_that_stands_still_keeps_its_jacobian(scene, postures):
 
 def test_refuses_a_bad_bound_of_stillness(scene):
     estimator = DenseJacobian(height=scene.height, width=scene.width, joints=4, device="cpu")
+    bad: Any
     for bad in (np.zeros(3), [1, 2], np.full(4, np.nan), "0.1"):
         with pytest.raises(DenseVSError, match="still "):
             FramePipeline(estimator, still=bad)
