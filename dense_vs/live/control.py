@@ -8,6 +8,7 @@ import time
 from collections.abc import Callable
 
 SILENT_SECONDS = 0.8
+OPENING_SECONDS = 5.0  # a page may take to come up; it has asked for no motion by then
 
 
 class Control:
@@ -32,7 +33,7 @@ class Control:
         """Take control where nobody holds it; whether this client holds it now."""
         if self._holder is None:
             self._holder = client
-            self._heard = self._clock()
+            self._heard = self._clock() + OPENING_SECONDS  # until its first word
         return self._holder == client
 
     def heard(self, client: int) -> None:

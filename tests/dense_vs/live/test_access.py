@@ -58,6 +58,7 @@ def test_one_page_holds_control_and_its_silence_stops_the_robot():
     now, stops = [0.0], []
     control = Control(stops.append, lambda: now[0])
     assert control.take(1)
+    control.heard(1)
     assert not control.take(2)
     now[0] += SILENT_SECONDS / 2
     control.heard(2)  # a watcher does not count
