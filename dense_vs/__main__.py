@@ -1,7 +1,8 @@
 """The program ``dense-vs``, also ``python -m dense_vs``: the command line in a process of its own.
 
 An interrupt while modules are still imported, or while the interpreter ends, ends the process as it does any other
-program, without a traceback; in between ``dense_vs.cli.main`` answers it.
+program, without a traceback; in between ``dense_vs.cli.main`` answers it. A request to terminate is answered as an
+interrupt is, so that no unfinished file and no worker stays; only the exit code tells them apart.
 """
 
 import signal
@@ -14,13 +15,21 @@ from dense_vs.cli.main import INTERRUPTED, main  # noqa: E402
 
 def program() -> int:
     """Run ``dense-vs``; the process's exit code."""
+    asked: list[int] = []
+
+    def stop(number: int, _: object) -> None:
+        asked.append(number)
+        raise KeyboardInterrupt
+
     try:
-        signal.signal(signal.SIGINT, signal.default_int_handler)
+        signal.signal(signal.SIGINT, stop)
+        signal.signal(signal.SIGTERM, stop)
         code = main()
     except KeyboardInterrupt:  # while an earlier one was answered
         code = INTERRUPTED
     signal.signal(signal.SIGINT, signal.SIG_DFL)
-    return code
+    signal.signal(signal.SIGTERM, signal.SIG_DFL)
+    return 128 + asked[-1] if code == INTERRUPTED and asked else code
 
 
 if __name__ == "__main__":

@@ -1,4 +1,4 @@
-"""What the public API accepts as an array, and how it reaches the device.
+"""Arrays that the public API accepts, and how they reach the device.
 
 NumPy and Warp arrays and anything with ``__array_interface__``, ``__cuda_array_interface__`` or
 ``__dlpack__`` are taken, without a copy where they already lie on the device.
@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import warp as wp
 
+from dense_vs.checks import shown
 from dense_vs.errors import DenseVSError
 from dense_vs.kernels.views import seen_as
 
@@ -28,7 +29,7 @@ def host_or_gpu(value: Any, name: str, expected: str) -> Any:
         if hasattr(value, "__dlpack__") and not hasattr(value, "__array__"):
             return np.from_dlpack(value)
         return np.asarray(value)
-    except (TypeError, ValueError, RuntimeError, AttributeError, BufferError) as error:
+    except Exception as error:  # the array interfaces are the other library's, or the caller's own, code
         raise DenseVSError(f"{name} is a {type(value).__name__}; expected {expected} ({error})") from error
 
 
@@ -68,19 +69,64 @@ def real_vector(value: Any, name: str, shape: tuple[int, ...], dtype: Any = np.f
     Raises:
         DenseVSError: another shape, not floating point, or a value that is not finite in ``dtype``.
     """
-    shown = str(tuple("any" if n < 0 else n for n in shape)).replace("'", "")
-    expected = f"finite floating-point numbers of shape {shown}"
+    sizes = str(tuple("any" if n < 0 else n for n in shape)).replace("'", "")
+    expected = f"finite floating-point numbers of shape {sizes}"
     array = host_or_gpu(value, name, expected)
     if isinstance(array, wp.array):
         array = array.numpy()
-    fits = array.ndim == len(shape) and all(want in (-1, got) for want, got in zip(shape, array.shape, strict=True))
-    if not fits or array.dtype.kind != "f":
+    if not _fits(array.shape, shape) or array.dtype.kind != "f":
         raise DenseVSError(f"{name} has shape {array.shape} and dtype {array.dtype}; expected {expected}")
     with np.errstate(over="ignore"):
         numbers = array.astype(dtype)
     if not np.isfinite(numbers).all():
-        raise DenseVSError(f"{name} is {array.tolist()}; expected {expected}")
+        raise DenseVSError(f"{name} is {shown(array.tolist())}; expected {expected}")
     return numbers
+
+
+def number_array(
+    value: Any, name: str, shape: tuple[int, ...] | None = None, *, finite: bool = True, expected: str = ""
+) -> np.ndarray:
+    """Numbers as float64; lists and whole numbers are welcome, which :func:`real_vector` refuses.
+
+    Args:
+        value: anything that NumPy makes an array of; what is returned is a copy.
+        name: what to call it in an error.
+        shape: expected, -1 takes any length; any shape unless given.
+        finite: whether NaN and infinities are refused.
+        expected: what the error says was expected; made of the above unless given.
+
+    Raises:
+        DenseVSError: another shape, a value that is not finite, or no numbers: bools, complex numbers, texts, bytes and
+            dates are none, and neither is a ragged list.
+    """
+    sizes = "" if shape is None else f" of shape {tuple('any' if n < 0 else n for n in shape)}".replace("'", "")
+    expected = expected or f"{'finite ' if finite else ''}numbers{sizes}"
+    array = plain_array(value, name, expected)
+    if array.dtype.kind not in "iuf":
+        raise DenseVSError(f"{name} is {shown(value)} of dtype {array.dtype}; expected {expected}")
+    if shape is not None and not _fits(array.shape, shape):
+        raise DenseVSError(f"{name} has shape {array.shape}; expected {expected}")
+    with np.errstate(over="ignore"):
+        numbers = array.astype(np.float64)  # long doubles may leave its range
+    if finite and not np.isfinite(numbers).all():
+        raise DenseVSError(f"{name} is {shown(numbers.tolist())}; expected {expected}")
+    return numbers
+
+
+def plain_array(value: Any, name: str, expected: str) -> np.ndarray:
+    """The value as a NumPy array of whatever it holds, on the host.
+
+    Raises:
+        DenseVSError: it cannot be read as an array, as a ragged list.
+    """
+    try:
+        return np.asarray(value.numpy() if isinstance(value, wp.array) else value)
+    except Exception as error:  # an object of the caller's may raise whatever it likes when it is read
+        raise DenseVSError(f"{name} is a {type(value).__name__}; expected {expected} ({error})") from error
+
+
+def _fits(got: tuple[int, ...], shape: tuple[int, ...]) -> bool:
+    return len(got) == len(shape) and all(want in (-1, found) for want, found in zip(shape, got, strict=True))
 
 
 def points_array(value: Any, name: str) -> np.ndarray:
@@ -90,14 +136,11 @@ def points_array(value: Any, name: str) -> np.ndarray:
         DenseVSError: another shape, or a coordinate that is not finite.
     """
     expected = "finite image points of shape (K, 2)"
-    try:
-        array = np.asarray(value.numpy() if isinstance(value, wp.array) else value, dtype=np.float64)
-    except (TypeError, ValueError) as error:
-        raise DenseVSError(f"{name} is {value!r}; expected {expected}") from error
+    array = number_array(value, name, finite=False, expected=expected)
     if array.shape == (2,):
         array = array[None]
     if array.ndim != 2 or array.shape[1] != 2 or not np.isfinite(array).all():
-        raise DenseVSError(f"{name} has shape {array.shape} and values {array.tolist()}; expected {expected}")
+        raise DenseVSError(f"{name} has shape {array.shape} and values {shown(array.tolist())}; expected {expected}")
     return array
 
 

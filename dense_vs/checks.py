@@ -1,11 +1,14 @@
 """Arguments that are single values: numbers, whole numbers, choices and flags, checked and converted in one place."""
 
+import math
 from collections.abc import Iterable
 from typing import Any
 
 import numpy as np
 
 from dense_vs.errors import DenseVSError
+
+LONGEST_SHOWN = 300  # characters of a value in an error
 
 
 def check_number(
@@ -22,7 +25,8 @@ def check_number(
     Raises:
         DenseVSError: not a number (a bool is none), not finite, or out of bounds.
     """
-    number = isinstance(value, (int, float, np.integer, np.floating)) and not isinstance(value, bool)
+    # A span of time is an integer to NumPy.
+    number = isinstance(value, (int, float, np.integer, np.floating)) and not isinstance(value, (bool, np.timedelta64))
     fits = (
         number
         and _finite(value)
@@ -32,7 +36,7 @@ def check_number(
         and (most is None or value <= most)
     )
     if not fits:
-        raise DenseVSError(f"{name} is {value!r}; expected a finite number{_bounds(above, least, below, most)}")
+        raise DenseVSError(f"{name} is {shown(value)}; expected a finite number{_bounds(above, least, below, most)}")
     return float(value)
 
 
@@ -42,9 +46,9 @@ def check_whole(name: str, value: Any, *, least: int | None = None, most: int | 
     Raises:
         DenseVSError: not an int of Python or NumPy (a bool is none), or out of bounds.
     """
-    whole = isinstance(value, (int, np.integer)) and not isinstance(value, bool)
+    whole = isinstance(value, (int, np.integer)) and not isinstance(value, (bool, np.timedelta64))
     if not whole or (least is not None and value < least) or (most is not None and value > most):
-        raise DenseVSError(f"{name} is {value!r}; expected a whole number{_bounds(None, least, None, most)}")
+        raise DenseVSError(f"{name} is {shown(value)}; expected a whole number{_bounds(None, least, None, most)}")
     return int(value)
 
 
@@ -56,7 +60,7 @@ def check_choice(name: str, value: Any, choices: Iterable[str]) -> str:
     """
     valid = tuple(choices)
     if not isinstance(value, str) or value not in valid:
-        raise DenseVSError(f"{name} is {value!r}; expected one of {', '.join(valid)}")
+        raise DenseVSError(f"{name} is {shown(value)}; expected one of {', '.join(valid)}")
     return value
 
 
@@ -67,13 +71,57 @@ def check_flag(name: str, value: Any) -> bool:
         DenseVSError: anything else, 0, 1 and strings among it.
     """
     if not isinstance(value, (bool, np.bool_)):
-        raise DenseVSError(f"{name} is {value!r}; expected True or False")
+        raise DenseVSError(f"{name} is {shown(value)}; expected True or False")
     return bool(value)
+
+
+def check_seed(value: Any) -> int:
+    """A seed: a whole number of at least 0, and of at most 2^64 - 1.
+
+    Raises:
+        DenseVSError: anything else.
+    """
+    return check_whole("seed", value, least=0, most=(1 << 64) - 1)
+
+
+def check_pair(name: str, value: Any, *, least: int, most: int) -> tuple[int, int]:
+    """Two whole numbers, as a height and a width, each within bounds.
+
+    Raises:
+        DenseVSError: anything else.
+    """
+    if not isinstance(value, (list, tuple, np.ndarray)) or len(value) != 2:
+        raise DenseVSError(f"{name} is {shown(value)}; expected two whole numbers")
+    first, second = value
+    return check_whole(f"{name}[0]", first, least=least, most=most), check_whole(
+        f"{name}[1]", second, least=least, most=most
+    )
+
+
+def check_names(name: str, value: Any) -> tuple[str, ...]:
+    """Several texts.
+
+    Raises:
+        DenseVSError: one text alone, or anything else.
+    """
+    names = () if isinstance(value, (str, bytes)) or not isinstance(value, Iterable) else tuple(value)
+    if not names or not all(isinstance(one, str) for one in names):
+        raise DenseVSError(f"{name} is {shown(value)}; expected a sequence of names")
+    return names
+
+
+def shown(value: Any) -> str:
+    """What a value looks like, as far as an error has room for it."""
+    try:
+        text = repr(value)
+    except Exception:  # the value's own code, or an int of more digits than Python writes
+        return f"a {type(value).__name__}"
+    return text if len(text) <= LONGEST_SHOWN else f"{text[:LONGEST_SHOWN]}..."
 
 
 def _finite(value: Any) -> bool:
     try:
-        return bool(np.isfinite(float(value)))
+        return math.isfinite(float(value))
     except OverflowError:  # an int that no float can hold
         return False
 

@@ -7,8 +7,13 @@ from typing import Any
 
 import warp as wp
 
+from dense_vs.checks import check_whole
 from dense_vs.errors import DenseVSError
 from dense_vs.kernels.launch import available_cores
+from dense_vs.memory import free_memory
+
+GIBIBYTE = 2**30
+MOST_THREADS = 1024  # each is a thread of the system, kept for the life of the process
 
 
 def resolve_device(device: str = "auto") -> wp.Device:
@@ -24,7 +29,7 @@ def resolve_device(device: str = "auto") -> wp.Device:
     if device == "auto":
         return wp.get_device("cuda:0" if wp.is_cuda_available() else "cpu")
     name = "cuda:0" if device == "cuda" else device
-    if name not in present:
+    if not isinstance(name, str) or name not in present:
         raise DenseVSError(
             f"device {device!r} is not present; expected 'auto' or one of {', '.join(present)}{_driver_remark(name)}"
         )
@@ -35,6 +40,8 @@ def resolve_device(device: str = "auto") -> wp.Device:
 def room_for(what: str, worlds: int, bytes_per_world: int, device: wp.Device) -> Iterator[None]:
     """Turn the device's failure to allocate into an error that says how many worlds would fit.
 
+    A CPU's memory is asked for beforehand: Linux promises more than there is and ends the process when it is used.
+
     Args:
         what: is allocated in the block.
         worlds: number of them.
@@ -42,20 +49,26 @@ def room_for(what: str, worlds: int, bytes_per_world: int, device: wp.Device) ->
         device: Warp device.
 
     Raises:
-        DenseVSError: a GPU's memory does not suffice.
+        DenseVSError: the device's memory does not suffice.
     """
-    free = device.free_memory if device.is_cuda else 0
+    free = device.free_memory if device.is_cuda else free_memory()
+    needed = worlds * bytes_per_world
+    message = (
+        f"{what} of {worlds} worlds needs about {needed / GIBIBYTE:.1f} GiB; {device.alias} had "
+        f"{free / GIBIBYTE:.1f} GiB free, in which {free // max(bytes_per_world, 1)} worlds fit"
+    )
+    if not device.is_cuda and needed > free:
+        raise DenseVSError(message)
     try:
         yield
+    except MemoryError as error:
+        raise DenseVSError(message) from error
     except RuntimeError as error:
-        if not device.is_cuda or "allocate" not in str(error):
+        if "allocate" not in str(error):
             raise
-        _forget_failure(device)
-        gibibyte = 2**30
-        raise DenseVSError(
-            f"{what} of {worlds} worlds needs about {worlds * bytes_per_world / gibibyte:.1f} GiB; {device.alias} had "
-            f"{free / gibibyte:.1f} GiB free, in which {free // bytes_per_world} worlds fit"
-        ) from error
+        if device.is_cuda:
+            _forget_failure(device)
+        raise DenseVSError(message) from error
 
 
 def _forget_failure(device: wp.Device) -> None:
@@ -80,19 +93,17 @@ def resolve_threads(threads: int | None = None) -> int:
     More threads than cores is allowed and gives the same bits, only no faster.
 
     Raises:
-        DenseVSError: not a whole number of at least 1.
+        DenseVSError: not a whole number from 1 to 1024.
     """
-    source = "threads"
-    value: Any = threads
-    if threads is None:
-        text = os.environ.get("DENSE_VS_THREADS", "").strip()
-        if not text:
-            return available_cores()
-        source, value = "DENSE_VS_THREADS", text
-    try:
-        count = int(value)
-    except (TypeError, ValueError, OverflowError):
-        count = 0
-    if count < 1 or (isinstance(value, float) and value != count):
-        raise DenseVSError(f"{source} is {value!r}; expected a whole number of at least 1")
-    return count
+    if threads is not None:
+        return check_whole("threads", threads, least=1, most=MOST_THREADS)
+    text = os.environ.get("DENSE_VS_THREADS", "").strip()
+    if not text:
+        return available_cores()
+    # Longer digits are no number of threads, and no int that is made quickly.
+    number = int(text) if text.isascii() and text.isdigit() and len(text) < 10 else 0
+    if not 1 <= number <= MOST_THREADS:
+        raise DenseVSError(
+            f"DENSE_VS_THREADS is {text!r}; expected a whole number of at least 1 and at most {MOST_THREADS}"
+        )
+    return number

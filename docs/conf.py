@@ -32,6 +32,15 @@ def _keep_colons(app, what, name, obj, options, lines):
         lines.insert(0, "")
 
 
+def _leave_out_imports(app, what, name, obj, options, lines):
+    """Which rooms a room may import concerns those who change it, not those who use it."""
+    start = next((number for number, line in enumerate(lines) if line.startswith("May import:")), None)
+    if what == "module" and start is not None:
+        end = next((number for number in range(start, len(lines)) if not lines[number]), len(lines))
+        del lines[start:end]
+
+
 def setup(app):
     """Run before napoleon, whose priority is 500."""
+    app.connect("autodoc-process-docstring", _leave_out_imports, priority=400)
     app.connect("autodoc-process-docstring", _keep_colons, priority=400)

@@ -92,17 +92,22 @@ def main() -> int:
             found = [getattr(value, part) for value in values]
             metrics.append(Metric(f"J error, {name}, {part}: mean", float(np.mean(found)), "1", "lower"))
             metrics.append(Metric(f"J error, {name}, {part}: worst", float(np.max(found)), "1", "lower"))
-    if reaches:
-        true_errors = np.array([r.true_error_px for r in reaches])
-        share = float((true_errors < REACHED_PX).mean())
-        metrics += [
-            Metric("reaches", len(reaches), "1", "higher"),
-            Metric(f"reaches below {REACHED_PX:g} px", share, "1", "higher", 0.05),
-            Metric("reach error, median", float(np.median(true_errors)), "px", "lower"),
-            Metric("reach error, worst", float(true_errors.max()), "px", "lower", 1.0),
-            Metric("reach frames, median", float(np.median([r.reach.frames for r in reaches])), "frames", "lower"),
-        ]
-    return report(metrics, arguments)
+    return report([*metrics, *reach_metrics(reaches)], arguments)
+
+
+def reach_metrics(reaches: list[MeasuredReach]) -> list[Metric]:
+    """How many reaches ended below 2 px by the truth, how far off they were, and how long they took."""
+    if not reaches:
+        return []
+    true_errors = np.array([r.true_error_px for r in reaches])
+    share = float((true_errors < REACHED_PX).mean())
+    return [
+        Metric("reaches", len(reaches), "1", "higher"),
+        Metric(f"reaches below {REACHED_PX:g} px", share, "1", "higher", 0.05),
+        Metric("reach error, median", float(np.median(true_errors)), "px", "lower"),
+        Metric("reach error, worst", float(true_errors.max()), "px", "lower", 1.0),
+        Metric("reach frames, median", float(np.median([r.reach.frames for r in reaches])), "frames", "lower"),
+    ]
 
 
 if __name__ == "__main__":

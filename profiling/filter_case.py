@@ -22,7 +22,7 @@ class FilterNoises:
 
 @dataclass(frozen=True)
 class FilterCase:
-    """What every filter is given, frame by frame, again from the first after the last.
+    """Input of every filter, frame by frame, again from the first after the last.
 
     Attributes:
         flow: ``(frames, H, W, 2)`` float32 [px].

@@ -66,7 +66,7 @@ def report(metrics: Sequence[Metric], arguments: argparse.Namespace) -> int:
 
 
 def regressions(metrics: Sequence[Metric], baseline: dict[str, dict[str, Any]]) -> list[str]:
-    """What got worse, a line each.
+    """Figures that got worse, a line each.
 
     Only ratios are compared: a time or a rate belongs to the machine that it was measured on.
     """

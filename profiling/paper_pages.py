@@ -19,11 +19,14 @@ BEGIN, END = "<!-- tables: begin -->", "<!-- tables: end -->"
 
 
 def page_tables(runs: list[dict[str, Any]]) -> str:
-    """Markdown of all experiments of a paper: a section an experiment, a column a run."""
-    grouped: dict[tuple[str, str], list[dict[str, Any]]] = defaultdict(list)
+    """Markdown of all experiments of a paper: a section an experiment, a column a run.
+
+    Runs of one experiment stand beside each other where they were told the same and have the same rows.
+    """
+    grouped: dict[tuple[str, str, tuple[str, ...]], list[dict[str, Any]]] = defaultdict(list)
     for run in runs:
-        grouped[run["experiment"], _told(run)].append(run)
-    return "\n".join(_section(experiment, told, members) for (experiment, told), members in sorted(grouped.items()))
+        grouped[run["experiment"], _told(run), tuple(row["name"] for row in run["rows"])].append(run)
+    return "\n".join(_section(experiment, told, members) for (experiment, told, _), members in sorted(grouped.items()))
 
 
 def _section(experiment: str, told: str, runs: list[dict[str, Any]]) -> str:
@@ -66,7 +69,8 @@ def _range(seeds: list[int]) -> str:
 def _shown(value: float | None) -> str:
     if value is None or not math.isfinite(value):
         return "none"
-    return f"{value:.0f}" if value == round(value) and abs(value) < 1e6 else f"{value:.3g}"
+    whole = (value == round(value) or abs(value) >= 1000) and abs(value) < 1e6
+    return f"{value:.0f}" if whole else f"{value:.3g}"
 
 
 def main() -> int:

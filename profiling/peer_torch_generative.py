@@ -132,7 +132,7 @@ def minimize(
 
 @dataclass
 class TorchFit:
-    """What the three stages reached, and what going on took.
+    """Result of the three stages, and the time that going on took.
 
     Attributes:
         seconds: CPU time of the three stages.

@@ -5,7 +5,7 @@
 Predict and update is (14) once and (9) to (11) with a variance per pixel and joint, as published. Every peer has the
 same float32 input and, but for PyTorch, arrays allocated beforehand, in the layout that suits it best, and is checked
 against the others before anything is timed. Ours is the whole of ``DenseJacobian.update``, with its checks of the input
-and the copy of the flow; Taichi is timed from data in its own arrays, kernel and synchronisation alone.
+and the copy of the flow; Taichi is timed from data in its own arrays, kernel and synchronization alone.
 
 The whole frame is compared twice: without labels on either side, and with a label for every pixel on both, ours those
 of ``SelfBody()``, the paper's those of its Algorithm 2 (the k-means of Algorithm 1, which runs beside, is left out).

@@ -6,10 +6,10 @@ from results_file import Result, runs
 
 NORMAL, UNIFORM = {"postures": "normal"}, {"postures": "uniform"}
 GIVEN, NOT_GIVEN = ", lens tolerances given", ", lens tolerances not given"
-ROBUST, PRINTED = {"method": "robust"}, {"method": "vos-de"}
-VS, DE = "VS of 24 (ClickBot 2023: 24)", "DE of 24 (ClickBot 2023: 16)"
-DEPTH = "depth error, median, against the outline's depth"
-BOUND = "what a perfect fit to those would have (Cramer-Rao)"
+ROBUST = {"method": "robust"}
+VS, DE = "VS of 24 (ClickBot 2023: 24), J+ feature by feature", "DE of 24 (ClickBot 2023: 16), depth by robust"
+DEPTH = "depth error by robust, median, against the outline's depth"
+BOUND = "Cramer-Rao bound of an unbiased fit to those images"
 
 # Text, experiment, name of its row, and what it was told; a row without a committed result is left out.
 EXPERIMENTS = (
@@ -19,40 +19,54 @@ EXPERIMENTS = (
         f"50 samples{GIVEN}: mean",
         NORMAL,
     ),
-    ("worst of 24 arms and seeds", "few-samples", f"50 samples{GIVEN}: worst", NORMAL),
+    ("the same, worst of 24 arms and seeds", "few-samples", f"50 samples{GIVEN}: worst", NORMAL),
     ("50 images without tolerances", "few-samples", f"50 samples{NOT_GIVEN}: mean", NORMAL),
     ("20 images, tolerances given", "few-samples", f"20 samples{GIVEN}: mean", NORMAL),
-    ("without tolerances", "few-samples", f"20 samples{NOT_GIVEN}: mean", NORMAL),
+    ("the same without tolerances", "few-samples", f"20 samples{NOT_GIVEN}: mean", NORMAL),
     ("15 images, joints anywhere within 1 rad, tolerances given", "few-samples", f"15 samples{GIVEN}: mean", UNIFORM),
-    ("without tolerances", "few-samples", f"15 samples{NOT_GIVEN}: mean", UNIFORM),
-    ("10 images, the same, tolerances given", "few-samples", f"10 samples{GIVEN}: mean", UNIFORM),
+    ("the same without tolerances", "few-samples", f"15 samples{NOT_GIVEN}: mean", UNIFORM),
+    ("10 images, joints anywhere within 1 rad, tolerances given", "few-samples", f"10 samples{GIVEN}: mean", UNIFORM),
     (BOUND, "few-samples", f"10 samples{GIVEN}: bound (Cramer-Rao), mean", UNIFORM),
-    ("without tolerances", "few-samples", f"10 samples{NOT_GIVEN}: mean", UNIFORM),
+    ("the same without tolerances", "few-samples", f"10 samples{NOT_GIVEN}: mean", UNIFORM),
     (BOUND, "few-samples", f"10 samples{NOT_GIVEN}: bound (Cramer-Rao), mean", UNIFORM),
     ("50 images, joint readings off by 0.02 rad", "noisy-states", "0.02 rad, noise modeled: mean", {}),
     (BOUND, "noisy-states", "0.02 rad, noise modeled: bound (Cramer-Rao), mean", {}),
     ("grasps with an inaccurate arm, of 20", "grasp", "baxter: grasped of 20", {}),
     ("pegs inserted with 1 mm clearance, of 20", "insertion", "baxter: inserted of 20", {}),
-    ("J+ of 7 configurations learned by (11) as printed", "learn", "converged of 7, (11)", {}),
-    ("by (11) a feature at a time, beyond the paper", "learn", "converged of 7, (11) a feature at a time", {}),
-    ("by Broyden's original update", "learn", "converged of 7, original Broyden", {}),
-    ("objects centered (VS) with J+ of (11) a feature at a time, of 24", "trial", VS, ROBUST),
+    (
+        "J+ of 7 configurations learned by VOS-VS (11), denominator held away from zero",
+        "learn",
+        "converged of 7, (11)",
+        {},
+    ),
+    (
+        "the same by VOS-VS (11) a feature at a time, beyond the paper",
+        "learn",
+        "converged of 7, (11) a feature at a time",
+        {},
+    ),
+    ("the same by Broyden's original update", "learn", "converged of 7, original Broyden", {}),
+    ("objects centered (VS) with J+ of VOS-VS (11) a feature at a time, of 24", "trial", VS, ROBUST),
+    ("the same with J+ of VOS-VS (11) as printed", "trial", "VS of 24, J+ by (11) as printed", ROBUST),
     ("depth good enough to grasp (DE) by the robust fit, beyond the paper, of 24", "trial", DE, ROBUST),
-    ("by (20) as printed, of 24", "trial", DE, PRINTED),
+    ("the same by VOS-VS (20) as printed", "trial", "DE of 24, depth by (20) as printed", ROBUST),
     ("depth error of the robust fit, median [%]", "trial", DEPTH, ROBUST),
-    ("of (20) as printed", "trial", DEPTH, PRINTED),
+    ("depth error of VOS-VS (20) as printed, median [%]", "trial", "depth error by (20) as printed, median", ROBUST),
     ("objects in the bin, of 22 that fit the gripper", "pick-place", "in the bin, of 22 that fit the gripper", {}),
     ("grasp check right [%]", "pick-place", "grasp check right", {}),
     ("own pixels with a person walking behind the arm: IoU", "leak", "default: IoU, median over time", {}),
-    ("by the paper's Algorithms 1 and 2, (14)", "leak", "paper's algorithms, (14): IoU, median over time", {}),
+    (
+        "the same by DIJE's Algorithms 1 and 2 with DIJE (14)",
+        "leak",
+        "paper's algorithms, (14): IoU, median over time",
+        {},
+    ),
     ("share of the person taken for the robot", "leak", "default: leak, share of the walker", {}),
-    ("by the paper's algorithms", "leak", "paper's algorithms, (14): leak, share of the walker", {}),
+    ("the same by DIJE's algorithms", "leak", "paper's algorithms, (14): leak, share of the walker", {}),
 )
 # Few enough for the README, by their text above.
 FEW = ("arm learned from 50 images, lens tolerances given, error on other postures [px]",)
 PREFIX = {"few-samples": "validation error, ", "noisy-states": "test error, "}
-# What a run was told that was made before the program wrote that down.
-BEFORE = {"trial": {"method": "robust"}}
 
 
 def experiment_lines() -> list[str]:
@@ -105,16 +119,17 @@ def summary_lines(masks: Result, reducers: Result, arms: Result) -> list[str]:
     return [
         f"Few-shot masks have IoU {real:.2f} on the hand-drawn masks of VOS-VS, learned from 5 images and asked about "
         f"5 others (worst object {least:.2f}), and {masks['simulated: mean IoU']:.2f} on simulated images "
-        "(`profiling/segmentation.py`). The figures of a 640x480 mask take "
-        f"{reducers['mask, object [ms]']:.2f} ms (`profiling/reducers.py`). An arm is learned from 50 images in "
-        f"{arms['learn T = 50']:.2f} s, {calls:.0f} times as fast as three stages of 200 calls of PyTorch's L-BFGS, "
+        f"(`profiling/segmentation.py`; {masks.when()}). The figures of a 640x480 mask take "
+        f"{reducers['mask, object [ms]']:.2f} ms (`profiling/reducers.py`; {reducers.when()}). "
+        f"An arm is learned from 50 images in {arms['learn T = 50']:.2f} s, {calls:.0f} times as fast as three stages "
+        "of 200 calls of PyTorch's L-BFGS, "
         f"which reach the same error, and {steps:.0f} times as fast as 200 of its steps, which do not; the joints of "
-        f"an image take {arms['joints of an image']:.1f} ms (`profiling/generative.py`).",
+        f"an image take {arms['joints of an image']:.1f} ms (`profiling/generative.py`; {arms.when()}).",
     ]
 
 
 def _is_of(run: dict[str, Any], experiment: str, told: dict[str, str]) -> bool:
-    arguments = run.get("arguments", BEFORE.get(experiment, {}))
+    arguments = run.get("arguments") or {}
     return run["experiment"] == experiment and all(arguments.get(key) == value for key, value in told.items())
 
 

@@ -11,7 +11,7 @@ import sys
 from pathlib import Path
 
 from readme_experiments import experiment_lines, few_experiment_lines, summary_lines
-from results_file import Result
+from results_file import RESULTS, Result
 
 ROOT = Path(__file__).parent.parent
 BEGIN, END = "<!-- measured: begin -->", "<!-- measured: end -->"
@@ -47,6 +47,7 @@ FRAME = (
 )
 
 LOOP, ONE, ROOFLINE = "closed_loop_h200", "closed_loop_h200_one", "roofline_h200"
+SCALING = ("scaling_h200", "scaling_cpu")
 ORDER_2, MANY = "closed_loop_h200_order2", "closed_loop_h200_4096"
 WORLDS = "1024 worlds, cuda:0"
 BATCH = (
@@ -82,7 +83,7 @@ BATCH = (
 
 def everything() -> str:
     """All figures, for the page on performance."""
-    lines = [*_accuracy(), "", *_speed(), "", *_batch(), ""]
+    lines = [*_accuracy(), "", *_speed(), "", *_batch(), "", *_scaling(), ""]
     lines += [
         "Arms and objects, on seeds that nothing was tuned on; one figure a seed or that of all (`dense-vs reproduce "
         "... --json`, gathered by `profiling/experiments.py`):",
@@ -149,7 +150,8 @@ def _speed() -> list[str]:
     peers, cold = Result("peers"), Result("peers_cold")
     lines = [
         "Speed with 4 joints at 320x240, all implementations in turn in one run, medians (`profiling/peers.py`; "
-        f"{peers.origin()}). Predict and update is the paper's diagonal form on every side:",
+        f"{peers.origin()}; with emptied caches {cold.when()}). Predict and update is the paper's diagonal form on "
+        "every side:",
         "",
         "| predict and update: times as fast as | steady loop | caches emptied before each call |",
         "|---|---|---|",
@@ -173,6 +175,29 @@ def _batch() -> list[str]:
         "|---|---|",
         *(f"| {text} | {form.format(Result(file)[name])} |" for file, name, text, form in BATCH),
     ]
+
+
+def _scaling() -> list[str]:
+    """How the time of predict and update grows, one thing varied at a time: a row each, on every machine measured."""
+    lines = ["", "| varied | values | predict and update, order 1 [ms] |", "|---|---|---|"]
+    origins = []
+    for file in SCALING:
+        if not (RESULTS / f"{file}.json").is_file():
+            continue
+        result = Result(file)
+        origins.append(result.origin())
+        times: dict[str, list[tuple[str, float]]] = {}
+        for name, value in result.values.items():
+            if name.startswith("predict and update, "):
+                varied, at, device = name.removeprefix("predict and update, ").replace(",", "").split(" ")
+                times.setdefault(f"{varied}, {device}", []).append((at, value))
+        for varied, found in times.items():
+            values, milliseconds = (
+                ", ".join(column) for column in zip(*((a, f"{t:.2g}") for a, t in found), strict=True)
+            )
+            lines.append(f"| {varied} | {values} | {milliseconds} |")
+    start = "One thing varied at a time, else 4 joints, 320x240 and one world (`profiling/scaling.py`; "
+    return [start + "; ".join(origins) + "):", *lines]
 
 
 def main() -> int:

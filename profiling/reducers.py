@@ -54,7 +54,7 @@ def main() -> int:
         arguments.rounds // 2,
         calls=3,
     )
-    metrics += compared(f"labelled image, {labels_count} labels", seconds)
+    metrics += compared(f"labeled image, {labels_count} labels", seconds)
     mask = masks()["object"]
     candidates = np.stack([np.roll(mask, 5 * k, axis=1) for k in range(CANDIDATES)])
     overlap = OverlapReducer(1, HEIGHT, WIDTH, CANDIDATES, threads=threads)

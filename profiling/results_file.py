@@ -26,6 +26,10 @@ class Result:
         """Machine, date, commit and Warp's version."""
         return origin(self.content)
 
+    def when(self) -> str:
+        """Date and commit."""
+        return when(self.content)
+
 
 def origin(content: dict[str, Any]) -> str:
     """Where a result was measured, when, and from which commit, as far as its file says."""
@@ -34,11 +38,15 @@ def origin(content: dict[str, Any]) -> str:
     caches = machine.get("caches", {})
     if caches and not machine.get("gpus"):
         words.append(", ".join(f"{name} {size}" for name, size in caches.items()))
-    words.append(content.get("date", "no date")[:10])
-    if content.get("commit"):
-        words.append(f"commit {content['commit'][:10]}")
+    words.append(when(content))
     words.append(f"Warp {content['versions']['warp-lang']}")
     return ", ".join(words)
+
+
+def when(content: dict[str, Any]) -> str:
+    """Date and commit of a result, as far as its file says."""
+    commit = f"commit {content['commit'][:10]}" if content.get("commit") else "commit not noted"
+    return f"{content.get('date', 'date not noted')[:10]}, {commit}"
 
 
 def runs() -> list[dict[str, Any]]:

@@ -98,7 +98,7 @@ def real(folder: Path, seeds: Sequence[int]) -> list[Metric]:
                 measured["even"].ask(path.name, half["even"], half["odd"], seed)
                 measured["odd"].ask(path.name, half["odd"], half["even"], seed)
                 bar.update()
-    return [metric for name, one in measured.items() for metric in one.metrics(f"real, learnt from {name}")]
+    return [metric for name, one in measured.items() for metric in one.metrics(f"real, learned from {name}")]
 
 
 def simulated(names: Sequence[str], seeds: Sequence[int], threads: int | None) -> list[Metric]:

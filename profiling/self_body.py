@@ -1,14 +1,12 @@
-"""Time and accuracy of self-recognition, DIJE section IV-A.
+"""Time of self-recognition, DIJE section IV-A; its accuracy is measured by ``dense-vs reproduce dije leak``.
 
-    python profiling/self_body.py [--size 320x240] [--joints 4] [--clusters 5] [--seeds 0,1,2,3,4] [--json FILE]
+    python profiling/self_body.py [--size 320x240] [--joints 4] [--clusters 5] [--json FILE]
 
 Algorithm 2 beside SciPy's ``vq``, which the paper names, and scikit-learn's prediction; a run of Algorithm 1 beside
-scikit-learn's k-means; what a frame of the default costs. With ``--seeds`` also the accuracy of the labels on the
-humanoid with a walker, by the experiment ``dense-vs reproduce dije leak``.
+scikit-learn's k-means; what a frame of the default costs.
 """
 
 import argparse
-from types import SimpleNamespace
 
 import numpy as np
 import warp as wp
@@ -21,7 +19,6 @@ from scipy.cluster.vq import vq
 from dense_vs.body.self_body import SelfBody
 from dense_vs.device import resolve_device
 from dense_vs.jacobian.estimator import DenseJacobian
-from dense_vs.view.progress import progress
 
 
 def timings(height: int, width: int, joints: int, clusters: int, rounds: int, device: str) -> list[Metric]:
@@ -38,7 +35,7 @@ def timings(height: int, width: int, joints: int, clusters: int, rounds: int, de
     default.submit(J)
     paper.submit(J)
     vectors = estimator.to_numpy().reshape(height * width, -1)
-    centres = paper.centres.reshape(-1, 2 * joints)
+    centers = paper.centres.reshape(-1, 2 * joints)
     wait = (lambda: None) if estimator.device.is_cpu else (lambda: wp.synchronize_device(estimator.device))
     frames = len(case.dq)
 
@@ -55,7 +52,7 @@ def timings(height: int, width: int, joints: int, clusters: int, rounds: int, de
 
     alternatives = {
         "Algorithm 2": done(lambda: paper.recognition(J)),
-        "Algorithm 2, SciPy's vq": lambda _: vq(vectors, centres),
+        "Algorithm 2, SciPy's vq": lambda _: vq(vectors, centers),
         "Algorithm 1": done(lambda: paper.submit(J)),
         "default: evidence of a frame": observe,
         "default: labels": done(lambda: default.recognition(J)),
@@ -65,7 +62,7 @@ def timings(height: int, width: int, joints: int, clusters: int, rounds: int, de
     except ImportError:
         print("scikit-learn is not installed; left out")
     else:
-        fitted = KMeans(clusters, init=centres, n_init=1).fit(vectors)
+        fitted = KMeans(clusters, init=centers, n_init=1).fit(vectors)
         alternatives["Algorithm 2, scikit-learn"] = lambda _: fitted.predict(vectors)
         alternatives["Algorithm 1, scikit-learn"] = lambda seed: KMeans(
             clusters, n_init=1, max_iter=30, tol=1e-6, random_state=seed
@@ -73,24 +70,10 @@ def timings(height: int, width: int, joints: int, clusters: int, rounds: int, de
     seconds = interleaved(alternatives, rounds)
     label = f"{width}x{height}, {joints} joints, {clusters} clusters, {estimator.device.alias}"
     metrics = [Metric(f"{name}, {label}", 1e3 * float(np.median(s)), "ms", "lower", 0.2) for name, s in seconds.items()]
-    centres = paper.centres.reshape(-1, 2 * joints)
-    exact = np.argmin(((vectors.astype(np.float64)[:, None] - centres) ** 2).sum(axis=2), axis=1)
+    centers = paper.centres.reshape(-1, 2 * joints)
+    exact = np.argmin(((vectors.astype(np.float64)[:, None] - centers) ** 2).sum(axis=2), axis=1)
     agreed = float((paper.clusters(J).ravel() == exact).mean())
     return [*metrics, Metric(f"clusters as in float64, {label}", agreed, "1", "higher", 0.001)]
-
-
-def accuracy(seeds: list[int], device: str, distractor: str, period: float, seconds: float) -> list[Metric]:
-    """IoU and leak of default and paper over the seeds; none is left out."""
-    from dense_vs.sims.engine.scene import FRAME_SECONDS
-    from dense_vs.sims.papers.dije.leak import leak_rows, run_seed
-
-    arguments = SimpleNamespace(device=device, threads=None, distractor=distractor, period=period, seconds=seconds)
-    with progress("accuracy", len(seeds) * round(seconds / FRAME_SECONDS)) as bar:
-        runs = [run_seed(seed, arguments, bar) for seed in seeds]
-    return [
-        Metric(f"{row.name}, {distractor}", row.ours, row.unit or "1", "higher" if "IoU" in row.name else "lower", 0.1)
-        for row in leak_rows(runs)
-    ]
 
 
 def main(arguments: list[str] | None = None) -> int:
@@ -101,19 +84,12 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument("--clusters", type=int, default=5, help="number of clusters (default: 5)")
     parser.add_argument("--rounds", type=int, default=30, help="rounds that are timed (default: 30)")
     parser.add_argument("--device", default="auto", help="auto, cpu or cuda:N (default: auto)")
-    parser.add_argument("--seeds", default="", help="of the accuracy, by comma; none unless given")
-    parser.add_argument("--distractor", default="walker-behind", help="what passes by (default: walker-behind)")
-    parser.add_argument("--period", type=float, default=0.7, help="seconds between commands (default: 0.7)")
-    parser.add_argument("--seconds", type=float, default=20.0, help="length of a run (default: 20)")
     add_report_arguments(parser)
     options = parser.parse_args(arguments)
     wp.config.log_level = wp.LOG_ERROR
     width, height = image_size(options.size)
     device = resolve_device(options.device).alias
     metrics = timings(height, width, options.joints, options.clusters, options.rounds, device)
-    if options.seeds:
-        seeds = [int(seed) for seed in options.seeds.split(",")]
-        metrics += accuracy(seeds, device, options.distractor, options.period, options.seconds)
     return report(metrics, options)
 
 

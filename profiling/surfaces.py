@@ -79,18 +79,24 @@ def measure(arm: str, camera: str, images: str, options: argparse.Namespace) -> 
         if options.targets:
             experiment.choose()
             reaches = [experiment.reach(target) for target in experiment.targets(options.targets)]
-    both = float((labels & mask).sum())
+    overlap, precision, recall = label_quality(labels, mask)
     return SurfaceResult(
         name=f"{arm} {camera}".strip(),
         images=images,
         jacobian=found,
         exact=by_exact,
-        overlap=both / max(1, (labels | mask).sum()),
-        precision=both / max(1, labels.sum()),
-        recall=both / max(1, mask.sum()),
+        overlap=overlap,
+        precision=precision,
+        recall=recall,
         delay_frames=experiment.loop.joint_delay * 30,
         reaches=reaches,
     )
+
+
+def label_quality(labels: np.ndarray, mask: np.ndarray) -> tuple[float, float, float]:
+    """Intersection over union, precision and recall of labels against the true robot, bool ``(H, W)`` each."""
+    both = float((labels & mask).sum())
+    return both / max(1, (labels | mask).sum()), both / max(1, labels.sum()), both / max(1, mask.sum())
 
 
 def make_world(arm: str, camera: str, realism: bool, options: argparse.Namespace) -> SimWorld:

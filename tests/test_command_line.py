@@ -28,6 +28,8 @@ OPTIONS = {
     f"--truth {DEVICE}",
     "learn-model": "recording --out --json --state --controller --kinematics --method --noise --distortion --holdout "
     "--seed",
+    "live": "--driver --lerobot --camera-index --replay --robot --height --width --joints --camera --seed --host "
+    f"--port --token --max-speed --dead-man --scale --out --format {DEVICE}",
     "reach": f"--out --targets --babble --point --max-frames --gain --flow --tracker --no-video {WORLD}",
     "record": f"--out --seconds --log-rate --jitter --time-offset --truth-every {WORLD}",
     "reproduce": "",

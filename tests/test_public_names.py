@@ -1,8 +1,12 @@
 """Names that users import: each stays where it is."""
 
 import importlib
+import re
+from pathlib import Path
 
 import pytest
+
+import dense_vs
 
 NAMES = {
     "dense_vs": "Babbling BatchFlow Camera DenseJacobian DenseVSError DepthApproach FeatureServo FlowEstimator "
@@ -22,3 +26,24 @@ def test_names_are_where_users_import_them_from(home):
     module = importlib.import_module(home)
     missing = [name for name in NAMES[home].split() if not hasattr(module, name)]
     assert not missing
+
+
+@pytest.mark.parametrize(
+    "page", sorted((Path(__file__).parents[1] / "docs" / "api").glob("*.md")), ids=lambda page: page.stem
+)
+def test_rooms_of_the_api_reference_say_what_they_offer(page):
+    """Sphinx lists what ``__all__`` names, or nothing at all of a room that only gathers names."""
+    homes = re.findall(r"automodule:: (\S+)", page.read_text(encoding="utf-8"))
+    for home in homes:
+        module = importlib.import_module(home)
+        by_module = any(other.startswith(f"{home}.") for other in homes)
+        if hasattr(module, "__path__") and not by_module:
+            assert module.__all__
+            assert all(hasattr(module, name) for name in module.__all__)
+
+
+def test_what_users_import_from_the_top_is_in_its_room_too():
+    """So that the API reference has it."""
+    for name in dense_vs.__all__:
+        room = getattr(dense_vs, name).__module__.split(".")[1]
+        assert hasattr(importlib.import_module(f"dense_vs.{room}"), name), f"{name} in {room}"

@@ -40,7 +40,7 @@ class SelfBodyStatus:
 
 @dataclass(frozen=True)
 class EvaluatedClusters:
-    """What a run gives for one world: centers ``(k, 2, N)`` and their values ``(k,)``."""
+    """Result of a run for one world: centers ``(k, 2, N)`` and their values ``(k,)``."""
 
     centers: np.ndarray
     evaluation: np.ndarray

@@ -24,14 +24,17 @@ class Command(NamedTuple):
 
 
 COMMANDS = {
+    "body": Command("dense_vs.cli.body", "learn a body model from a recording: links, joints, surface"),
     "depth-eval": Command("dense_vs.cli.depth_eval", "score depth from masks on the sets of the ODMS benchmark"),
     "estimate": Command("dense_vs.cli.estimate", "estimate the dense image Jacobian from a recording"),
     "info": Command("dense_vs.cli.info", "show what is in a recording"),
     "learn-model": Command("dense_vs.cli.learn_model", "learn an arm's generative model from the pixels of features"),
+    "live": Command("dense_vs.cli.live", "a page on which to click a point of the robot and where it should go"),
     "segment": Command("dense_vs.cli.segment", "find an object in images or a video"),
     "segment-train": Command(
         "dense_vs.cli.segment_train", "learn to segment an object from about ten annotated images"
     ),
+    "sweep": Command("dense_vs.cli.sweep", "run commands over seeds and options, on several cores or machines"),
 }
 
 

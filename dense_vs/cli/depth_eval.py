@@ -33,7 +33,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--methods",
         default="vos-de,robust,learned",
         metavar="A,B",
-        help="ways to the depth: vos-de, robust, learned (default: all)",
+        help="methods: vos-de (VOS-VS (20)), robust, learned (default: all)",
     )
     parser.add_argument("--sets", metavar="A,B", help="robot, driving, normal, perturb (default: all that are there)")
     parser.add_argument("--json", type=Path, metavar="FILE", help="write the scores and every example here")

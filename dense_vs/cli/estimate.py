@@ -12,7 +12,9 @@ from contextlib import nullcontext
 from pathlib import Path
 from typing import Any
 
-from dense_vs.cli.options import add_device_arguments
+from dense_vs.checks import check_whole
+from dense_vs.cli.estimate_episodes import episodes_table, estimate_episodes
+from dense_vs.cli.options import add_cluster_arguments, add_device_arguments
 from dense_vs.cli.recording_options import add_recording_arguments, episode_numbers, open_chosen
 from dense_vs.errors import DenseVSError
 from dense_vs.files import output_folder, write_json
@@ -35,7 +37,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_recording_arguments(parser)
     parser.add_argument("--out", type=Path, required=True, metavar="DIR", help="folder for the results")
     parser.add_argument(
-        "--episodes", metavar="A:B", help="estimate these episodes one after the other, A to B - 1; J is carried on"
+        "--episodes",
+        metavar="A:B",
+        help="estimate these episodes, A to B - 1, or all; one after the other, J is carried on from each to the next, "
+        "unless --jobs or --address runs them side by side",
     )
     parser.add_argument("--start", type=Path, metavar="NPZ", help="go on from this saved J")
     parser.add_argument(
@@ -55,7 +60,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--flow",
         default="dis-medium",
         metavar="METHOD",
-        help="optical flow method; an unknown one lists them all (default: dis-medium)",
+        help="optical flow: lucas-kanade, dis, dis-medium, learned, farneback and others (default: dis-medium)",
     )
     parser.add_argument(
         "--smoothing",
@@ -82,6 +87,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--truth", type=Path, metavar="NPZ", help="true Jacobians that 'dense-vs record' wrote; prints the error"
     )
     add_device_arguments(parser)
+    add_cluster_arguments(parser)
 
 
 def run(arguments: argparse.Namespace) -> None:
@@ -93,6 +99,11 @@ def run(arguments: argparse.Namespace) -> None:
     numbers = episode_numbers(arguments.episodes, recording.episodes) if arguments.episodes else None
     if numbers is not None and arguments.episode is not None:
         raise DenseVSError("--episode and --episodes are both given; expected one of them")
+    if check_whole("--jobs", arguments.jobs, least=1) > 1 or arguments.address is not None:
+        if numbers is None:
+            raise DenseVSError("--jobs and --address run episodes side by side; expected --episodes A:B or all as well")
+        estimate_episodes(arguments, numbers)
+        return
     truth = TruthFile.read(arguments.truth, recording.joint_names) if arguments.truth else None
     estimator = None
     if arguments.start is not None:
@@ -108,20 +119,7 @@ def run(arguments: argparse.Namespace) -> None:
         folder = output_folder(out / f"episode_{number:06d}")
         summary, estimator = _episode(arguments, recording, number, folder, offset, estimator, truth)
         summaries.append(summary)
-    header = ["episode", "images", "repeated", "offset [s]", "E first quarter", "E after it", "fps"]
-    rows = [
-        [
-            str(s["episode"]),
-            str(s["frames"]),
-            str(s["duplicate_frames"]),
-            f"{s['time_offset_s']:+.3f}",
-            f"{s['explained_motion_by_quarter'][0]:.2f}",
-            f"{s['explained_motion']:.3f}",
-            f"{s['fps']:.0f}",
-        ]
-        for s in summaries
-    ]
-    print(table(header, rows))
+    print(episodes_table(summaries))
     write_json(out / "summary.json", {"episodes": summaries, "versions": versions()})
     if estimator is not None:
         estimator.save(out / "jacobian.npz")

@@ -19,7 +19,7 @@ from pathlib import Path
 import numpy as np
 
 from dense_vs.errors import DenseVSError
-from dense_vs.files import read_arrays, write_json
+from dense_vs.files import check_writable, read_arrays, write_json
 from dense_vs.generative import GenerativeModel, Observations
 from dense_vs.view.provenance import versions
 from dense_vs.view.tables import table
@@ -79,6 +79,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(arguments: argparse.Namespace) -> None:
     """Run the command."""
     obs = read_recording(arguments.recording)
+    check_writable(arguments.out)  # wrong here, not after the learning
     kept = len(obs) - arguments.holdout
     if arguments.holdout < 0 or kept < 2:
         raise DenseVSError(f"--holdout is {arguments.holdout}; expected 0 to {len(obs) - 2} of {len(obs)} postures")

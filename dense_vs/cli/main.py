@@ -16,6 +16,7 @@ from dense_vs.errors import DenseVSError
 
 EXTRAS = {
     "av": "recordings",
+    "lerobot": "hardware",
     "matplotlib": "viz",
     "mujoco": "sims",
     "mujoco_warp": "sims",
@@ -23,8 +24,25 @@ EXTRAS = {
     "pyarrow": "recordings",
     "rosbags": "recordings",
     "sklearn": "vos",
+    "starlette": "live",
     "torch": "bench",
+    "uvicorn": "live",
 }
+# What the system refuses for reasons that a user can mend: names, places, rights, room.
+BY_THE_USER = (
+    errno.ENOSPC,
+    errno.EDQUOT,
+    errno.EROFS,
+    errno.EACCES,
+    errno.EPERM,
+    errno.ENAMETOOLONG,
+    errno.ENOENT,
+    errno.EISDIR,
+    errno.ENOTDIR,
+    errno.EEXIST,
+    errno.ELOOP,
+    errno.EMFILE,
+)
 USER_ERROR, INTERRUPTED, READER_GONE = 2, 130, 141  # the last two as a shell reports SIGINT and SIGPIPE
 
 
@@ -59,19 +77,28 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except KeyboardInterrupt:
         _say("interrupted")
         return INTERRUPTED
-    except RuntimeError as error:
-        if not _by_interrupt(error):
-            raise
-        _say("interrupted")
-        return INTERRUPTED
     except BrokenPipeError:
         _discard(sys.stdout)
         return READER_GONE
     except OSError as error:
-        if error.errno not in (errno.ENOSPC, errno.EIO, errno.EBADF):
+        if _by_interrupt(error):
+            _say("interrupted")
+            return INTERRUPTED
+        if error.errno in (errno.ENOSPC, errno.EIO, errno.EBADF) and error.filename is None:
+            _discard(sys.stdout)
+            _say(f"cannot write the output: {error.strerror}")
+        elif error.errno in BY_THE_USER:
+            place = "a file" if error.filename is None else str(error.filename)[:200]
+            _say(f"{place}: {error.strerror}")
+        else:
             raise
-        _discard(sys.stdout)
-        _say(f"cannot write the output: {error.strerror}")
+    except MemoryError:
+        _say("the memory does not suffice; expected smaller images, fewer worlds or a shorter recording")
+    except Exception as error:
+        if not _by_interrupt(error):
+            raise
+        _say("interrupted")
+        return INTERRUPTED
     return USER_ERROR
 
 

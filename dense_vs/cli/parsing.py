@@ -47,7 +47,7 @@ class ParagraphHelp(argparse.HelpFormatter):
 
 
 def from_module(home: str, before: Callable[[LazyParser], None] | None = None) -> Callable[[LazyParser], None]:
-    """What fills a parser from a module with a docstring, ``add_arguments(parser)`` and ``run(arguments)``.
+    """A function that fills a parser from a module with a docstring, ``add_arguments(parser)`` and ``run(arguments)``.
 
     Args:
         home: the module's import name.

@@ -33,11 +33,13 @@ def open_chosen(arguments: argparse.Namespace) -> Recording:
 
 
 def episode_numbers(text: str, present: tuple[int, ...]) -> list[int]:
-    """Numbers of the episodes in ``A:B`` that are there.
+    """Numbers of the episodes in ``A:B`` that are there; ``all`` stands for all of them.
 
     Raises:
         DenseVSError: not two numbers, or none of them there.
     """
+    if text == "all":
+        return list(present)
     first, colon, end = text.partition(":")
     try:
         low, high = int(first or 0), int(end) if end else max(present) + 1
@@ -46,5 +48,5 @@ def episode_numbers(text: str, present: tuple[int, ...]) -> list[int]:
     chosen = [number for number in present if low <= number < high]
     if not colon or not chosen:
         shown = ", ".join(str(number) for number in present[:20])
-        raise DenseVSError(f"--episodes is {text!r}; expected A:B with some of the episodes {shown} in it")
+        raise DenseVSError(f"--episodes is {text!r}; expected all, or A:B with some of the episodes {shown} in it")
     return chosen

@@ -6,7 +6,9 @@ from pathlib import Path
 
 import numpy as np
 
+from dense_vs.checks import check_seed
 from dense_vs.errors import DenseVSError
+from dense_vs.files import check_writable
 from dense_vs.segmentation import AnnotatedFolder, FewShotSegmenter, read_images
 from dense_vs.view.progress import progress
 from dense_vs.view.tables import table
@@ -37,6 +39,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(arguments: argparse.Namespace) -> None:
     """Run the command."""
     annotated = AnnotatedFolder.read(arguments.folder)
+    check_seed(arguments.seed)
+    check_writable(arguments.out)  # wrong here, not after the learning
     if arguments.folds and not 2 <= arguments.folds <= len(annotated.names):
         raise DenseVSError(f"--folds is {arguments.folds}; expected 0 or 2 to {len(annotated.names)}, one an image")
     others = [image for folder in arguments.negatives for image in read_images(folder)]

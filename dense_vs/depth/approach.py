@@ -13,8 +13,8 @@ from enum import Enum
 import numpy as np
 
 from dense_vs.checks import check_number, check_whole
-from dense_vs.depth import METHODS, DepthUnobservableError, depth_from_areas, depth_from_masks
-from dense_vs.depth.mask_fit import Method
+from dense_vs.depth.area_fit import DepthUnobservableError, depth_from_areas
+from dense_vs.depth.mask_fit import METHODS, Method, depth_from_masks
 from dense_vs.errors import DenseVSError
 from dense_vs.robot.command_gate import CommandGate
 from dense_vs.robot.joint_group import JointGroup
@@ -37,7 +37,7 @@ class ApproachEnd(Enum):
 
 @dataclass(frozen=True)
 class Approach:
-    """What an approach came to.
+    """Result of an approach.
 
     Attributes:
         end: why it ended.

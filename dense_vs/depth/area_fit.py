@@ -13,6 +13,8 @@ from typing import Any
 
 import numpy as np
 
+from dense_vs.arrays import number_array
+from dense_vs.checks import check_flag
 from dense_vs.errors import DenseVSError
 
 
@@ -56,6 +58,7 @@ def depth_from_areas(areas: Any, camera_z: Any, *, keep_empty: bool = False) -> 
         DepthUnobservableError: fewer than two views with a mask, a camera that does not move, sizes that do not change.
         DenseVSError: another shape, a value that is not finite, a negative area.
     """
+    keep_empty = check_flag("keep_empty", keep_empty)
     areas, camera_z = checked_areas(areas), checked_positions(camera_z, "camera_z")
     if areas.shape != camera_z.shape:
         raise DenseVSError(f"areas have shape {areas.shape} and camera_z {camera_z.shape}; expected the same length")
@@ -92,10 +95,7 @@ def checked_areas(areas: Any) -> np.ndarray:
 
 def checked_positions(values: Any, name: str) -> np.ndarray:
     """A list of finite numbers as float64 ``(m,)``."""
-    try:
-        array = np.asarray(values, dtype=np.float64)
-    except (TypeError, ValueError) as error:
-        raise DenseVSError(f"{name} are {values!r}; expected finite numbers") from error
+    array = number_array(values, name, finite=False, expected="finite numbers (m,)")
     if array.ndim != 1 or not np.isfinite(array).all():
         raise DenseVSError(f"{name} have shape {array.shape} and values {array.tolist()}; expected finite numbers (m,)")
     return array

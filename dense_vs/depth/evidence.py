@@ -1,4 +1,4 @@
-"""What the views of an approach show of the object, and a distance with its uncertainty made from that.
+"""Evidence on the distance from the views of an approach, and the estimate with its uncertainty made from it.
 
 The object's region is followed through the views by perspective; views in which the image border cuts it are left out.
 """
@@ -47,7 +47,7 @@ class MaskDepth:
 
 @dataclass(frozen=True)
 class Evidence:
-    """What the views show of the object.
+    """The object in the views.
 
     Attributes:
         shapes: the object in the views that are used, nearest first.

@@ -16,7 +16,7 @@ from dense_vs.depth.evidence import Evidence, MaskDepth
 from dense_vs.depth.region_shape import DIRECTIONS
 from dense_vs.depth.scale_posterior import DistancePosterior, ScaleModel, lengths
 from dense_vs.errors import DenseVSError
-from dense_vs.files import atomic_write, read_arrays
+from dense_vs.files import atomic_write, read_arrays, stored_array
 
 FORMAT = "dense-vs learned depth 1"
 WEIGHTS = Path(__file__).with_name("learned_depth.npz")
@@ -100,19 +100,35 @@ class LearnedDepth:
         if str(content.get("format")) != FORMAT:
             raise DenseVSError(f"{path} holds no weights of learned depth; expected what dense-vs depth-train writes")
         try:
-            members = [
-                [(content[f"weights_{m}_{k}"], content[f"biases_{m}_{k}"]) for k in range(int(count))]
-                for m, count in enumerate(content["layers"])
-            ]
-            return cls(content["mean"], content["deviation"], members, float(content["factor"]))
-        except KeyError as error:
-            raise DenseVSError(f"{path} is damaged: it lacks {error}") from error
+            mean = stored_array(content, "mean", (-1,))
+            deviation, factor = stored_array(content, "deviation", mean.shape), stored_array(content, "factor", ())
+            if not (deviation > 0).all() or factor <= 0:
+                raise DenseVSError("its deviations or its factor are not above 0")
+            layers = stored_array(content, "layers", (-1,), "iu")
+            members = [_layers(content, m, int(count), len(mean)) for m, count in enumerate(layers)]
+            if not members:
+                raise DenseVSError("it holds no network")
+        except DenseVSError as error:
+            raise DenseVSError(f"{path} is damaged: {error}") from error
+        return cls(mean, deviation, members, float(factor))
 
     @staticmethod
     @cache
     def shipped() -> "LearnedDepth":
         """The network with the weights of this release."""
         return LearnedDepth.load(WEIGHTS)
+
+
+def _layers(content: dict[str, np.ndarray], member: int, count: int, inputs: int) -> list:
+    """Weights and biases of one network, from so many inputs to one output."""
+    layers = []
+    for k in range(count):
+        weights = stored_array(content, f"weights_{member}_{k}", (inputs, -1))
+        inputs = weights.shape[1]
+        layers.append((weights, stored_array(content, f"biases_{member}_{k}", (inputs,))))
+    if not layers or inputs != 1:
+        raise DenseVSError(f"network {member} has {count} layers and {inputs} outputs; expected one output")
+    return layers
 
 
 def depth_features(evidence: Evidence) -> tuple[np.ndarray, DistancePosterior]:

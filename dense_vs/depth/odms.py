@@ -16,7 +16,7 @@ import numpy as np
 from dense_vs.depth.mask_fit import Method, depth_from_regions
 from dense_vs.depth.region_shape import RegionShape, mask_regions
 from dense_vs.errors import DenseVSError
-from dense_vs.files import read_arrays
+from dense_vs.files import read_arrays, stored_array
 
 SETS = ("robot", "driving", "normal", "perturb")
 VIEWS = 10  # of an example
@@ -72,22 +72,23 @@ def read_sequences(path: str | os.PathLike[str]) -> Iterator[Sequence]:
     Raises:
         DenseVSError: not such a file, or arrays that do not fit together.
     """
-    content = read_arrays(path, "an ODMS set")
+    content = read_arrays(path, "an ODMS set", _fields)
     missing = [name for name in _fields if name not in content]
     if missing:
         raise DenseVSError(f"{path} lacks {', '.join(missing)}; expected the arrays {', '.join(_fields)}")
-    height, width = (int(n) for n in content["height_width"])
-    start, bits = content["start"].astype(int), content["mask_bits"]
-    views = len(bits)
-    if (
-        bits.shape != (views, -(-height * width // 8))
-        or len(start) != len(content["sequence"]) + 1
-        or start[0] != 0
-        or start[-1] != views
-        or (np.diff(start) < 1).any()
-        or any(content[name].shape != (views,) for name in ("camera_back", "depth"))
-    ):
-        raise DenseVSError(f"{path} is damaged: its arrays do not fit together")
+    try:
+        height, width = (int(n) for n in stored_array(content, "height_width", (2,), "iu"))
+        names = stored_array(content, "sequence", (-1,), "U")
+        start = stored_array(content, "start", (len(names) + 1,), "iu").astype(np.int64)
+        if min(height, width) < 1 or start[0] != 0 or (np.diff(start) < 1).any():
+            raise DenseVSError("its sequences are empty or its masks have no pixels")
+        views = int(start[-1])
+        bits = stored_array(content, "mask_bits", (views, -(-height * width // 8)), "u")
+        if bits.dtype != np.uint8 or (stored_array(content, "depth", (views,)) <= 0).any():
+            raise DenseVSError("its masks are no bits, or a true distance is not above 0")
+        stored_array(content, "camera_back", (views,))
+    except DenseVSError as error:
+        raise DenseVSError(f"{path} is damaged: {error}") from error
     for name, first, last in zip(content["sequence"], start[:-1], start[1:], strict=True):
         masks = np.unpackbits(bits[first:last], axis=1)[:, : height * width].reshape(-1, height, width)
         back = content["camera_back"][first:last].astype(np.float64)

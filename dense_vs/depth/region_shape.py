@@ -1,8 +1,8 @@
-"""What a region of a mask looks like to a depth estimate: lengths that scale with the inverse of the distance.
+"""Shape of a mask's regions, as lengths that scale with the inverse of the distance.
 
-Of every connected region: area and centroid, VOS-VS (3) to (5), second moments, its support function, the farthest
-that it reaches in each of 16 directions, whose opposite pairs are its widths (the bounding box is four of them), the
-length of its outline, and whether it touches the image border.
+Of every connected region: area and centroid, VOS-VS (3), VOS-VS (4), VOS-VS (5); second moments; its support function,
+the farthest that it reaches in each of 16 directions, whose opposite pairs are its widths (the bounding box is four of
+them); the length of its outline; and whether it touches the image border.
 """
 
 from collections.abc import Sequence
@@ -12,6 +12,7 @@ from typing import Any
 import cv2
 import numpy as np
 
+from dense_vs.arrays import plain_array
 from dense_vs.errors import DenseVSError
 from dense_vs.kernels.masks.region_sums import RegionSums
 from dense_vs.segmentation.mask_features import connected_regions
@@ -66,7 +67,7 @@ def mask_regions(masks: Any) -> list[list[RegionShape]]:
 
 def checked_masks(masks: Any) -> np.ndarray:
     """Masks as bool ``(m, H, W)``."""
-    array = np.asarray(masks)
+    array = plain_array(masks, "masks", "binary masks of shape (m, H, W)")
     if array.ndim != 3 or array.dtype.kind not in "buif" or 0 in array.shape[1:]:
         raise DenseVSError(
             f"masks have shape {array.shape} and dtype {array.dtype}; expected binary masks of shape (m, H, W)"

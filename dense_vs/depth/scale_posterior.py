@@ -25,7 +25,7 @@ _STD_AXES = slice(0, None, 2)  # of WIDTH_AXES
 
 @dataclass(frozen=True, kw_only=True)
 class ScaleModel:
-    """What is believed before the views are seen.
+    """The prior: what is assumed before any view.
 
     Attributes:
         pixel_noise: least standard error of a length [px].

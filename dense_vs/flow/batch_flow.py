@@ -58,15 +58,14 @@ class BatchFlow:
         device: str = "auto",
         threads: int | None = None,
     ):
-        options = method if isinstance(method, FarnebackOptions) else BATCH_METHODS.get(str(method))
+        options = method if isinstance(method, FarnebackOptions) else None
         if options is None:
-            raise DenseVSError(f"flow method {method!r} is unknown; expected one of {', '.join(BATCH_METHODS)}")
-        for name, value, least in (
-            ("worlds", worlds, 1),
-            ("height", height, SMALLEST_IMAGE),
-            ("width", width, SMALLEST_IMAGE),
-        ):
-            check_whole(name, value, least=least)
+            if not isinstance(method, str) or method not in BATCH_METHODS:
+                raise DenseVSError(f"flow method {method!r} is unknown; expected one of {', '.join(BATCH_METHODS)}")
+            options = BATCH_METHODS[method]
+        worlds = check_whole("worlds", worlds, least=1, most=65536)
+        height = check_whole("height", height, least=SMALLEST_IMAGE, most=16384)
+        width = check_whole("width", width, least=SMALLEST_IMAGE, most=16384)
         self.device: Any = resolve_device(device)
         self._threads = resolve_threads(threads)
         with room_for("batch flow", worlds, BYTES_PER_PIXEL * height * width, self.device):

@@ -11,6 +11,7 @@ from typing import Any
 import cv2
 import numpy as np
 
+from dense_vs.arrays import plain_array
 from dense_vs.checks import check_whole
 from dense_vs.errors import DenseVSError
 from dense_vs.flow.lucas_kanade import LucasKanade
@@ -127,8 +128,8 @@ class FlowEstimator:
         if not isinstance(method, str) or method not in METHODS:
             raise DenseVSError(f"flow method {method!r} is unknown; expected one of {', '.join(METHODS)}")
         self.method = method
-        self.height = check_whole("height", height, least=16)
-        self.width = check_whole("width", width, least=16)
+        self.height = check_whole("height", height, least=16, most=16384)
+        self.width = check_whole("width", width, least=16, most=16384)
         arguments = (device, threads) if method in ON_DEVICE else (threads,) if method in LEARNED else ()
         self._calculate = METHODS[method](*arguments)
 
@@ -148,7 +149,7 @@ class FlowEstimator:
         """
         images = []
         for name, image in (("previous_gray", previous_gray), ("gray", gray)):
-            array = np.asarray(image)
+            array = plain_array(image, name, f"uint8 of shape {(self.height, self.width)}")
             if array.shape != (self.height, self.width) or array.dtype != np.uint8:
                 raise DenseVSError(
                     f"{name} has shape {array.shape} and dtype {array.dtype}; "
@@ -166,10 +167,10 @@ def to_gray(image: Any) -> np.ndarray:
     Raises:
         DenseVSError: another shape or dtype.
     """
-    array = np.asarray(image)
-    if array.dtype == np.uint8 and array.ndim == 2:
+    array = plain_array(image, "image", "uint8 of shape (H, W, 3) or (H, W)")
+    if array.dtype == np.uint8 and array.ndim == 2 and array.size:
         return array
-    if array.dtype == np.uint8 and array.ndim == 3 and array.shape[2] == 3:
+    if array.dtype == np.uint8 and array.ndim == 3 and array.shape[2] == 3 and array.size:
         return cv2.cvtColor(array, cv2.COLOR_RGB2GRAY)
     raise DenseVSError(
         f"image has shape {array.shape} and dtype {array.dtype}; expected uint8 of shape (H, W, 3) or (H, W)"

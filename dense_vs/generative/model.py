@@ -5,7 +5,8 @@ from typing import Any
 
 import numpy as np
 
-from dense_vs.checks import check_choice, check_number, check_whole
+from dense_vs.arrays import number_array
+from dense_vs.checks import check_choice, check_flag, check_seed, check_whole
 from dense_vs.errors import DenseVSError
 from dense_vs.generative.inference.joint_inference import JointInference
 from dense_vs.generative.inference.pose_inference import PoseInference
@@ -13,16 +14,15 @@ from dense_vs.generative.kinematics.denavit_hartenberg import DenavitHartenberg,
 from dense_vs.generative.learning.cartesian import fit_cartesian
 from dense_vs.generative.learning.fitting import FitOptions, fit_joint_model
 from dense_vs.generative.learning.online import OnlineLearner
-from dense_vs.generative.learning.relearning import relearn
-from dense_vs.generative.model_file import ModelContent, read_model, write_model
-from dense_vs.generative.observations import Observations
+from dense_vs.generative.learning.relearning import PARTS, relearn
+from dense_vs.generative.model_checks import check_sigma, postures_array, undetermined
+from dense_vs.generative.model_file import CONTROLLERS, KINEMATICS, ModelContent, read_model, write_model
+from dense_vs.generative.observations import LARGEST, Observations
 from dense_vs.generative.parameters import ModelParameters, finite_rows
 from dense_vs.generative.prediction import link_poses, predict, project_points
 from dense_vs.generative.report import FitReport
 
-KINEMATICS = ("poe", "dh")
 STATES = ("observed", "noisy", "actions")
-CONTROLLERS = ("joint", "cartesian")
 METHODS = ("lm", "paper")
 NOISES = ("constant", "proportional")
 EXACT_STEP = 1e-3  # rad by which a controller is trusted where its noise was not estimated
@@ -62,6 +62,10 @@ class GenerativeModel:
         self._dh = dh
         self._inference: JointInference | None = None
         self._pose_inference: PoseInference | None = None
+
+    def __getstate__(self) -> dict[str, Any]:
+        """What a copy is made of: without the arrays on the device, which it makes itself when it needs them."""
+        return vars(self) | {"_inference": None, "_pose_inference": None}
 
     @classmethod
     def fit(
@@ -107,9 +111,31 @@ class GenerativeModel:
         check_choice("method", method, METHODS)
         check_choice("noise", noise, NOISES)
         distortion = check_whole("distortion", distortion, least=0, most=2)
-        seed = check_whole("seed", seed, least=0)
-        _check_sigma(pixel_sigma, "pixel_sigma", 1)
-        _check_sigma(state_sigma, "state_sigma", 2 if controller == "cartesian" else 1)
+        seed = check_seed(seed)
+        check_sigma(pixel_sigma, "pixel_sigma", 1)
+        check_sigma(state_sigma, "state_sigma", 2 if controller == "cartesian" else 1)
+        if not isinstance(obs, Observations):
+            raise DenseVSError(f"obs is a {type(obs).__name__}; expected Observations")
+        with undetermined():
+            return cls._fitted(
+                obs, kinematics, state, controller, seed, method, pixel_sigma, state_sigma, noise, distortion
+            )
+
+    @classmethod
+    def _fitted(
+        cls,
+        obs: Observations,
+        kinematics: str,
+        state: str,
+        controller: str,
+        seed: int,
+        method: str,
+        pixel_sigma: float | None,
+        state_sigma: Any,
+        noise: str,
+        distortion: int,
+    ) -> "GenerativeModel":
+        """What :meth:`fit` returns, its arguments checked."""
         sizes = list(obs.image_sizes)
         if method == "paper":
             if kinematics != "dh" or controller != "joint":
@@ -138,10 +164,10 @@ class GenerativeModel:
             DenseVSError: another shape, or a joint that never moved while learning is asked to be elsewhere.
         """
         if self.controller == "cartesian":
-            poses = _array(joints, "poses", (4, 4))
+            poses = postures_array(joints, "poses", (4, 4))
             world = np.einsum("tij,mj->tmi", poses[:, :3, :3], self.parameters.features) + poses[:, None, :3, 3]
             return project_points(self.parameters, world)
-        angles = _array(joints, "joints", (self.parameters.joint_count,))
+        angles = postures_array(joints, "joints", (self.parameters.joint_count,))
         for joint in self.report.still_joints:
             away = np.abs(angles[:, joint - 1] - self.parameters.home[joint - 1]).max(initial=0.0)
             if away > STILL:
@@ -165,6 +191,7 @@ class GenerativeModel:
             DenseVSError: wrong shapes, an image that does not show enough, or a Cartesian model.
         """
         self._need_joints()
+        robust = check_flag("robust", robust)
         p = self.parameters
         images, single = self._images(pixels)
         seen = np.isfinite(images[..., 0]) & finite_rows(p.features)
@@ -175,14 +202,14 @@ class GenerativeModel:
             )
         images = np.where(seen[..., None], images, np.nan)
         if near is not None:
-            near = np.asarray(near, dtype=np.float64)
-            if near.shape not in ((p.joint_count,), (len(images), p.joint_count)) or not np.isfinite(near).all():
+            near = number_array(near, "near")
+            if near.shape not in ((p.joint_count,), (len(images), p.joint_count)):
                 raise DenseVSError(f"near has shape {near.shape}; expected finite ({p.joint_count},) or one an image")
             near = np.broadcast_to(near, (len(images), p.joint_count))
         if actions is not None:
-            actions = np.asarray(actions, dtype=np.float64)
+            actions = number_array(actions, "actions")
             expected = (len(images) - 1, p.joint_count)
-            if actions.shape != expected or not np.isfinite(actions).all():
+            if actions.shape != expected:
                 raise DenseVSError(f"actions have shape {actions.shape}; expected finite {expected}")
         if self._inference is None:
             self._inference = JointInference(p, self.postures, self.report.pixel_sigma or 0.5)
@@ -260,7 +287,7 @@ class GenerativeModel:
         if self.controller == "cartesian":
             generated = self.pixels(state)
         else:
-            generated = predict(self.parameters, _array(state, "joints", (self.parameters.joint_count,)))
+            generated = predict(self.parameters, postures_array(state, "joints", (self.parameters.joint_count,)))
         if len(generated) != len(images):
             raise DenseVSError(f"state is of {len(generated)} images; expected {len(images)}, as pixels")
         squares = np.where(np.isfinite(images), (images - generated) ** 2, 0.0)
@@ -281,7 +308,12 @@ class GenerativeModel:
             DenseVSError: no such part, or observations that do not determine it; the model stays as it was.
         """
         self._need_joints()
-        parameters, report = relearn(self.parameters, obs, what, self.report.pixel_sigma or 0.5, self.postures, seed)
+        if not isinstance(obs, Observations) or not isinstance(what, str):
+            raise DenseVSError(f"obs is a {type(obs).__name__} and what is {what!r}; expected Observations and {PARTS}")
+        seed = check_seed(seed)
+        sigma = self.report.pixel_sigma or 0.5
+        with undetermined():
+            parameters, report = relearn(self.parameters, obs, what, sigma, self.postures, seed)
         if what == "kinematics":
             self.postures, self.report.still_joints = obs.joints, []
             self._dh = from_lines(parameters.axes, parameters.points, parameters.home) if self._dh else None
@@ -356,42 +388,13 @@ class GenerativeModel:
 
     def _images(self, pixels: Any) -> tuple[np.ndarray, bool]:
         expected = (len(self.parameters.intrinsics), len(self.parameters.features), 2)
-        try:
-            images = np.asarray(pixels, dtype=np.float64)
-        except (TypeError, ValueError) as error:
-            raise DenseVSError(f"pixels are a {type(pixels).__name__}; expected {expected} numbers an image") from error
-        if images.shape[-3:] != expected or images.ndim not in (3, 4) or np.isinf(images).any():
+        images = number_array(pixels, "pixels", finite=False)
+        largest = float(np.abs(np.nan_to_num(images)).max(initial=0.0))
+        if largest > LARGEST:
+            raise DenseVSError(f"pixels hold {largest:g}; expected at most {LARGEST:g}")
+        fits = images.ndim in (3, 4) and images.shape[-3:] == expected and len(images) > 0
+        if not fits or np.isinf(images).any() or (np.isnan(images[..., 0]) != np.isnan(images[..., 1])).any():
             raise DenseVSError(
-                f"pixels have shape {images.shape}; expected finite or NaN {expected}, or several of them"
+                f"pixels have shape {images.shape}; expected {expected}, x and y finite or both NaN, or several of them"
             )
         return (images[None], True) if images.ndim == 3 else (images, False)
-
-
-def _array(value: Any, name: str, each: tuple[int, ...]) -> np.ndarray:
-    try:
-        array = np.asarray(value, dtype=np.float64)
-    except (TypeError, ValueError) as error:
-        raise DenseVSError(f"{name} are a {type(value).__name__}; expected numbers of shape (T, {each})") from error
-    if array.shape == each:
-        array = array[None]
-    if array.shape[1:] != each or not np.isfinite(array).all():
-        shown = ", ".join(map(str, each))
-        raise DenseVSError(f"{name} have shape {array.shape}; expected finite numbers of shape (T, {shown})")
-    return array
-
-
-def _check_sigma(value: Any, name: str, count: int) -> None:
-    """None, a number above 0, or ``count`` of them."""
-    if value is None:
-        return
-    if count == 1:
-        check_number(name, value, above=0.0)
-        return
-    try:
-        numbers = list(value)
-    except TypeError:
-        numbers = []
-    if len(numbers) != count:
-        raise DenseVSError(f"{name} is {value!r}; expected {count} numbers above 0, or None")
-    for place, number in enumerate(numbers):
-        check_number(f"{name}[{place}]", number, above=0.0)

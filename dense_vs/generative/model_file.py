@@ -7,8 +7,9 @@ from typing import Any
 
 import numpy as np
 
+from dense_vs.checks import check_choice
 from dense_vs.errors import DenseVSError
-from dense_vs.files import atomic_write, read_arrays
+from dense_vs.files import atomic_write, read_arrays, stored_array
 from dense_vs.generative.kinematics.denavit_hartenberg import DenavitHartenberg
 from dense_vs.generative.parameters import ModelParameters
 from dense_vs.generative.report import FitReport
@@ -17,11 +18,14 @@ FORMAT = "dense-vs generative model"
 FORMAT_VERSION = 1
 ARRAYS = {field.name: f"parameters_{field.name}" for field in fields(ModelParameters)}
 ARRAYS["home"] = "parameters_centre"  # what files of this version call it
+OTHERS = ("format", "format_version", "postures", "controller", "kinematics", "image_sizes", "report")
+STORED = (*ARRAYS.values(), *OTHERS, "poses", "dh_base", "dh_table")
+CONTROLLERS, KINEMATICS = ("joint", "cartesian"), ("poe", "dh")
 
 
 @dataclass
 class ModelContent:
-    """What a file holds, as :class:`GenerativeModel` takes it."""
+    """Contents of a file, as :class:`GenerativeModel` takes it."""
 
     parameters: ModelParameters
     postures: np.ndarray
@@ -58,45 +62,62 @@ def read_model(path: str | os.PathLike[str]) -> ModelContent:
     Raises:
         DenseVSError: not such a file, another version of it, or damaged.
     """
-    arrays = read_arrays(path, "a saved generative model")
+    arrays = read_arrays(path, "a saved generative model", STORED)
     if str(arrays.get("format")) != FORMAT:
         raise DenseVSError(f"{path} is not a saved generative model; expected a file that GenerativeModel.save wrote")
     if str(arrays.get("format_version")) != str(FORMAT_VERSION):
         raise DenseVSError(f"{path} has format version {arrays.get('format_version')}; expected {FORMAT_VERSION}")
     try:
+        parameters = _parameters(arrays)
+        joints, cameras = parameters.joint_count, len(parameters.intrinsics)
+        controller = check_choice("controller", str(arrays["controller"]), CONTROLLERS)
+        width = joints if controller == "joint" else -1
         content = ModelContent(
-            ModelParameters(**{field: arrays[name] for field, name in ARRAYS.items()}),
-            arrays["postures"],
+            parameters,
+            stored_array(arrays, "postures", (-1, width)),
             FitReport.from_dict(json.loads(str(arrays["report"]))),
-            str(arrays["controller"]),
-            str(arrays["kinematics"]),
-            arrays.get("poses"),
-            [(int(h), int(w)) for h, w in arrays["image_sizes"]],
-            DenavitHartenberg(arrays["dh_base"], arrays["dh_table"]) if "dh_base" in arrays else None,
+            controller,
+            check_choice("kinematics", str(arrays["kinematics"]), KINEMATICS),
+            stored_array(arrays, "poses", (-1, 4, 4)) if "poses" in arrays else None,
+            [(int(h), int(w)) for h, w in stored_array(arrays, "image_sizes", (-1, 2), "iu")],
+            _table(arrays, joints),
         )
-    except (KeyError, ValueError, TypeError) as error:
+        if len(content.image_sizes) not in (0, cameras):
+            raise DenseVSError(f"image_sizes are of {len(content.image_sizes)} cameras; expected {cameras}")
+    except (KeyError, ValueError, TypeError, AttributeError, RecursionError) as error:
         raise DenseVSError(f"{path} is damaged: {error}") from error
-    _check_shapes(content.parameters, content.postures, str(path))
     return content
 
 
-def _check_shapes(p: ModelParameters, postures: np.ndarray, path: str) -> None:
-    joint_count, features, cameras = len(p.axes), len(p.features), len(p.intrinsics)
-    shapes = {
-        "axes": (joint_count, 3),
-        "points": (joint_count, 3),
-        "home": (joint_count,),
-        "features": (features, 3),
-        "links": (features,),
-        "camera_rotation": (cameras, 3, 3),
-        "camera_translation": (cameras, 3),
-        "intrinsics": (cameras, 6),
-        "base_rotation": (3, 3),
-        "base_translation": (3,),
-    }
-    for name, shape in shapes.items():
-        array = getattr(p, name)
-        if array.shape != shape or (name != "features" and not np.isfinite(array).all()):
-            raise DenseVSError(f"{path} is damaged: {ARRAYS[name]} has shape {array.shape}; expected finite {shape}")
-    if postures.ndim != 2 or postures.shape[1] != joint_count:
-        raise DenseVSError(f"{path} is damaged: postures have shape {postures.shape}; expected (T, {joint_count})")
+def _parameters(arrays: dict[str, np.ndarray]) -> ModelParameters:
+    """The model's unknowns, whose shapes fit one another."""
+
+    def of(field: str, shape: tuple[int, ...], kinds: str = "f", finite: bool = True) -> np.ndarray:
+        return stored_array(arrays, ARRAYS[field], shape, kinds, finite=finite)
+
+    axes = of("axes", (-1, 3))
+    joints = len(axes)
+    features, intrinsics = of("features", (-1, 3), finite=False), of("intrinsics", (-1, 6))
+    links = of("links", (len(features),), "iu")
+    if not len(features) or not len(intrinsics) or np.isinf(features).any():
+        raise DenseVSError("it has no feature or no camera, or a feature at infinity")
+    if (links < 0).any() or (links > joints).any():
+        raise DenseVSError(f"links are {links.tolist()}; expected 0 to {joints}, the joints")
+    return ModelParameters(
+        axes=axes,
+        points=of("points", (joints, 3)),
+        home=of("home", (joints,)),
+        features=features,
+        links=links,
+        camera_rotation=of("camera_rotation", (len(intrinsics), 3, 3)),
+        camera_translation=of("camera_translation", (len(intrinsics), 3)),
+        intrinsics=intrinsics,
+        base_rotation=of("base_rotation", (3, 3)),
+        base_translation=of("base_translation", (3,)),
+    )
+
+
+def _table(arrays: dict[str, np.ndarray], joints: int) -> DenavitHartenberg | None:
+    if "dh_base" not in arrays:
+        return None
+    return DenavitHartenberg(stored_array(arrays, "dh_base", (4, 4)), stored_array(arrays, "dh_table", (joints, 4)))

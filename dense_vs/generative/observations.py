@@ -1,4 +1,4 @@
-"""What the generative model learns from: feature pixels of cameras, and what is known of the arm's state."""
+"""Input of the generative model: feature pixels of cameras, and what is known of the arm's state."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -6,8 +6,14 @@ from typing import Any
 
 import numpy as np
 
+from dense_vs.arrays import number_array
 from dense_vs.errors import DenseVSError
 from dense_vs.kernels.arm.kinematics import INTRINSICS
+
+LARGEST = 1e6  # px, rad or m; beyond it a number is a mistake
+FOCAL_LENGTHS = (0.05, 1000.0)  # of the image's longer side: opening angles from 0.06 to 169 degrees
+DISTORTION = 100.0  # of k1 and k2; beyond it an image is folded several times
+LARGEST_SIDE = 1 << 17  # px of an image; larger ones are mistakes, and their numbers leave the solvers' range
 
 
 @dataclass(eq=False)
@@ -52,6 +58,7 @@ class Observations:
         half = np.isnan(self.pixels[..., 0]) != np.isnan(self.pixels[..., 1])
         if half.any() or np.isinf(self.pixels).any():
             raise DenseVSError("pixels hold infinities or half a coordinate; expected x, y, or NaN for both")
+        _bounded(np.nan_to_num(self.pixels), "pixels")
         if self.joints is not None:
             self.joints = _numbers(self.joints, "joints", (samples, -1))
             if self.joints.shape[1] < 1:
@@ -59,21 +66,34 @@ class Observations:
         if self.poses is not None:
             self.poses = _rigid(_numbers(self.poses, "poses", (samples, 4, 4)), "poses")
         if self.actions is not None:
-            actions = np.asarray(self.actions)
+            actions = number_array(self.actions, "actions")
             if actions.ndim == 3:
                 self.actions = _rigid(_numbers(actions, "actions", (samples - 1, 4, 4)), "actions")
             else:
                 width = -1 if self.joints is None else self.joints.shape[1]
                 self.actions = _numbers(actions, "actions", (samples - 1, width))
-        sizes = [tuple(int(side) for side in size) for size in self.image_sizes]
-        if len(sizes) != cameras or any(len(size) != 2 or min(size) < 1 for size in sizes):
-            raise DenseVSError(f"image_sizes are {sizes}; expected {cameras} pairs (h, w), one a camera of pixels")
-        self.image_sizes = sizes
+        none = isinstance(self.image_sizes, (list, tuple)) and not self.image_sizes
+        sides = np.zeros((0, 2)) if none else number_array(self.image_sizes, "image_sizes")
+        if sides.shape != (cameras, 2) or (sides < 1).any() or (sides > LARGEST_SIDE).any() or (sides % 1).any():
+            raise DenseVSError(
+                f"image_sizes are {sides.tolist()}; expected {cameras} pairs (h, w) of whole numbers from 1 to "
+                f"{LARGEST_SIDE}, one a camera of pixels"
+            )
+        self.image_sizes = sizes = [(int(h), int(w)) for h, w in sides]
         if self.intrinsics is not None:
             given = _numbers(self.intrinsics, "intrinsics", (cameras, -1))
             if given.shape[1] not in (4, INTRINSICS) or (given[:, :2] <= 0).any():
                 raise DenseVSError(
                     f"intrinsics are {given.tolist()}; expected {cameras} rows fx, fy, cx, cy (and k1, k2), fx, fy > 0"
+                )
+            longer = np.array([max(size) for size in sizes], dtype=float)[:, None]
+            near, far = FOCAL_LENGTHS
+            focal, middle = given[:, :2] / longer, np.abs(given[:, 2:4]) / longer
+            extreme = (focal < near).any() or (focal > far).any() or (middle > far).any()
+            if extreme or (abs(given[:, 4:]) > DISTORTION).any():
+                raise DenseVSError(
+                    f"intrinsics are {given.tolist()}; expected focal lengths of {near} to {far:g} times the image's "
+                    f"longer side, a principal point within {far:g} of them, and k1, k2 of at most {DISTORTION:g}"
                 )
             self.intrinsics = np.hstack([given, np.zeros((cameras, INTRINSICS - given.shape[1]))])
         if self.intrinsics_sigma is not None:
@@ -88,10 +108,11 @@ class Observations:
                 )
             self.intrinsics_sigma = sigma
         if self.feature_link is not None:
-            links = np.asarray(self.feature_link)
+            links = np.asarray(number_array(self.feature_link, "feature_link"))
+            whole = np.asarray(self.feature_link).dtype.kind in "iu"
             joints = self.joint_count
             top = 0 if joints is None else joints
-            if links.shape != (features,) or links.dtype.kind not in "iu" or (links < 0).any() or (links > top).any():
+            if links.shape != (features,) or not whole or (links < 0).any() or (links > top).any():
                 raise DenseVSError(
                     f"feature_link is {links.tolist()}; expected {features} whole numbers from 0 to {top}, the joints"
                 )
@@ -133,17 +154,20 @@ class Observations:
 def _numbers(value: Any, name: str, shape: tuple[int, ...], finite: bool = True) -> np.ndarray:
     """The value as float64 of ``shape`` (-1 takes any length)."""
     shown = str(tuple("any" if n < 0 else n for n in shape)).replace("'", "")
-    try:
-        array = np.array(value, dtype=np.float64)
-    except (TypeError, ValueError) as error:
-        raise DenseVSError(
-            f"{name} are a {type(value).__name__}; expected numbers of shape {shown} ({error})"
-        ) from error
+    array = number_array(value, name, finite=False, expected=f"numbers of shape {shown}")
     if array.ndim != len(shape) or any(want not in (-1, got) for want, got in zip(shape, array.shape, strict=True)):
         raise DenseVSError(f"{name} have shape {array.shape}; expected {shown}")
     if finite and not np.isfinite(array).all():
         where = np.argwhere(~np.isfinite(array))[0]
         raise DenseVSError(f"{name}[{', '.join(map(str, where))}] is {array[tuple(where)]}; expected finite numbers")
+    return _bounded(array, name) if finite else array
+
+
+def _bounded(array: np.ndarray, name: str) -> np.ndarray:
+    """The array, if none of its numbers is beyond what joints, poses and images can have."""
+    largest = float(np.abs(array).max(initial=0.0))
+    if largest > LARGEST:
+        raise DenseVSError(f"{name} hold {largest:g}; expected at most {LARGEST:g}")
     return array
 
 

@@ -1,7 +1,9 @@
-"""What a fit says about itself."""
+"""Report of a fit: errors, noise, unobservable parameters, suspicious detections."""
 
 from dataclasses import dataclass, field
 from typing import Any
+
+from dense_vs.checks import check_number
 
 MOST_MISFIT = 5.0  # about what 0.01 rad of noise in joints that are taken as exact comes to
 USELESS_MISFIT = 20.0  # joints in degrees, or of other samples, come to 90 and more
@@ -106,6 +108,11 @@ class FitReport:
     def from_dict(cls, content: dict[str, Any]) -> "FitReport":
         """What :meth:`as_dict` made."""
         report = cls(**content)
+        for name in ("rms_px", "mean_error_px", "seconds"):
+            setattr(report, name, float(getattr(report, name)))
+        for name in ("joint_sigma", "pixel_sigma", "expected_error_px"):
+            if getattr(report, name) is not None:
+                setattr(report, name, check_number(name, getattr(report, name), least=0))
         report.stages = [Stage(**stage) for stage in content["stages"]]
         report.outliers = [Outlier(**outlier) for outlier in content["outliers"]]
         report.swapped = [(t, c, a, b) for t, c, a, b in content["swapped"]]

@@ -1,4 +1,4 @@
-"""Whether the object came along, VOS-VS (23): held if s_A,raised > 0.5 s_A,grasp.
+"""Whether the hand holds the object, VOS-VS (23): if s_A,raised > 0.5 s_A,grasp.
 
 The camera rises with the hand. An object in the gripper keeps its size in the image; one that was left behind gets
 smaller. Beyond the paper, where the fingers say how far they closed, they are asked too: closed fingers hold nothing,
@@ -15,7 +15,7 @@ _BEHIND_MARGIN = 1.2  # of masks that err
 
 
 class GraspOutcome(Enum):
-    """What an attempt came to."""
+    """Outcome of an attempt."""
 
     HELD = "held"
     MISSED = "missed"  # seen, but left behind
@@ -65,8 +65,9 @@ def check_grasp(
     for name, value in (("area_grasp", area_grasp), ("area_raised", area_raised), ("min_area", min_area)):
         check_number(name, value, least=0.0)
     check_number("share", share, above=0.0, below=1.0)
+    behind, closed = check_number("behind", behind, least=0.0), check_number("closed", closed)
     if opening is not None:
-        check_number("opening", opening)
+        opening = check_number("opening", opening)
     least = max(min_area, 1)
     left = float(area_raised) / float(area_grasp) if area_grasp >= least else float("nan")
     if opening is not None:

@@ -11,8 +11,8 @@ from typing import Any
 import cv2
 import numpy as np
 
-from dense_vs.arrays import real_vector
-from dense_vs.checks import check_number
+from dense_vs.arrays import number_array
+from dense_vs.checks import check_number, check_pair
 from dense_vs.errors import DenseVSError
 
 _NEAREST = 0.005  # m before the camera; nothing nearer is drawn
@@ -43,7 +43,7 @@ class GripperModel:
     def __post_init__(self):
         for name in ("opening", "width", "thickness", "length"):
             check_number(name, getattr(self, name), above=0.0)
-        pose = real_vector(np.asarray(self.T_camera_hand, dtype=np.float64), "T_camera_hand", (4, 4))
+        pose = number_array(self.T_camera_hand, "T_camera_hand", (4, 4))
         rotation = pose[:3, :3]
         if not np.allclose(rotation @ rotation.T, np.eye(3), atol=1e-4) or np.linalg.det(rotation) < 0:
             raise DenseVSError(f"T_camera_hand has the rotation {rotation.tolist()}; expected a rotation matrix")
@@ -71,11 +71,9 @@ class GripperModel:
         self, spans: list[tuple[float, float]], angles: Any, intrinsics: Any, shape: tuple[int, int]
     ) -> np.ndarray:
         """Boxes that reach from x to x in the hand frame, turned by every angle: (A, H, W)."""
-        turns = real_vector(np.asarray(angles, dtype=np.float64), "angles", (-1,))
-        camera = real_vector(np.asarray(intrinsics, dtype=np.float64), "intrinsics", (3, 3))
-        height, width = (int(side) for side in shape)
-        if min(height, width) < 1:
-            raise DenseVSError(f"shape is {shape}; expected (H, W) of at least 1")
+        turns = number_array(angles, "angles", (-1,))
+        camera = number_array(intrinsics, "intrinsics", (3, 3))
+        height, width = check_pair("shape", shape, least=1, most=16384)
         half = self.width / 2
         corners = np.array(
             [[(x, y, z) for x in span for y in (-half, half) for z in (-self.length, 0.0)] for span in spans]

@@ -2,7 +2,8 @@
 
 From above the object: center it under the gripper by servoing, turn the wrist by VOS-VS (22), go down to VOS-VS (21),
 close, lift, and compare areas by VOS-VS (23); open and try again as the regrasp policy says. Beyond the paper: the way
-down ends where the lift no longer follows, and the fingers close below the top surface where there is room.
+down ends where the lift no longer follows, the fingers close below the top surface where there is room, and an object
+that is no longer seen is looked for around where it was.
 """
 
 from collections.abc import Callable, Sequence
@@ -11,19 +12,16 @@ from typing import Any
 
 import numpy as np
 
+from dense_vs.arrays import number_array
 from dense_vs.checks import check_number
-from dense_vs.grasp import (
-    GraspAction,
-    GraspCheck,
-    GraspOutcome,
-    GripperModel,
-    RegraspPolicy,
-    WristVerdict,
-    check_grasp,
-    choose_wrist_angle,
-    grasp_camera_position,
-)
+from dense_vs.errors import DenseVSError
+from dense_vs.grasp.camera_height import grasp_camera_position
+from dense_vs.grasp.grasp_check import GraspCheck, GraspOutcome, check_grasp
+from dense_vs.grasp.gripper_mask import GripperModel
+from dense_vs.grasp.regrasp import GraspAction, RegraspPolicy
+from dense_vs.grasp.wrist_angle import WristVerdict, choose_wrist_angle
 from dense_vs.mask_servo.loop import MaskServo, ServoEnd
+from dense_vs.mask_servo.object_search import search_object
 from dense_vs.robot.command_gate import CommandGate
 from dense_vs.robot.joint_group import JointGroup
 from dense_vs.robot.protocols import Camera, Gripper, Robot
@@ -33,7 +31,7 @@ from dense_vs.segmentation.segmenter import forget_images
 
 @dataclass(frozen=True)
 class HandGeometry:
-    """What is known of the hand: no calibration of joints against the image, but the gripper in its own camera.
+    """Geometry of the gripper in its own camera; joints need no calibration against the image.
 
     Attributes:
         z_gripper: from the camera to the center of the closed fingertips along the optical axis, VOS-VS (21) [m].
@@ -87,7 +85,7 @@ class GraspLoop:
         gripper: opens and closes.
         hand: its geometry.
         lift, wrist: joints that carry the hand up and turn it.
-        base: joints that center, with ``pinv`` ``(n, 2)``: H_base grasp.
+        base: the two joints that center [m], with ``pinv`` ``(2, 2)``: H_base grasp. They also search.
         policy: what follows a miss.
         raise_by: way up before VOS-VS (23) [m].
         contact_lag: the lift stays behind its command by more than this when something is below [m].
@@ -95,7 +93,7 @@ class GraspLoop:
         on_attempt: called after the check of every attempt, before what follows it.
 
     Raises:
-        DenseVSError: a joint that the robot does not have, or an option out of range.
+        DenseVSError: a joint that the robot does not have, not two for the base, or an option out of range.
     """
 
     def __init__(
@@ -118,13 +116,17 @@ class GraspLoop:
     ):
         self.camera, self.robot, self.segmenter, self.gripper, self.hand = camera, robot, segmenter, gripper, hand
         JointGroup.of_robot(robot, [lift, wrist, *base])
+        if len(base) != 2:
+            raise DenseVSError(f"base is {list(base)}; expected two joints out of {', '.join(robot.joint_names)}")
         self._lift, self._wrist = JointGroup.of_robot(robot, [lift]), JointGroup.of_robot(robot, [wrist])
-        self._gates = {g.names: CommandGate(robot, g, max_step=max_step) for g in (self._lift, self._wrist)}
-        self._base, self._pinv = base, np.asarray(pinv, dtype=np.float64)
+        self._base = JointGroup.of_robot(robot, base)
+        self._pinv = number_array(pinv, "pinv", (len(base), 2))
+        self._gates = {g.names: CommandGate(robot, g, max_step=max_step) for g in (self._lift, self._wrist, self._base)}
         self.policy = policy if policy is not None else RegraspPolicy()
         self._raise_by = check_number("raise_by", raise_by, above=0.0)
         self._lag = check_number("contact_lag", contact_lag, above=0.0)
         self._on_attempt = on_attempt
+        self._seen_from = np.zeros(2)  # where the base was when the object was last in view
 
     def run(self, z_object: float) -> GraspRun:
         """Grasp the object at ``z_object`` [m] on the lift's axis for the camera, its center near the image's.
@@ -137,6 +139,7 @@ class GraspLoop:
         self.policy.reset()
         start = self._joint(self._wrist)
         hover = self._joint(self._lift)
+        self._seen_from = self._base.take(self.robot.joints()[0]).astype(np.float64)
         deeper, rank = 0.0, 0
         while True:
             if self.gripper.open().jammed:
@@ -156,6 +159,8 @@ class GraspLoop:
             self._move(self._wrist, start - self._joint(self._wrist))
             if step.action is GraspAction.GIVE_UP:
                 return run
+            if step.action is GraspAction.SEARCH and not self._search(hover - z_object):
+                return run
             deeper, rank = step.deeper, step.angle_rank
 
     def _attempt(self, z_object: float, deeper: float, rank: int) -> GraspAttempt:
@@ -164,7 +169,7 @@ class GraspLoop:
             self.camera,
             self.robot,
             self.segmenter,
-            joints=self._base,
+            joints=self._base.names,
             pinv=self._pinv,
             target=self.hand.target_at(distance),
             gain=0.8,
@@ -176,6 +181,7 @@ class GraspLoop:
         nothing = GraspCheck(GraspOutcome.LOST, float("nan"))
         if end.mask is None or end.end is ServoEnd.LOST:
             return GraspAttempt(end.end, WristVerdict.EMPTY, 0.0, False, float("nan"), nothing, (0.0, 0.0))
+        self._seen_from = self._base.take(self.robot.joints()[0]).astype(np.float64)
         angles = np.deg2rad(np.arange(-90, 90, 5.0))
         shape = (end.mask.shape[0], end.mask.shape[1])
         # VOS-VS (22) at the object's depth: the fingers as they will be beside it.
@@ -190,6 +196,19 @@ class GraspLoop:
         behind = (self.hand.z_gripper / (self.hand.z_gripper + self._raise_by)) ** 2  # VOS-VS (15)
         check = check_grasp(area, raised, opening=self.gripper.close().opening, behind=behind)
         return GraspAttempt(end.end, choice.verdict, choice.angle, contact, opening, check, (area, raised))
+
+    def _search(self, distance: float) -> bool:
+        """Look for the object around the place that it was last seen from; whether it was found.
+
+        Args:
+            distance: of the object from the camera [m]; neighboring places share half of what is seen there.
+        """
+        self._move(self._base, self._seen_from - self._base.take(self.robot.joints()[0]))
+        center, focal = np.array(self.hand.centre), self.hand.intrinsics[[0, 1], [0, 1]]
+        reach = float(np.min(center / focal)) * distance  # half of the view's shorter side
+        return search_object(
+            self.camera, self.robot, self.segmenter, joints=self._base.names, reach=(reach, reach)
+        ).found
 
     def _descend(self, z_object: float, deeper: float) -> bool:
         """To VOS-VS (21) and the bite below it, in small steps; whether something was in the way and ended them."""
@@ -216,13 +235,14 @@ class GraspLoop:
     def _joint(self, joint: JointGroup) -> float:
         return float(joint.take(self.robot.joints()[0])[0])
 
-    def _move(self, joint: JointGroup, by: float) -> None:
+    def _move(self, joints: JointGroup, by: float | np.ndarray) -> None:
         """Move as far as the gate lets; in several commands where it is too far for one."""
-        gate, left = self._gates[joint.names], by
-        while left != 0.0:
-            asked = float(np.clip(left, -gate.max_step[0], gate.max_step[0]))
-            sent = float(gate.send([asked], [self._joint(joint)])[0])
-            left = left - sent if abs(sent) > 0.999 * abs(asked) else 0.0  # not on against a limit
+        gate = self._gates[joints.names]
+        left = np.atleast_1d(np.asarray(by, dtype=np.float64))
+        while left.any():
+            asked = left * min(1.0, float(np.min(gate.max_step / np.maximum(np.abs(left), 1e-12))))
+            sent = gate.send(asked, joints.take(self.robot.joints()[0]))
+            left = left - sent if np.linalg.norm(sent) > 0.999 * np.linalg.norm(asked) else 0.0 * left  # at a limit
 
 
 def _jammed(opening: float) -> GraspAttempt:

@@ -1,4 +1,4 @@
-"""What to do after an attempt to grasp: VOS-VS section 6, "regrasp as necessary", as a bounded policy.
+"""The next action after an attempt to grasp: VOS-VS section 6, "regrasp as necessary", as a bounded policy.
 
 The paper says no more than that. Ours (beyond the paper) never repeats an attempt unchanged: a miss goes deeper, as a
 depth estimate that is too near closes above the object, and every second one turns to the next best wrist angle; a
@@ -14,11 +14,11 @@ from dense_vs.grasp.grasp_check import GraspOutcome
 
 
 class GraspAction(Enum):
-    """What the loop does next."""
+    """The loop's next action."""
 
     FINISH = "finish"  # go on with the object in the hand
     REGRASP = "regrasp"  # open, center again, grasp as the step says
-    SEARCH = "search"  # open, go back to where the object was last seen whole and look for it
+    SEARCH = "search"  # open, go back to where the object was last seen from, look around there, grasp what is found
     GIVE_UP = "give_up"
 
 
@@ -66,7 +66,7 @@ class RegraspPolicy:
         self._misses = 0
 
     def decide(self, outcome: GraspOutcome) -> GraspStep:
-        """What follows an attempt with this outcome; counts it.
+        """The next action after an attempt with this outcome, which is counted.
 
         Raises:
             DenseVSError: not an outcome.

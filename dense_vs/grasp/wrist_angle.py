@@ -12,7 +12,8 @@ from typing import Any
 import cv2
 import numpy as np
 
-from dense_vs.arrays import real_vector
+from dense_vs.arrays import number_array, plain_array
+from dense_vs.checks import check_number, check_whole
 from dense_vs.errors import DenseVSError
 from dense_vs.segmentation.mask_features import mask_overlap
 from dense_vs.segmentation.segmenter import check_mask
@@ -78,12 +79,13 @@ def choose_wrist_angle(
     """
     mask = check_mask(mask)
     fingers = _candidates(finger_masks, "finger_masks", mask.shape)
-    turns = real_vector(np.asarray(angles, dtype=np.float64), "angles", (len(fingers),))
+    turns = number_array(angles, "angles", (len(fingers),))
     between = None
     if closing_masks is not None:
         between = mask_overlap(mask, _candidates(closing_masks, "closing_masks", mask.shape, len(fingers))).intersection
-    if rank not in (0, 1):
-        raise DenseVSError(f"rank is {rank!r}; expected 0 or 1")
+    rank = check_whole("rank", rank, least=0, most=1)
+    iou_tolerance = check_number("iou_tolerance", iou_tolerance, least=0.0)
+    clearance_tolerance = check_number("clearance_tolerance", clearance_tolerance, least=0.0)
     ious = intersection_over_union(mask, fingers)
     if not mask.any():
         empty = np.full(len(turns), np.nan)
@@ -140,7 +142,7 @@ def _best(
 
 
 def _candidates(masks: Any, name: str, shape: tuple[int, ...], count: int | None = None) -> np.ndarray:
-    array = np.asarray(masks)
+    array = plain_array(masks, name, "bool of shape (A, H, W)")
     fits = array.ndim == 3 and array.shape[1:] == shape and len(array) and count in (None, len(array))
     if not fits or array.dtype.kind not in "bui":
         raise DenseVSError(

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
+from dense_vs.arrays import number_array, plain_array
 from dense_vs.errors import DenseVSError
 
 INNER_MARGIN = 3  # px
@@ -32,12 +33,20 @@ def jacobian_error(estimated: np.ndarray, true: np.ndarray, robot_mask: np.ndarr
     Pixels that no joint moves (||J*|| = 0) have no relative error and are left out. NaN where none is left.
 
     Raises:
-        DenseVSError: shapes that differ.
+        DenseVSError: shapes that differ or do not fit, or a truth that is not finite.
     """
-    if np.shape(estimated) != np.shape(true):
-        raise DenseVSError(f"the estimate has shape {np.shape(estimated)}; the truth has {np.shape(true)}")
+    estimated, true = number_array(estimated, "the estimate", finite=False), number_array(true, "the truth")
+    mask = plain_array(robot_mask, "robot_mask", "bool of shape (H, W)")
+    if estimated.shape != true.shape:
+        raise DenseVSError(f"the estimate has shape {estimated.shape}; the truth has {true.shape}")
+    if true.ndim != 4 or mask.shape != true.shape[:2] or mask.dtype != bool:
+        raise DenseVSError(
+            f"the truth has shape {true.shape}, robot_mask {mask.shape} and dtype {mask.dtype}; expected (H, W, 2, N) "
+            "and bool (H, W)"
+        )
+    robot_mask = mask
     size = np.linalg.norm(true, axis=(2, 3))
-    error = np.linalg.norm(np.asarray(estimated, dtype=np.float64) - true, axis=(2, 3))
+    error = np.linalg.norm(estimated - true, axis=(2, 3))
     counted = robot_mask & (size > 0)
     relative = np.divide(error, size, out=np.zeros_like(error), where=size > 0)
     disc = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * INNER_MARGIN + 1,) * 2)

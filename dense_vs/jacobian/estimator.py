@@ -1,9 +1,9 @@
 """The dense image Jacobian estimator: a Kalman filter at every pixel, DIJE section III.
 
 ``u = J dq`` relates the optical flow u [px] of a pixel to the joint step dq [rad] between two frames, DIJE (1); it is
-the observation of the filter, DIJE (2) to (4). Each frame the estimate is moved with the image, DIJE (8) by (13) or
-(14), and corrected by the flow, DIJE (9) to (12). Beyond the paper, and measured better: one full covariance in place
-of the diagonal one of DIJE (5), shared by all pixels, as it depends on no image data; the image Hessian dJ/dq
+the observation of the filter, DIJE (2), DIJE (3), DIJE (4). Each frame the estimate is moved with the image, DIJE (8)
+by (13) or (14), and corrected by the flow, DIJE (9) to (12). Beyond the paper, and measured better: one full covariance
+in place of the diagonal one of DIJE (5), shared by all pixels, as it depends on no image data; the image Hessian dJ/dq
 estimated beside J, so that J follows the posture (both in ``kernels/jacobian/covariance.py``); process noise that
 grows with the motion; a second step of the fixed point that DIJE (14) begins.
 """
@@ -17,15 +17,18 @@ import numpy as np
 import warp as wp
 
 from dense_vs.arrays import points_array, real_vector, vec2_image
+from dense_vs.checks import check_whole
 from dense_vs.device import resolve_device, resolve_threads, room_for
 from dense_vs.errors import DenseVSError
 from dense_vs.files import atomic_write, read_arrays
 from dense_vs.jacobian.filter import JacobianFilter, filter_bytes
 from dense_vs.jacobian.options import CovarianceForm, JacobianOptions, OnBadFlow, Prediction, refuse_large_steps
+from dense_vs.jacobian.stored_state import STATE, check_stored
 from dense_vs.kernels.views import seen_as
 
 FORMAT = "dense-vs dense image Jacobian"
 FORMAT_VERSION = 1
+STORED = ("format", "format_version", "options", "updates", *STATE)
 MOST_AWAY = 50.0  # rad in standard units, of a joint from the posture that the filter's state belongs to
 
 
@@ -153,7 +156,7 @@ class DenseJacobian:
 
     @property
     def variance(self) -> np.ndarray:
-        """Variance of J's columns, float32 ``(H, W, N)`` [px^2/rad^2], the same for the rows x and y, DIJE (6), (7).
+        """Variance of J's columns, float32 ``(H, W, N)`` [px^2/rad^2], the same for rows x and y, DIJE (6), DIJE (7).
 
         Infinite for a joint that is not learned.
         """
@@ -243,6 +246,28 @@ class DenseJacobian:
         joint_step = self._joint_step(dq)
         self._advance(joint_step, self._span(np.zeros(np.shape(dq))))
 
+    def blend(self, jacobian: Any, share: Any) -> None:
+        """Draw J to one that is known from elsewhere, as from a body model; the uncertainty stays. For one world.
+
+        Args:
+            jacobian: ``(H, W, 2, N)`` [px/rad].
+            share: ``(H, W)``, 0 leaves J as it is, 1 takes the other.
+
+        Raises:
+            DenseVSError: several worlds, another shape, values that are not finite, a share out of 0 to 1.
+        """
+        size = self.options.height, self.options.width
+        if self.options.worlds != 1:
+            raise DenseVSError(f"estimator has {self.options.worlds} worlds; expected one to blend J in")
+        other = real_vector(jacobian, "jacobian", (*size, 2, self.options.joints), np.float32)
+        weight = real_vector(share, "share", size, np.float32)
+        if weight.min() < 0 or weight.max() > 1:
+            raise DenseVSError(f"share is from {weight.min()} to {weight.max()}; expected 0 to 1")
+        stored = self.filter.stored()
+        state = np.array(stored["state"])
+        state[0, ..., : self.options.joints] += (other - self.to_numpy()) * weight[..., None, None]
+        self.filter.restore({**stored, "state": state})
+
     def predicted_flow(self, dq: Any) -> np.ndarray:
         """The flow J dq that a joint step would cause, float32 ``(H, W, 2)`` [px].
 
@@ -293,25 +318,19 @@ class DenseJacobian:
         Raises:
             DenseVSError: not such a file, another version of it, or arrays that do not fit its options.
         """
-        content = read_arrays(path, "a saved Jacobian")
+        content = read_arrays(path, "a saved Jacobian", STORED)
         if str(content.get("format")) != FORMAT:
             raise DenseVSError(f"{path} is not a saved Jacobian; expected a file that DenseJacobian.save wrote")
         if str(content.get("format_version")) != str(FORMAT_VERSION):
             raise DenseVSError(f"{path} has format version {content.get('format_version')}; expected {FORMAT_VERSION}")
         try:
-            options = asdict(JacobianOptions(**json.loads(str(content["options"]))))
-            updates = int(content["updates"])
-            estimator = cls(device=device, threads=threads, **options)
-            stored = [(name, array, content[name]) for name, array in estimator.filter.stored().items()]
-        except (KeyError, ValueError, TypeError) as error:
+            options = JacobianOptions(**json.loads(str(content["options"])))
+            updates = check_whole("updates", content["updates"].item(), least=0)
+            check_stored(content, options)  # before memory is taken for sizes that the file only claims
+        except (KeyError, ValueError, TypeError, AttributeError, RecursionError) as error:
             raise DenseVSError(f"{path} is damaged: {error}") from error
-        for name, expected, found in stored:
-            if found.shape != expected.shape or found.dtype != expected.dtype or not np.isfinite(found).all():
-                raise DenseVSError(
-                    f"{path} is damaged: {name} has shape {found.shape} and dtype {found.dtype}; "
-                    f"expected finite values of shape {expected.shape} and dtype {expected.dtype}"
-                )
-        estimator.filter.restore({name: found for name, _, found in stored})
+        estimator = cls(device=device, threads=threads, **asdict(options))
+        estimator.filter.restore({name: content[name] for name in STATE})
         estimator._away = np.array(content["displacement"])
         estimator.updates = updates
         return estimator

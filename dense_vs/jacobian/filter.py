@@ -84,7 +84,7 @@ class JacobianFilter:
         self.covariance[0].assign(self._initial_covariance())
 
     def stored(self) -> dict[str, np.ndarray]:
-        """What the next frame depends on, by name: the state (B, H, W, 2, C), its covariance, the displacement."""
+        """Arrays that the next frame depends on, by name: state (B, H, W, 2, C), its covariance, the displacement."""
         now = self.now
         state = self.state[now].numpy()
         if self.layout == "planes":
@@ -322,7 +322,7 @@ class JacobianFilter:
 
 
 def filter_bytes(options: JacobianOptions) -> int:
-    """What a filter takes on a device a world, about [bytes]."""
+    """Memory of a filter on a device for each world, about [bytes]."""
     columns = state_columns(options.joints, options.order or 1)
     own = {"diagonal": options.joints, "full": options.joints**2}.get(options.covariance, 0)
     # Both halves of state and covariance, flow and model flow; a float32 each.

@@ -5,8 +5,8 @@ from typing import Any, Literal, TypedDict, get_args
 
 import numpy as np
 
-from dense_vs.arrays import real_vector
-from dense_vs.checks import check_choice, check_number, check_whole
+from dense_vs.arrays import number_array
+from dense_vs.checks import check_choice, check_flag, check_number, check_whole
 from dense_vs.errors import DenseVSError
 
 CovarianceForm = Literal["shared", "diagonal", "fixed", "full"]
@@ -19,11 +19,12 @@ MAX_JOINTS_ORDER_2 = 8
 MAX_JOINTS_DEFAULT_ORDER_2 = 6
 MOST_JOINT_STEP = 1000.0  # rad; the covariance of order 2 holds fourth powers of a step
 STANDARD_STEP = 0.012  # rad a frame, that of the babbling which the variances were tuned on
+STANDARD_SPREAD = 0.12  # rad, standard deviation of the joints' positions in it
 
 
 @dataclass(frozen=True, kw_only=True)
 class JacobianOptions:
-    """What fixes a filter's behavior; units px and rad (m for a prismatic joint).
+    """Options of a filter; units px and rad (m for a prismatic joint).
 
     Only the ratios of the three variances matter: scaling all of them leaves J as it is.
 
@@ -119,8 +120,11 @@ class JacobianOptions:
         if self.order is None:
             second = self.covariance == "shared" and self.joints <= MAX_JOINTS_DEFAULT_ORDER_2
             object.__setattr__(self, "order", 2 if second else 1)
-        if isinstance(self.order, bool) or self.order not in (1, 2):
+        # A number of NumPy's own would be another order to the kernels' cache, and no literal in their code.
+        if isinstance(self.order, bool) or not isinstance(self.order, (int, np.integer)) or self.order not in (1, 2):
             raise DenseVSError(f"order is {self.order!r}; expected 1 or 2")
+        object.__setattr__(self, "order", int(self.order))
+        object.__setattr__(self, "move_variance", check_flag("move_variance", self.move_variance))
         if self.order == 2 and (self.covariance != "shared" or self.joints > MAX_JOINTS_ORDER_2):
             raise DenseVSError(
                 f"order 2 with covariance {self.covariance!r} and {self.joints} joints; expected covariance "
@@ -147,7 +151,7 @@ class JacobianOptions:
 
     @property
     def step_factors(self) -> tuple[float, ...]:
-        """What each joint's step is multiplied by to be in standard units; 0 for one that is not learned."""
+        """Factor that brings each joint's step to standard units; 0 for one that is not learned."""
         return step_factors(self.joint_scale, self.joints)
 
     def _check_joint_scale(self) -> None:
@@ -160,7 +164,7 @@ class JacobianOptions:
 
 
 class EstimatorOptions(TypedDict, total=False):
-    """What may be chosen of :class:`JacobianOptions` where the size follows from something else."""
+    """Options of :class:`JacobianOptions` that may be chosen where the size follows from something else."""
 
     order: int | None
     covariance: CovarianceForm
@@ -182,14 +186,14 @@ class EstimatorOptions(TypedDict, total=False):
 
 
 def step_factors(joint_scale: Any, joints: int) -> tuple[float, ...]:
-    """What brings each joint's step to standard units: STANDARD_STEP / scale, 0 where the scale is 0, 1 without any.
+    """Factors of the joints' steps to standard units: STANDARD_STEP / scale, 0 where the scale is 0, 1 without any.
 
     Raises:
         DenseVSError: not ``joints`` finite numbers of at least 0.
     """
     if joint_scale is None:
         return (1.0,) * joints
-    scale = real_vector(np.asarray(joint_scale, dtype=float), "joint_scale", (joints,))
+    scale = number_array(joint_scale, "joint_scale", (joints,))
     if (scale < 0).any():
         raise DenseVSError(f"joint_scale is {scale.tolist()}; expected typical steps of at least 0")
     return tuple(STANDARD_STEP / float(value) if value > 0 else 0.0 for value in scale)

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from dense_vs.arrays import number_array
 from dense_vs.checks import check_number
 from dense_vs.errors import DenseVSError
 from dense_vs.mask_servo.hadamard_broyden import BroydenOutcome, HadamardBroyden
@@ -33,8 +34,10 @@ class FeaturewiseBroyden:
     def __init__(
         self, pinv0: Any, coupling: Any, alpha: float = 0.1, *, min_motion: float = 0.004, min_change: float = 4.0
     ):
-        pinv0, coupling = np.asarray(pinv0, dtype=np.float64), np.asarray(coupling, dtype=np.float64)
-        if coupling.ndim != 2 or not np.array_equal(coupling.sum(axis=1), np.ones(len(coupling))):
+        pinv0 = number_array(pinv0, "pinv0", (-1, -1))
+        coupling = number_array(coupling, "coupling")
+        logical = coupling.shape == pinv0.shape and np.isin(coupling, (0, 1)).all()
+        if not logical or not np.array_equal(coupling.sum(axis=1), np.ones(len(coupling))):
             raise DenseVSError(f"coupling is {coupling.tolist()}; expected one 1 in each row, a feature for each joint")
         self._joints = [np.flatnonzero(column) for column in coupling.T]
         self._shape = coupling.shape
@@ -63,9 +66,7 @@ class FeaturewiseBroyden:
         Raises:
             DenseVSError: another shape or a value that is not finite.
         """
-        q, e = np.asarray(q, dtype=np.float64), np.asarray(e, dtype=np.float64)
-        if (len(q), len(e)) != self._shape:
-            raise DenseVSError(f"q and e have lengths {len(q)} and {len(e)}; expected {self._shape}")
+        q, e = number_array(q, "q", self._shape[:1]), number_array(e, "e", self._shape[1:])
         learned = False
         for k, (joints, learner) in enumerate(zip(self._joints, self._learners, strict=True)):
             seen = self._seen[k]

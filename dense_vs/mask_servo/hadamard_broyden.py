@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from dense_vs.arrays import real_vector
+from dense_vs.arrays import number_array
 from dense_vs.checks import check_number
 from dense_vs.errors import DenseVSError
 
@@ -23,7 +23,7 @@ MOTION_THRESHOLD = 0.02  # sum of |dq|, the authors' robot code
 
 
 class BroydenOutcome(StrEnum):
-    """What an update did, or why it changed nothing."""
+    """Outcome of an update: J+ changed, or why it did not."""
 
     UPDATED = "updated"  # VOS-VS (11) as it stands
     GUARDED = "guarded"  # its denominator was held away from zero
@@ -80,7 +80,7 @@ class HadamardBroyden:
         min_motion: float = MOTION_THRESHOLD,
         min_cosine: float = 0.05,
     ):
-        self._pinv = real_vector(np.asarray(pinv0, dtype=np.float64), "pinv0", (-1, -1)).copy()
+        self._pinv = number_array(pinv0, "pinv0", (-1, -1)).copy()
         if not self._pinv.size:
             raise DenseVSError(f"pinv0 has shape {self._pinv.shape}; expected (joints, features), at least 1 of each")
         self.coupling = None if coupling is None else _logical(coupling, self._pinv.shape)
@@ -106,8 +106,8 @@ class HadamardBroyden:
             DenseVSError: another shape or a value that is not finite; the estimate stays as it was.
         """
         n, k = self._pinv.shape
-        dq = real_vector(np.asarray(dq, dtype=np.float64), "dq", (n,))
-        de = real_vector(np.asarray(de, dtype=np.float64), "de", (k,))
+        dq = number_array(dq, "dq", (n,))
+        de = number_array(de, "de", (k,))
         step = self._learn(dq, de)
         self._pinv = step.pinv.copy()
         self.history.append(step)
@@ -129,8 +129,8 @@ class HadamardBroyden:
             DenseVSError: as :meth:`update`.
         """
         n, k = self._pinv.shape
-        q = real_vector(np.asarray(q, dtype=np.float64), "q", (n,)).copy()
-        e = real_vector(np.asarray(e, dtype=np.float64), "e", (k,)).copy()
+        q = number_array(q, "q", (n,)).copy()
+        e = number_array(e, "e", (k,)).copy()
         if self._last is None:
             self._last = (q, e)
             return None
@@ -174,10 +174,9 @@ class HadamardBroyden:
 
 
 def _logical(coupling: Any, shape: tuple[int, ...]) -> np.ndarray:
-    matrix = np.asarray(coupling)
-    if matrix.shape != shape or matrix.dtype.kind not in "biuf" or not np.isin(matrix, (0, 1)).all():
-        raise DenseVSError(
-            f"coupling has shape {matrix.shape} and values {matrix.tolist()}; "
-            f"expected 0 and 1 in the shape {shape} of pinv0"
-        )
-    return matrix.astype(np.float64)
+    given = np.asarray(coupling) if isinstance(coupling, np.ndarray) else None
+    flags = given is not None and given.dtype == bool
+    matrix = number_array(given.astype(float) if flags and given is not None else coupling, "coupling", shape)
+    if not np.isin(matrix, (0, 1)).all():
+        raise DenseVSError(f"coupling is {matrix.tolist()}; expected 0 and 1 in the shape {shape} of pinv0")
+    return matrix

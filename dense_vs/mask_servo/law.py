@@ -1,6 +1,6 @@
 """The servo law on mask features, VOS-VS (10): dq = -lambda J+ e, with limits and a defined end for a lost feature.
 
-It is VOS-VS (8) for joint steps in place of camera velocities; J+ inverts VOS-VS (9), which stands in place of (7).
+It is VOS-VS (8) for joint steps in place of camera velocities; J+ inverts VOS-VS (9), which stands for VOS-VS (7).
 
 Beyond the paper: a command is bounded as a whole, so that its direction stays; joint limits are kept; and while the
 feature is not seen nothing is commanded, until after a set number of frames the servo says that it is lost.
@@ -12,13 +12,13 @@ from typing import Any
 
 import numpy as np
 
-from dense_vs.arrays import real_vector
+from dense_vs.arrays import number_array
 from dense_vs.checks import check_number, check_whole
 from dense_vs.errors import DenseVSError
 
 
 class FeatureState(StrEnum):
-    """What a feature servo is about."""
+    """State of a feature servo."""
 
     SERVOING = "servoing"
     CONVERGED = "converged"  # the error is within the tolerance; dq is zero
@@ -28,7 +28,7 @@ class FeatureState(StrEnum):
 
 @dataclass(frozen=True)
 class FeatureCommand:
-    """What :meth:`FeatureServo.step` commands.
+    """A command of :meth:`FeatureServo.step`.
 
     Attributes:
         dq: ``(n,)`` joint step [rad, m].
@@ -69,18 +69,21 @@ class FeatureServo:
         tolerance: float = 5.0,
         patience: int = 10,
     ):
-        self.target = real_vector(np.asarray(target, dtype=np.float64), "target", (-1,))
+        self.target = number_array(target, "target", (-1,))
+        if not self.target.size:
+            raise DenseVSError("target is empty; expected at least one feature")
         self.gain = check_number("gain", gain, least=0.0)
         self.tolerance = check_number("tolerance", tolerance, least=0.0)
         self.patience = check_whole("patience", patience, least=1)
-        self.max_step = None if max_step is None else np.asarray(max_step, dtype=np.float64)
+        self.max_step = None if max_step is None else number_array(max_step, "max_step", finite=False)
         if self.max_step is not None and (self.max_step.ndim > 1 or not (self.max_step > 0).all()):
             raise DenseVSError(f"max_step is {max_step!r}; expected a number above 0, or one for each joint")
-        self.joint_limits = None if joint_limits is None else np.asarray(joint_limits, dtype=np.float64)
-        if self.joint_limits is not None:
-            limits = self.joint_limits
-            if limits.ndim != 2 or limits.shape[1] != 2 or not (limits[:, 0] < limits[:, 1]).all():
+        self.joint_limits: np.ndarray | None = None
+        if joint_limits is not None:
+            limits = number_array(joint_limits, "joint_limits", (-1, 2), finite=False)
+            if not (limits[:, 0] < limits[:, 1]).all():
                 raise DenseVSError(f"joint_limits are {limits.tolist()}; expected (n, 2), least and greatest")
+            self.joint_limits = limits
         self.unseen = 0
 
     def step(self, pinv: Any, features: Any, positions: Any = None) -> FeatureCommand:
@@ -96,12 +99,12 @@ class FeatureServo:
                 finite where ``max_step`` bounds none.
         """
         k = len(self.target)
-        J = real_vector(np.asarray(pinv, dtype=np.float64), "pinv", (-1, k))
+        J = number_array(pinv, "pinv", (-1, k))
         n = len(J)
         room = self._room(positions, n)
         step = self._max_step(n)
         nothing, nowhere = np.zeros(n), np.zeros(n, dtype=bool)
-        seen = np.full(k, np.nan) if features is None else np.asarray(features, dtype=np.float64)
+        seen = np.full(k, np.nan) if features is None else number_array(features, "features", finite=False)
         if seen.shape != (k,):
             raise DenseVSError(f"features have shape {seen.shape}; expected {(k,)}, as target")
         if not np.isfinite(seen).all():
@@ -135,7 +138,7 @@ class FeatureServo:
             raise DenseVSError(f"pinv has {n} joints; expected {len(self.joint_limits)}, as joint_limits")
         if positions is None:
             raise DenseVSError("positions are missing; expected the joint positions, as there are joint limits")
-        q = real_vector(np.asarray(positions, dtype=np.float64), "positions", (n,))
+        q = number_array(positions, "positions", (n,))
         least, greatest = self.joint_limits[:, 0] - q, self.joint_limits[:, 1] - q
         return np.stack([np.minimum(least, 0.0), np.maximum(greatest, 0.0)], axis=1)
 

@@ -1,9 +1,8 @@
 """Visual servoing on an object's mask: VOS-VS sections 4.1 to 4.3 as a loop over a camera, a robot and a segmenter.
 
-Look, segment, take the centroid by VOS-VS (4) and (5), move by VOS-VS (10) and, where asked to learn, update J+ by
-VOS-VS (11). The loop ends
-in one of a few named states and never moves while the object is not seen, except back to where it was. How a robot
-moves while it learns is said in :mod:`dense_vs.mask_servo.trust_region`.
+Look, segment, take the centroid by VOS-VS (4) and VOS-VS (5), move by VOS-VS (10) and, where asked to learn, update J+
+by VOS-VS (11). The loop ends in one of a few named states and never moves while the object is not seen, except back to
+where it was. How a robot moves while it learns is said in :mod:`dense_vs.mask_servo.trust_region`.
 """
 
 from collections.abc import Callable, Sequence
@@ -56,13 +55,13 @@ class ServoLook:
 
     @property
     def centroid(self) -> np.ndarray:
-        """(s_x, s_y), VOS-VS (4) and (5) [px]; nan where the object is not seen."""
+        """(s_x, s_y), VOS-VS (4) and VOS-VS (5) [px]; nan where the object is not seen."""
         return np.array(self.quality.centroid)
 
 
 @dataclass(frozen=True)
 class ServoRun:
-    """What a run did.
+    """Result of a run.
 
     Attributes:
         end: why it ended.

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from dense_vs.arrays import number_array
 from dense_vs.checks import check_whole
 from dense_vs.errors import DenseVSError
 from dense_vs.robot.command_gate import CommandGate
@@ -20,7 +21,7 @@ from dense_vs.segmentation.segmenter import forget_images
 
 @dataclass(frozen=True)
 class SearchResult:
-    """What a search came to.
+    """Result of a search.
 
     Attributes:
         found: whether the object is seen now.
@@ -45,10 +46,10 @@ def search_offsets(reach: Sequence[float], rings: int = 1) -> np.ndarray:
     Raises:
         DenseVSError: a reach that is not above 0, or fewer than 0 rings.
     """
-    spacing = np.asarray(reach, dtype=np.float64)
-    if spacing.shape != (2,) or not (np.isfinite(spacing).all() and (spacing > 0).all()):
+    spacing = number_array(reach, "reach", (2,), expected="two lengths above 0 [m]")
+    if not (spacing > 0).all():
         raise DenseVSError(f"reach is {reach!r}; expected two lengths above 0 [m]")
-    rings = check_whole("rings", rings, least=0)
+    rings = check_whole("rings", rings, least=0, most=100)
     grid = [(i, j) for i in range(-rings, rings + 1) for j in range(-rings, rings + 1)]
     grid.sort(key=lambda place: (max(map(abs, place)), abs(place[0]) + abs(place[1]), np.arctan2(*place)))
     return np.array(grid, dtype=np.float64) * spacing

@@ -14,6 +14,8 @@ from typing import Any
 
 import numpy as np
 
+from dense_vs.arrays import number_array
+from dense_vs.checks import check_number
 from dense_vs.kernels.masks.region_sums import BOTTOM, LEFT, RIGHT, TOP
 from dense_vs.segmentation import MaskQuality, MaskVerdict
 
@@ -27,7 +29,7 @@ RETREATS = 2  # one after the other with the object not whole in between, then i
 
 
 class View(Enum):
-    """What a look shows of the object, or why nothing can be learned from it."""
+    """Verdict on a look: good, or why nothing can be learned from it."""
 
     WHOLE = "whole"  # as much as the whole look before
     ANEW = "anew"  # the whole, but more of it than before, or for the first time: changes say nothing
@@ -55,16 +57,21 @@ class TrustRegion:
         max_step: largest step of a joint ever [m, rad].
         image_step: distance [px] that a step should move the object.
 
+    Raises:
+        DenseVSError: a value out of range.
+
     Attributes:
         step: largest step of a joint at present [m, rad]; kept from run to run.
         retreats: steps taken back, of all runs.
     """
 
     def __init__(self, coupling: Any, tolerance: float, min_motion: float, max_step: float, image_step: float):
-        self._coupling = None if coupling is None else np.asarray(coupling) > 0
-        self._tolerance, self._min_motion = tolerance, min_motion
-        self._max_step, self._image_step = max_step, image_step
-        self.step = min(FIRST_STEP, max_step)
+        self._coupling = None if coupling is None else number_array(coupling, "coupling", (-1, -1)) > 0
+        self._tolerance = check_number("tolerance", tolerance, least=0.0)
+        self._min_motion = check_number("min_motion", min_motion, least=0.0)
+        self._max_step = check_number("max_step", max_step, above=0.0)
+        self._image_step = check_number("image_step", image_step, above=0.0)
+        self.step = min(FIRST_STEP, self._max_step)
         self.retreats = 0
         self.begin()
 
@@ -78,10 +85,10 @@ class TrustRegion:
 
     def command(self, dq: np.ndarray) -> None:
         """Note the step ``(n,)`` that the robot now gets."""
-        self._commanded = np.asarray(dq, dtype=np.float64).copy()
+        self._commanded = number_array(dq, "dq", (-1,))
 
     def judge(self, quality: MaskQuality, positions: np.ndarray, before: np.ndarray | None) -> View:
-        """What a look shows after the motion between two joint positions ``(n,)``.
+        """Verdict on a look after the motion between two joint positions ``(n,)``.
 
         Only the whole object's centroid moves as the object does, and only joints that follow show what they do.
         """

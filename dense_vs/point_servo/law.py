@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from dense_vs.arrays import point_array, real_vector
-from dense_vs.checks import check_number, check_whole
+from dense_vs.checks import check_number, check_seed, check_whole
 from dense_vs.errors import DenseVSError
 from dense_vs.robot.joint_group import checked_limits
 
@@ -70,10 +70,10 @@ class VisualServo:
         max_step: float = 0.03,
         dither: float = 0.002,
     ):
-        self.joints = check_whole("joints", joints, least=1)
+        self.joints = check_whole("joints", joints, least=1, most=4096)
         self.options = ServoOptions(gain=gain, damping=damping, max_step=max_step, dither=dither)
         self.joint_limits = checked_limits(joint_limits, self.joints)
-        self._random = np.random.default_rng(seed)
+        self._random = np.random.default_rng(check_seed(seed))
 
     def __call__(
         self, jacobian: Any, point: Any, target: Any, positions: Any = None, *, held: Any = None
@@ -90,8 +90,43 @@ class VisualServo:
             DenseVSError: another shape, a value that is not finite, or positions missing.
         """
         J = real_vector(jacobian, "jacobian", (2, self.joints))
+        return self._toward(J, point_array(target, "target") - point_array(point, "point"), positions, held)
+
+    def together(
+        self,
+        jacobians: Any,
+        points: Any,
+        targets: Any,
+        weights: Any = None,
+        positions: Any = None,
+        held: Any = None,
+    ) -> np.ndarray:
+        """Joint step ``(N,)`` [rad] that brings several points nearer to their targets: DIJE (17) with their J stacked.
+
+        Args:
+            jacobians: ``(K, 2, N)`` [px/rad], J at each point.
+            points, targets: ``(K, 2)`` [px].
+            weights: ``(K,)`` above 0, how much each point's error counts beside the others'; all alike unless given.
+                Only their ratios matter: the largest counts as 1.
+            positions: ``(N,)`` joint positions [rad]; needed where there are limits.
+            held: bool ``(N,)``, joints that are to stay where they are; the others do without them.
+
+        Raises:
+            DenseVSError: another shape, a value that is not finite, a weight of 0 or less, or positions missing.
+        """
+        J = real_vector(jacobians, "jacobians", (-1, 2, self.joints))
+        count = len(J)
+        error = real_vector(targets, "targets", (count, 2)) - real_vector(points, "points", (count, 2))
+        weight = np.ones(count) if weights is None else real_vector(weights, "weights", (count,))
+        if not count or (weight <= 0).any():
+            raise DenseVSError(f"weights are {weight.tolist()}; expected at least one, all above 0")
+        root = np.sqrt(weight / weight.max())[:, None]
+        return self._toward((J * root[..., None]).reshape(2 * count, -1), (error * root).ravel(), positions, held)
+
+    def _toward(self, J: np.ndarray, error: np.ndarray, positions: Any, held: Any) -> np.ndarray:
+        """The step for an error ``(M,)`` [px] with J ``(M, N)``."""
         with np.errstate(over="ignore"):
-            motion = self.options.gain * (point_array(target, "target") - point_array(point, "point"))
+            motion = self.options.gain * error
         room = np.array([[-np.inf, np.inf]] * self.joints)
         if np.isfinite(self.joint_limits).any():
             if positions is None:

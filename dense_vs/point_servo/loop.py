@@ -16,10 +16,11 @@ from dense_vs.health.faults import Fault, FaultKind
 from dense_vs.health.joint_watch import JointWatch
 from dense_vs.health.motion_check import BABBLING_SHARE, LEAST_SHARE
 from dense_vs.jacobian.estimator import DenseJacobian
-from dense_vs.pipeline.frame_pipeline import BODY_FLOW, LEARNT_UPDATES, MOST_BRIDGED, Frame, FramePipeline
+from dense_vs.pipeline.frame_pipeline import BODY_FLOW, LEARNED_UPDATES, MOST_BRIDGED, Frame, FramePipeline
 from dense_vs.point_servo.joint_stream import JointStream
 from dense_vs.point_servo.law import VisualServo
 from dense_vs.point_servo.reach import Reach, ReachEnd
+from dense_vs.point_servo.same_surface import same_surface
 from dense_vs.point_servo.tracker import Method, PointTracker
 from dense_vs.robot.babbling import Babbling
 from dense_vs.robot.command_gate import MAX_AGE, CommandGate
@@ -29,7 +30,6 @@ from dense_vs.robot.protocols import Camera, Robot
 LEAST_BODY = 0.01  # share of the image that makes the robot's own pixels count as known
 MOST_GAP = 2.0  # s between two images, after which the loop begins anew with what it has learned
 MOST_HELD = 30  # images that wait for their joint readings; a robot whose readings stop is not waited for
-SAME_SURFACE = 0.5  # relative difference in J below which two pixels count as one surface
 
 
 class ServoLoop:
@@ -209,15 +209,20 @@ class ServoLoop:
         end = self.frame.time + seconds
         self._judge_motion(BABBLING_SHARE)
         while self.frame.time < end:
-            self.step(self._when_due(self._babbling_step))
-            if self.joints.finding and self.joints.find_delay(self.frame.time, self.frame.flow):
-                self.pipeline.restart(forget=True)
+            self.babble_once()
         while self._held:  # let what is known catch up with where the robot is
             before = len(self._held)
             self.step(np.zeros(self.estimator.options.joints))
             if len(self._held) >= before:
                 break
         self._judge_motion(LEAST_SHARE)
+
+    def babble_once(self) -> Frame:
+        """One frame of babbling, for a program that decides after every frame whether to go on."""
+        frame = self.step(self._when_due(self._babbling_step))
+        if self.joints.finding and self.joints.find_delay(self.frame.time, self.frame.flow):
+            self.pipeline.restart(forget=True)
+        return frame
 
     def define_point(
         self,
@@ -241,7 +246,7 @@ class ServoLoop:
         self.tracker = PointTracker(
             point,
             self.frame.gray,
-            weights=self._same_surface(point),
+            weights=same_surface(self.estimator, point),
             method=method,
             window=window,
             min_correlation=min_correlation,
@@ -283,15 +288,15 @@ class ServoLoop:
         return Reach((float(goal[0]), float(goal[1])), frames, distance, end, tuple(found.values()))
 
     def _pacing_flow(self) -> np.ndarray | None:
-        """The last frame's image motion: J dq once J is learnt, which neither noise nor others' motion slows down.
+        """The last frame's image motion: J dq once J is learned, which neither noise nor others' motion slows down.
 
         Without what is known not to be the robot, once the robot itself is known.
         """
         frame, body = self.frame, self.pipeline.body
         if frame.dq is None:
             return None
-        learnt = self.estimator.updates > LEARNT_UPDATES
-        flow = self.estimator.predicted_flow(frame.dq) if learnt else frame.flow
+        learned = self.estimator.updates > LEARNED_UPDATES
+        flow = self.estimator.predicted_flow(frame.dq) if learned else frame.flow
         if flow is None or body is None:
             return flow
         found = body.recognition(self.estimator.jacobian)
@@ -327,15 +332,7 @@ class ServoLoop:
             return
         # Not where it does not align: something else may cover it.
         if tracker.options.min_correlation <= float(tracker.correlation[0]) < self.renew_patch:
-            tracker.redefine(tracker.points, self.frame.gray, self._same_surface(tracker.points[0]))
-
-    def _same_surface(self, point: Any) -> np.ndarray | None:
-        """(H, W) bool: pixels that move as the point does; None where J says nothing yet."""
-        own = self.estimator.at(point)[0]
-        size = np.linalg.norm(own)
-        if size == 0:
-            return None
-        return np.linalg.norm(self.estimator.to_numpy() - own, axis=(2, 3)) <= SAME_SURFACE * size
+            tracker.redefine(tracker.points, self.frame.gray, same_surface(self.estimator, tracker.points[0]))
 
     def _judge_motion(self, least_share: float) -> None:
         if self.pipeline.check is not None:

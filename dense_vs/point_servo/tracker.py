@@ -13,7 +13,7 @@ from typing import Any, Literal, get_args
 import numpy as np
 import warp as wp
 
-from dense_vs.arrays import points_array, real_vector
+from dense_vs.arrays import plain_array, points_array, real_vector
 from dense_vs.checks import check_choice, check_number, check_whole
 from dense_vs.errors import DenseVSError
 from dense_vs.kernels.tracking.point_tracking import PointTracks, begin_tracks, carry_tracks, locate_tracks
@@ -44,11 +44,11 @@ class TrackerOptions:
 
     def __post_init__(self):
         check_choice("method", self.method, get_args(Method))
-        if check_whole("window", self.window, least=7) % 2 == 0:
+        if check_whole("window", self.window, least=7, most=255) % 2 == 0:
             raise DenseVSError(f"window is {self.window!r}; expected an odd whole number of at least 7")
         check_number("min_correlation", self.min_correlation, above=0, below=1)
         check_number("max_jump", self.max_jump, above=0)
-        check_number("lost_after", self.lost_after, least=1)
+        check_number("lost_after", self.lost_after, least=1, most=1e9)
 
 
 class PointTracker:
@@ -95,7 +95,7 @@ class PointTracker:
             max_jump=max_jump,
             lost_after=lost_after,
         )
-        image = gray if isinstance(gray, wp.array) else np.asarray(gray)
+        image = gray if isinstance(gray, wp.array) else plain_array(gray, "gray", "uint8 of shape (H, W)")
         self._batched = len(getattr(points, "shape", ())) == 3
         if len(image.shape) != 2 + self._batched:
             raise DenseVSError(
@@ -200,7 +200,7 @@ class PointTracker:
 
     def _device_array(self, value: Any, name: str, dtype: Any, tail: tuple[int, ...]) -> wp.array:
         """An image as a (worlds, H, W) Warp array of ``dtype``, in place where it lies on the device."""
-        array: Any = value if isinstance(value, wp.array) else np.asarray(value)
+        array: Any = value if isinstance(value, wp.array) else plain_array(value, name, "an image")
         shape = self._shape if self._batched else self._shape[1:]
         scalar = "float32" if tail else "uint8"
         got = (*array.shape, *getattr(array.dtype, "_shape_", ())) if isinstance(array, wp.array) else array.shape
@@ -219,7 +219,7 @@ class PointTracker:
     def _weights(self, weights: Any) -> wp.array:
         if weights is None:
             return wp.full(self._shape, 1.0, dtype=wp.float32, device=self.device)
-        mask = weights.numpy() if isinstance(weights, wp.array) else np.asarray(weights)
+        mask = weights.numpy() if isinstance(weights, wp.array) else plain_array(weights, "weights", "bool or 0..1")
         shape = self._shape if self._batched else self._shape[1:]
         if mask.shape != shape or mask.dtype.kind not in "biuf" or not np.isfinite(mask).all():
             raise DenseVSError(

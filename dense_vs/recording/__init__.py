@@ -1,4 +1,4 @@
-"""What happened, as a stream of images, times and joints: recordings in every format, what they are worth, and writers.
+"""Recordings as a stream of images, times and joints: readers of every format, how much is in them, and writers.
 
 May import: the ground and :mod:`dense_vs.robot`.
 """

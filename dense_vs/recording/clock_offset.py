@@ -38,7 +38,7 @@ MOST_PAIRS = 9000  # kept, ten minutes at 15 images a second
 
 @dataclass(frozen=True)
 class ClockOffset:
-    """What to add to the joint log's times to bring them onto the camera's clock.
+    """Offset that brings the joint log's times onto the camera's clock.
 
     Attributes:
         seconds: at the middle of the recording [s]; 0 where the motion does not tell.

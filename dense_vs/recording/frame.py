@@ -1,4 +1,4 @@
-"""What a recording consists of: frames, the stream of a camera's images, and the protocol of a format."""
+"""Parts of a recording: frames, the stream of a camera's images, and the protocol of a format."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass

@@ -12,9 +12,10 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.ndimage import gaussian_filter1d
 
-from dense_vs.arrays import real_vector
-from dense_vs.checks import check_number
+from dense_vs.arrays import number_array, real_vector
+from dense_vs.checks import check_names, check_number
 from dense_vs.errors import DenseVSError
+from dense_vs.files import file_path
 from dense_vs.robot.joint_group import joint_indices
 
 IMAGE_COLUMN = "image"  # of a joint log: name of the image that was taken at a row's time
@@ -35,6 +36,9 @@ class JointLog:
     positions: np.ndarray
 
     def __post_init__(self):
+        object.__setattr__(self, "names", check_names("joint names", self.names))
+        object.__setattr__(self, "times", number_array(self.times, "times of a joint log", finite=False))
+        object.__setattr__(self, "positions", number_array(self.positions, "positions of a joint log", finite=False))
         if self.times.ndim != 1 or self.positions.shape != (len(self.times), len(self.names)):
             raise DenseVSError(
                 f"joint log has times of shape {self.times.shape} and positions of shape {self.positions.shape}; "
@@ -58,7 +62,7 @@ class JointLog:
         Raises:
             DenseVSError: a time outside the log.
         """
-        times = np.asarray(times, dtype=np.float64)
+        times = number_array(times, "times", (-1,))
         if times.size and (times.min() < self.times[0] or times.max() > self.times[-1]):
             raise DenseVSError(
                 f"times {times.min():.3f} to {times.max():.3f} s are not all in the joint log, "
@@ -76,7 +80,12 @@ class JointLog:
         return JointLog(tuple(names), self.times, self.positions[:, columns])
 
     def shifted(self, seconds: float) -> "JointLog":
-        """The log with ``seconds`` added to its times."""
+        """The log with ``seconds`` added to its times.
+
+        Raises:
+            DenseVSError: not a finite number, or so many that the times no longer differ.
+        """
+        seconds = check_number("seconds", seconds)
         return JointLog(self.names, self.times + seconds, self.positions)
 
     def smoothed(self, seconds: float) -> "JointLog":
@@ -91,11 +100,13 @@ class JointLog:
         Raises:
             DenseVSError: a width that is not finite or less than 0.
         """
-        check_number("smoothing", seconds, least=0)
+        seconds = check_number("smoothing", seconds, least=0)
         span = self.times[-1] - self.times[0]
         # Finer than the readings or a quarter of the width there is nothing to gain.
-        step = max(min(float(np.median(np.diff(self.times))), seconds), seconds / 4)
-        if seconds == 0 or step >= span:
+        period = float(np.median(np.diff(self.times)))
+        step = max(min(period, seconds), seconds / 4)
+        # A Gaussian that is far narrower than a period changes nothing, and would take ticks without end.
+        if seconds < 0.01 * period or step >= span:
             return self
         ticks = np.linspace(self.times[0], self.times[-1], round(span / step) + 1)
         even = gaussian_filter1d(self.at(ticks), seconds * (len(ticks) - 1) / span, axis=0, mode="nearest")
@@ -111,6 +122,7 @@ class JointLog:
             DenseVSError: no such file, no header, a row of another length, a cell that is not a finite
                 number (with its line), times that do not increase.
         """
+        path = file_path(path)
         try:
             with open(path, newline="", encoding="utf-8-sig") as stream:
                 rows = [row for row in csv.reader(stream) if any(cell.strip() for cell in row)]

@@ -131,7 +131,7 @@ class LeRobotFolder:
         return numbers[0]
 
     def _episode_rows(self, info: dict[str, Any]) -> dict[int, dict[str, Any]]:
-        """What meta/ says of each episode, by number."""
+        """Metadata of each episode from meta/, by number."""
         if self.version == "v2":
             listed = _json_lines(self.path / "meta" / "episodes.jsonl")
             total = min(max(int(_number(info.get("total_episodes"), 0)), 0), MAX_EPISODES)

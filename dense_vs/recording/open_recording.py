@@ -5,6 +5,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from dense_vs.errors import DenseVSError
+from dense_vs.files import file_path
 from dense_vs.recording.frame import RecordingFormat
 from dense_vs.recording.recording import Recording
 
@@ -34,7 +35,7 @@ def open_recording(
     Raises:
         DenseVSError: nothing there that can be used, or a choice that is not in it.
     """
-    source = _format(Path(path), None if joints is None else Path(joints))
+    source = _format(file_path(path), None if joints is None else file_path(joints))
     if not source.cameras:
         raise DenseVSError(f"{source.name} {path} has no camera; expected images or video in it")
     if not source.episodes:

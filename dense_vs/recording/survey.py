@@ -1,4 +1,4 @@
-"""What is in an episode, from one pass over it: rates, repeated and missing images, the clock, the joints' motion."""
+"""Summary of an episode from one pass over it: rates, repeated and missing images, the clock, the joints' motion."""
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
@@ -40,7 +40,7 @@ class JointMotion:
 
 @dataclass(frozen=True)
 class Survey:
-    """What one pass over an episode showed.
+    """Result of one pass over an episode.
 
     Attributes:
         images: number of images.

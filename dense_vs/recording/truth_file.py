@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 
 from dense_vs.errors import DenseVSError
-from dense_vs.files import atomic_write, read_arrays
+from dense_vs.files import atomic_write, read_arrays, stored_array
 from dense_vs.robot.joint_group import joint_indices
 
 STAMP_TOLERANCE = 1e-3  # s, between a video's time stamp and the simulator's time of the same frame
@@ -48,12 +48,16 @@ class TruthFile:
         Raises:
             DenseVSError: not such a file, or a joint that it does not have.
         """
-        stored = read_arrays(path, "the truth of a recording")
-        missing = [name for name in ("joint_names", "times", "jacobians", "robot_masks") if name not in stored]
-        if missing:
-            raise DenseVSError(f"cannot read {path} as the truth of a recording: it has no {', '.join(missing)}")
-        names = [str(name) for name in stored["joint_names"]]
-        times, jacobians, masks = stored["times"], stored["jacobians"], stored["robot_masks"]
+        stored = read_arrays(path, "the truth of a recording", ("joint_names", "times", "jacobians", "robot_masks"))
+        try:
+            names = [str(name) for name in stored_array(stored, "joint_names", (-1,), "U")]
+            times = stored_array(stored, "times", (-1,))
+            masks = stored_array(stored, "robot_masks", (len(times), -1, -1), "b")
+            jacobians = stored_array(stored, "jacobians", (*masks.shape, 2, len(names)))
+            if not masks.size:
+                raise DenseVSError(f"robot_masks has shape {masks.shape}; expected at least one frame and pixel")
+        except DenseVSError as error:
+            raise DenseVSError(f"cannot read {path} as the truth of a recording: {error}") from error
         return cls(tuple(joint_names), times, jacobians[..., joint_indices(joint_names, names, str(path))], masks)
 
     def at(self, time: float, scale: float = 1.0) -> tuple[np.ndarray, np.ndarray] | None:

@@ -7,6 +7,16 @@ May import: the ground (``errors``, ``checks``, ``arrays``, ``device``, ``files`
 from dense_vs.robot.babbling import Babbling, BabblingOptions
 from dense_vs.robot.command_gate import CommandGate
 from dense_vs.robot.joint_group import JointGroup
-from dense_vs.robot.protocols import Camera, Gripper, GripperState, Robot
+from dense_vs.robot.protocols import Camera, Gripper, GripperState, JointUnits, Robot
 
-__all__ = ["Babbling", "BabblingOptions", "Camera", "CommandGate", "Gripper", "GripperState", "JointGroup", "Robot"]
+__all__ = [
+    "Babbling",
+    "BabblingOptions",
+    "Camera",
+    "CommandGate",
+    "Gripper",
+    "GripperState",
+    "JointGroup",
+    "JointUnits",
+    "Robot",
+]

@@ -10,7 +10,8 @@ from typing import Any
 
 import numpy as np
 
-from dense_vs.checks import check_number, check_whole
+from dense_vs.arrays import number_array
+from dense_vs.checks import check_number, check_seed, check_whole
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -32,7 +33,7 @@ class BabblingOptions:
 
     def __post_init__(self):
         for field in fields(self):
-            check_number(field.name, getattr(self, field.name), above=0)
+            object.__setattr__(self, field.name, check_number(field.name, getattr(self, field.name), above=0))
 
 
 class Babbling:
@@ -60,12 +61,12 @@ class Babbling:
         max_flow: float = 4.0,
         frame_time: float = 1 / 30,
     ):
-        joints = check_whole("joints", joints, least=1)
+        joints = check_whole("joints", joints, least=1, most=4096)
         self.options = BabblingOptions(
             amplitude=amplitude, time_constant=time_constant, max_flow=max_flow, frame_time=frame_time
         )
         self.rate = 0.5
-        self._random = np.random.default_rng(seed)
+        self._random = np.random.default_rng(check_seed(seed))
         self._noise = np.zeros(joints)
         self._offset = np.zeros(joints)
         self._moments = np.zeros((joints, joints))
@@ -86,9 +87,12 @@ class Babbling:
 
         Args:
             flow: ``(H, W, 2)`` [px], the last frame's flow; where given, it sets the pace.
+
+        Raises:
+            DenseVSError: a flow of another shape, or that holds no numbers; nothing has changed.
         """
         if flow is not None:
-            self._adapt(np.asarray(flow))
+            self._adapt(number_array(flow, "flow", (-1, -1, 2), finite=False))
         amplitude = self.options.amplitude
         dt = min(self.rate * self.options.frame_time / self.options.time_constant, 0.5)
         kick = self._random.normal(size=self._noise.shape)

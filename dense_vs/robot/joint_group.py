@@ -6,9 +6,12 @@ from typing import Any
 
 import numpy as np
 
+from dense_vs.arrays import plain_array
+from dense_vs.checks import check_names
 from dense_vs.errors import DenseVSError
-from dense_vs.robot.protocols import Robot
+from dense_vs.robot.protocols import JointUnits, Robot
 
+UNITS = ("rad", "m")
 ROBOT_MEMBERS = ("joint_names", "joint_limits", "joints", "command")
 
 
@@ -27,13 +30,17 @@ def joint_indices(
         DenseVSError: no name, a name that is not there, or one that is given twice.
     """
     listed = ", ".join(available if valid is None else valid)
-    if isinstance(names, str) or not len(names):
-        raise DenseVSError(f"joints is {names!r}; expected a sequence of names out of {listed}")
+    if isinstance(names, (list, tuple)) and not names:
+        raise DenseVSError(f"joints is {tuple(names)}; expected a sequence of names out of {listed}")
+    try:
+        names = check_names("joints", names)
+    except DenseVSError as error:
+        raise DenseVSError(f"{error} out of {listed}") from None
     places = {name: index for index, name in enumerate(available)}
     for number, name in enumerate(names):
         if name not in places:
             raise DenseVSError(f"joint {name!r} is not in {owner}; expected one of {listed}")
-        if name in list(names)[:number]:
+        if name in names[:number]:
             raise DenseVSError(f"joint {name!r} is named twice; expected each joint once, out of {listed}")
     return [places[name] for name in names]
 
@@ -47,10 +54,10 @@ def checked_limits(limits: Any, joints: int) -> np.ndarray:
     if limits is None:
         return np.array([[-np.inf, np.inf]] * joints)
     expected = f"{joints} pairs of least and greatest position"
-    try:
-        pairs = np.array(limits, dtype=np.float64)
-    except (TypeError, ValueError) as error:
-        raise DenseVSError(f"joint_limits are {limits!r}; expected {expected}") from error
+    pairs = plain_array(limits, "joint_limits", expected)
+    if pairs.dtype.kind not in "iuf":
+        raise DenseVSError(f"joint_limits are {limits!r}; expected {expected}")
+    pairs = pairs.astype(np.float64)
     if pairs.shape != (joints, 2) or not (pairs[:, 0] < pairs[:, 1]).all():
         raise DenseVSError(f"joint_limits are {pairs.tolist()}; expected {expected}")
     return pairs
@@ -94,18 +101,23 @@ class JointGroup:
             units: of all joints; ``"rad"`` unless given.
 
         Raises:
-            DenseVSError: names as in :func:`joint_indices`, limits as in :func:`checked_limits`.
+            DenseVSError: names as in :func:`joint_indices`, limits as in :func:`checked_limits`; units that are not one
+                of ``"rad"`` and ``"m"`` for each joint.
         """
-        every = tuple(available)
-        chosen = every if names is None else tuple(names) if not isinstance(names, str) else names
+        every = check_names("available", available)
+        chosen = every if names is None else names
         indices = np.array(joint_indices(chosen, every, owner))
         bounds = checked_limits(limits, len(every))
-        all_units = ("rad",) * len(every) if units is None else tuple(units)
+        all_units = (
+            ("rad",) * len(every) if units is None else tuple(units) if isinstance(units, (list, tuple, str)) else ()
+        )
+        if len(all_units) != len(every) or not set(all_units) <= set(UNITS):
+            raise DenseVSError(f"units are {units!r}; expected {len(every)}, each one of {', '.join(UNITS)}")
         return cls(tuple(chosen), indices, bounds[indices], tuple(all_units[i] for i in indices), len(every))
 
     @classmethod
     def of_robot(cls, robot: Robot, names: Sequence[str] | None = None) -> "JointGroup":
-        """Choose joints of a robot; all of them unless named.
+        """Choose joints of a robot; all of them unless named. Units are those of its ``joint_units``, if it has them.
 
         Raises:
             DenseVSError: as :meth:`choose`, or an object that lacks a member of :class:`Robot`.
@@ -116,7 +128,8 @@ class JointGroup:
                 f"robot is a {type(robot).__name__} without {', '.join(missing)}; expected {', '.join(ROBOT_MEMBERS)}, "
                 "with joint_limits = None where there are none"
             )
-        return cls.choose(names, robot.joint_names, limits=robot.joint_limits)
+        units = robot.joint_units if isinstance(robot, JointUnits) else None
+        return cls.choose(names, robot.joint_names, limits=robot.joint_limits, units=units)
 
     @property
     def limited(self) -> bool:

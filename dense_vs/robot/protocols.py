@@ -48,6 +48,16 @@ class Robot(Protocol):
         ...
 
 
+@runtime_checkable
+class JointUnits(Protocol):
+    """What a :class:`Robot` may have besides: the units of its joints. All are taken for rad without."""
+
+    @property
+    def joint_units(self) -> Sequence[str]:
+        """Unit of each of the N joints: ``"rad"``, or ``"m"`` for a prismatic joint."""
+        ...
+
+
 class GripperState(Protocol):
     """What a gripper reports after a command."""
 

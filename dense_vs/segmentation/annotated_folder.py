@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 
 from dense_vs.errors import DenseVSError
-from dense_vs.files import atomic_write
+from dense_vs.files import atomic_write, file_path
 
 IMAGE_SUFFIXES = (".jpg", ".jpeg", ".png", ".bmp")
 MASK_SUFFIX = "_mask.png"
@@ -29,7 +29,7 @@ class AnnotatedFolder:
         Raises:
             DenseVSError: no such folder, no pair, a file that cannot be read, or a mask of another size.
         """
-        folder = Path(folder)
+        folder = file_path(folder)
         names, images, masks = [], [], []
         for path in image_files(folder):
             mask_path = path.with_name(path.stem + MASK_SUFFIX)
@@ -54,7 +54,7 @@ def image_files(folder: str | os.PathLike[str]) -> list[Path]:
     Raises:
         DenseVSError: no such folder, or no image in it.
     """
-    folder = Path(folder)
+    folder = file_path(folder)
     if not folder.is_dir():
         raise DenseVSError(f"{folder} is not a folder; expected one with images {', '.join(IMAGE_SUFFIXES)}")
     files = [p for p in sorted(folder.iterdir()) if p.suffix.lower() in IMAGE_SUFFIXES]
@@ -88,7 +88,12 @@ def read_mask(path: str | os.PathLike[str]) -> np.ndarray:
     Raises:
         DenseVSError: missing or not an image.
     """
-    gray = _read(path, cv2.IMREAD_GRAYSCALE)
+    # As it is stored: a conversion to 8 bits would leave nothing of a mask of 0 and 1, or 200, in 16 bits.
+    gray = _read(path, cv2.IMREAD_UNCHANGED | cv2.IMREAD_IGNORE_ORIENTATION)
+    if gray.ndim == 3:
+        gray = gray[..., : min(gray.shape[2], 3)].max(axis=2)  # an alpha channel is no mask
+    if gray.dtype.kind != "u":
+        raise DenseVSError(f"{path} holds {gray.dtype}; expected a mask of whole numbers")
     return gray > int(gray.max()) // 2
 
 
@@ -116,11 +121,15 @@ def _write(path: str | os.PathLike[str], kind: str, image: np.ndarray) -> None:
 
 
 def _read(path: str | os.PathLike[str], flags: int) -> np.ndarray:
+    path = file_path(path)
     try:
         content = np.fromfile(path, dtype=np.uint8)
     except OSError as error:
         raise DenseVSError(f"cannot read {path}: {error.strerror or error}") from error
-    image = cv2.imdecode(content, flags) if content.size else None
+    try:
+        image = cv2.imdecode(content, flags) if content.size else None
+    except cv2.error as error:  # a header that claims more pixels than OpenCV takes
+        raise DenseVSError(f"{path} is not an image that OpenCV reads: {error.err}") from error
     if image is None:
         raise DenseVSError(f"{path} is not an image that OpenCV reads")
     return image

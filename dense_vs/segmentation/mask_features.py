@@ -1,4 +1,4 @@
-"""Numbers from masks, in one place for every loop: VOS-VS (3) to (5), regions, and the overlap of masks, on the CPU.
+"""Numbers from masks: area and centroid, VOS-VS (3), VOS-VS (4), VOS-VS (5), regions, and the overlap of masks.
 
 The reducers keep their buffers; each thread has its own, made when a size of mask is first seen. They run on one core:
 a mask is reduced in less time than other cores take to wake up.

@@ -1,4 +1,4 @@
-"""What is wrong with a mask, as a typed result that a servo loop can act on; beyond the paper.
+"""Quality of a mask, as a typed result that a servo loop can act on; beyond the paper.
 
 Segmentation errors are the paper's only cause of failures (section 7.4): masks that are empty, in several parts, cut
 by the image border, or leaking over the background. The figures here need nothing but the mask and the one before.
@@ -11,13 +11,14 @@ from typing import Any
 import cv2
 import numpy as np
 
+from dense_vs.checks import check_number
 from dense_vs.errors import DenseVSError
 from dense_vs.segmentation.mask_features import connected_regions, mask_overlap, mask_sums
 from dense_vs.segmentation.segmenter import check_mask
 
 
 class MaskVerdict(Enum):
-    """What a mask is good for; the worst that applies."""
+    """Verdict on a mask; the worst that applies."""
 
     GOOD = "good"  # one region inside the image
     CUT = "cut"  # touches the image border or what hides the scene: centroid and area are of a part
@@ -34,7 +35,7 @@ class MaskQuality:
     Attributes:
         verdict: the worst of what applies.
         area: pixels s_A, VOS-VS (3).
-        centroid: (s_x, s_y), VOS-VS (4) and (5) [px]; nan when empty.
+        centroid: (s_x, s_y), VOS-VS (4) and VOS-VS (5) [px]; nan when empty.
         fraction: area over the image's.
         parts: number of 8-connected regions.
         largest_share: share of the area in the largest region, 0 when empty.
@@ -88,9 +89,14 @@ def assess_mask(
         max_area_ratio: a larger growth or shrinkage between masks that do not overlap either counts as a jump.
 
     Raises:
-        DenseVSError: not masks, or of different shapes.
+        DenseVSError: not masks, or of different shapes, or an option out of range.
     """
+    least_area = check_number("min_area", min_area, least=0)
+    max_fraction = check_number("max_fraction", max_fraction, least=0)
+    min_largest_share = check_number("min_largest_share", min_largest_share, least=0)
+    max_area_ratio = check_number("max_area_ratio", max_area_ratio, least=0)
     mask = check_mask(mask)
+    hidden = None if hidden is None else _alike(hidden, "hidden", mask)
     whole = mask_sums(mask)
     area, overlap, area_before = int(whole.area), float("nan"), 0
     if previous is not None:
@@ -101,7 +107,7 @@ def assess_mask(
     fraction, border = area / mask.size, int(whole.border)
     left, top, width, height = whole.box.tolist()
     box = (left, top, width, height)
-    if area < max(min_area, 1):
+    if area < max(least_area, 1):
         nowhere = (float("nan"), float("nan"))
         return MaskQuality(MaskVerdict.EMPTY, area, nowhere, fraction, 0, 0.0, 0.0, overlap, box, border)
     _, regions = connected_regions(mask)
@@ -109,7 +115,7 @@ def assess_mask(
     ratio = max(area, area_before) / max(min(area, area_before), 1)
     if fraction > max_fraction:
         verdict = MaskVerdict.FLOODED
-    elif area_before >= min_area and overlap == 0 and ratio > max_area_ratio:
+    elif area_before >= least_area and overlap == 0 and ratio > max_area_ratio:
         verdict = MaskVerdict.JUMPED
     elif largest_share < min_largest_share:
         verdict = MaskVerdict.SPLIT
@@ -139,11 +145,11 @@ def _border_share(mask: np.ndarray) -> float:
     return covered / (2 * (height + width) - 4)
 
 
-def _touches(mask: np.ndarray, hidden: Any) -> bool:
+def _touches(mask: np.ndarray, hidden: np.ndarray | None) -> bool:
     """Whether a mask comes within three pixels of what is hidden, as outlines err by as much."""
     if hidden is None:
         return False
-    near = cv2.dilate(_alike(hidden, "hidden", mask).view(np.uint8), np.ones((7, 7), np.uint8))
+    near = cv2.dilate(hidden.view(np.uint8), np.ones((7, 7), np.uint8))
     return bool(mask_overlap(mask, near[None]).intersection[0])
 
 

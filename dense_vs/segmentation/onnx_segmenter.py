@@ -14,6 +14,8 @@ from typing import Any, Literal, get_args
 import cv2
 import numpy as np
 
+from dense_vs.arrays import number_array
+from dense_vs.checks import check_choice, check_number, check_pair, check_whole
 from dense_vs.errors import DenseVSError
 from dense_vs.segmentation.segmenter import check_image, check_mask
 
@@ -34,7 +36,7 @@ _TYPES = {
 
 @dataclass(frozen=True, kw_only=True)
 class OnnxOptions:
-    """What the network expects and returns.
+    """Input that the network expects, and output that it returns.
 
     Attributes:
         layout: ``"nchw"`` or ``"nhwc"``, of the image and of the answer.
@@ -77,18 +79,18 @@ class OnnxOptions:
 
     def __post_init__(self):
         for name, choices in (("layout", Layout), ("colours", Colors), ("activation", Activation)):
-            if getattr(self, name) not in get_args(choices):
-                raise DenseVSError(f"{name} is {getattr(self, name)!r}; expected one of {', '.join(get_args(choices))}")
+            check_choice(name, getattr(self, name), get_args(choices))
         for name in ("mean", "std"):
-            values = np.asarray(getattr(self, name), dtype=np.float64)
+            expected = "three finite numbers, std above 0"
+            values = number_array(getattr(self, name), name, finite=False, expected=expected)
             if values.shape != (3,) or not np.isfinite(values).all() or (name == "std" and (values <= 0).any()):
-                raise DenseVSError(f"{name} is {getattr(self, name)!r}; expected three finite numbers, std above 0")
-        if self.size is not None and (len(self.size) != 2 or min(self.size) < 1):
-            raise DenseVSError(f"size is {self.size!r}; expected (height, width) in pixels")
-        if self.multiple < 1 or self.channel < 0:
-            raise DenseVSError(f"multiple is {self.multiple} and channel {self.channel}; expected at least 1 and 0")
-        if not 0 < self.threshold < 1:
-            raise DenseVSError(f"threshold is {self.threshold!r}; expected a number between 0 and 1")
+                raise DenseVSError(f"{name} is {getattr(self, name)!r}; expected {expected}")
+        if self.size is not None:
+            check_pair("size", self.size, least=1, most=16384)
+        check_whole("multiple", self.multiple, least=1, most=16384)
+        check_whole("channel", self.channel, least=0)
+        check_number("scale", self.scale)
+        check_number("threshold", self.threshold, above=0, below=1)
 
 
 class OnnxSegmenter:

@@ -1,9 +1,10 @@
-"""What a segmenter is, VOS-VS (2): M = vos(I, W), an image in, the object's binary mask out."""
+"""The interface of a segmenter, VOS-VS (2): M = vos(I, W), an image in, the object's binary mask out."""
 
 from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
 
+from dense_vs.arrays import plain_array
 from dense_vs.errors import DenseVSError
 
 
@@ -33,7 +34,7 @@ def check_image(image: Any) -> np.ndarray:
     Raises:
         DenseVSError: anything else.
     """
-    array = np.asarray(image)
+    array = plain_array(image, "image", "RGB uint8 of shape (H, W, 3)")
     if array.ndim != 3 or array.shape[2] != 3 or array.dtype != np.uint8 or min(array.shape[:2]) < 16:
         raise DenseVSError(
             f"image has shape {array.shape} and dtype {array.dtype}; "
@@ -48,7 +49,7 @@ def check_mask(mask: Any, name: str = "mask") -> np.ndarray:
     Raises:
         DenseVSError: not two dimensions, no pixel, or a type that is neither bool nor integer.
     """
-    array = np.asarray(mask)
+    array = plain_array(mask, name, "bool of shape (H, W)")
     if array.ndim != 2 or not array.size or array.dtype.kind not in "bui":
         raise DenseVSError(f"{name} has shape {array.shape} and dtype {array.dtype}; expected bool of shape (H, W)")
     return array.astype(bool, copy=False)

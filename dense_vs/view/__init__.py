@@ -1,4 +1,4 @@
-"""What is shown to people: pictures, panels, plots, tables, progress, and where a result comes from.
+"""Output for people: pictures, panels, plots, tables, progress, and where a result comes from.
 
 Reads all rooms; no room but the command line reads it.
 

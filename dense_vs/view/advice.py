@@ -1,4 +1,4 @@
-"""What to do about a recording, in words."""
+"""Advice on how to record better, in words."""
 
 import math
 from collections.abc import Sequence

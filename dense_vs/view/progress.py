@@ -13,14 +13,14 @@ EVERY = 10.0  # seconds between the lines of a log
 
 
 class Bar(Protocol):
-    """What tells how far something is."""
+    """Anything that shows progress."""
 
     def update(self, steps: int = 1) -> None:
         """So many more steps are done."""
         ...
 
     def set_description(self, description: str) -> None:
-        """What is being done now."""
+        """Text beside the progress: the step that is done now."""
         ...
 
 

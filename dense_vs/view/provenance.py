@@ -74,9 +74,9 @@ def commit() -> str | None:
 
 
 def told(arguments: argparse.Namespace, leave_out: Collection[str] = ()) -> dict[str, Any]:
-    """Arguments by name, without those left out."""
+    """Arguments by name, without those left out; of a path the last part, as the rest is this machine's."""
     named = {name: value for name, value in vars(arguments).items() if name not in leave_out}
-    named = {name: str(value) if isinstance(value, Path) else value for name, value in named.items()}
+    named = {name: value.name if isinstance(value, Path) else value for name, value in named.items()}
     return {name: value for name, value in named.items() if isinstance(value, str | int | float | list | None)}
 
 

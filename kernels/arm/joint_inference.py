@@ -34,7 +34,7 @@ class ArmModel:
 
 @wp.struct
 class Workspace:
-    """What one image and start write while they are solved."""
+    """Working memory of one image and start."""
 
     trial: wp.array3d[wp.float64]  # (B, S, n) a row of the Jacobian, a step, or the joints after it
     gradient: wp.array3d[wp.float64]

@@ -1,1 +1,1 @@
-"""What is commanded: babbling and the servo law, for many worlds."""
+"""Commands: babbling and the servo law, for many worlds."""

@@ -20,7 +20,7 @@ ALIGNMENT = 64  # floats
 
 @dataclass(frozen=True)
 class LevelTables:
-    """What a level needs besides images.
+    """Inputs of a level besides images.
 
     Attributes:
         image_shape, shape: (height, width) of the image and of the level.

@@ -78,7 +78,7 @@ def standard_step(
 
 @wp.func
 def column_factor(factor: wp.array2d(dtype=wp.float64), world: int, column: int, joints: int) -> wp.float64:
-    """What turns a column of the state from standard units to the joints' own."""
+    """Factor that turns a column of the state from standard units to the joints' own."""
     if column < joints:
         return factor[world, column]
     pair = column_pair(column, joints)
@@ -89,7 +89,7 @@ def column_factor(factor: wp.array2d(dtype=wp.float64), world: int, column: int,
 def second_order_entry(
     span: wp.array2d(dtype=wp.float32), factor: wp.array2d(dtype=wp.float64), world: int, column: int, joints: int
 ) -> wp.float64:
-    """What multiplies H_ij in 1/2 sum_ij H_ij s_i s_j, all in standard units."""
+    """Factor of H_ij in 1/2 sum_ij H_ij s_i s_j, all in standard units."""
     pair = column_pair(column, joints)
     product = standard_step(span, factor, world, pair[0]) * standard_step(span, factor, world, pair[1])
     if pair[0] == pair[1]:

@@ -1,4 +1,4 @@
-"""What of an innovation u - J dq is learned from: nothing at rest, not all of an outlier (beyond the paper).
+"""Bounds of the innovation u - J dq that is learned from: none at rest, less of an outlier (beyond the paper).
 
 Real images are noisy where nothing moves and wrong where one thing covers another: without bounds, columns of J fill
 with noise on the background, and one bad frame undoes many.

@@ -1,4 +1,5 @@
-"""One pass over labeled images: area and centroid, VOS-VS (3) to (5), box, second moments, border of every label.
+"""One pass over labeled images: of every label area and centroid, VOS-VS (3), VOS-VS (4), VOS-VS (5), box, second
+moments and border contact.
 
 A row is walked in runs of equal labels, whose sums are known in closed form.
 """

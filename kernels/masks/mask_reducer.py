@@ -1,4 +1,6 @@
-"""One pass over masks, eight pixels at once: area and centroid, VOS-VS (3) to (5), box, second moments, border."""
+"""One pass over masks, eight pixels at once: area and centroid, VOS-VS (3), VOS-VS (4), VOS-VS (5), box, second moments
+and border contact.
+"""
 
 from typing import Any
 

@@ -1,8 +1,8 @@
-"""What one pass over a mask or labeled image finds of each region, and the buffers that its kernels add up in.
+"""Sums over each region of a mask or labeled image, and the buffers that the kernels add them up in.
 
-Of every region: area s_A, VOS-VS (3), centroid s_x, s_y, VOS-VS (4) and (5), box, second moments, and which sides of
-the image it touches. All sums are of whole numbers: the same for any number of threads, and exact. The sums of each
-band of rows are added up apart, and then those of the bands.
+Of every region: area s_A, VOS-VS (3), centroid s_x, s_y, VOS-VS (4) and VOS-VS (5), box, second moments, and the
+sides of the image that it touches. All sums are of whole numbers: the same for any number of threads, and exact. The
+sums of each band of rows are added up apart, and then those of the bands.
 """
 
 from dataclasses import dataclass
@@ -24,7 +24,7 @@ RowSums = wp.types.vector(3, wp.int64)  # of 1, x, x^2
 
 @dataclass(frozen=True)
 class RegionSums:
-    """What one pass over a mask found; the leading axes of all arrays are (), (worlds,) or (worlds, labels).
+    """Sums over the regions; the leading axes of all arrays are (), (worlds,) or (worlds, labels).
 
     Attributes:
         sums: ``(..., 6)`` int64, over the region's pixels: 1, x, y, x^2, y^2, x y.
@@ -47,7 +47,7 @@ class RegionSums:
 
     @property
     def centroid(self) -> np.ndarray:
-        """``(..., 2)`` float64 s_x, s_y, VOS-VS (4) and (5) [px]; NaN for an empty region."""
+        """``(..., 2)`` float64 s_x, s_y, VOS-VS (4) and VOS-VS (5) [px]; NaN for an empty region."""
         with np.errstate(invalid="ignore"):
             return self.sums[..., 1:3] / self.sums[..., :1]
 

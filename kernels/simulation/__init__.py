@@ -1,1 +1,1 @@
-"""What only simulated worlds need: exact motion, commands, restarts, episodes. Only ``dense_vs.sims`` imports it."""
+"""Kernels for simulated worlds alone: exact motion, commands, restarts, episodes. Only ``dense_vs.sims`` imports it."""

@@ -64,7 +64,7 @@ def mean_color_kernel(
     # Out:
     rgb_out: wp.array3d[wp.vec3ub],
 ):
-    """Mean colour of the packed pixels that each pixel covers, rounded."""
+    """Mean color of the packed pixels that each pixel covers, rounded."""
     world, row, column = wp.tid()
     y = row_begin + row
     width = rgb_out.shape[2]
@@ -75,10 +75,10 @@ def mean_color_kernel(
         blue = count // 2
         for i in range(samples):
             for j in range(samples):
-                colour = int(packed_in[world, (y * samples + i) * samples * width + x * samples + j])
-                red += (colour >> 16) & 0xFF
-                green += (colour >> 8) & 0xFF
-                blue += colour & 0xFF
+                color = int(packed_in[world, (y * samples + i) * samples * width + x * samples + j])
+                red += (color >> 16) & 0xFF
+                green += (color >> 8) & 0xFF
+                blue += color & 0xFF
         rgb_out[world, y, x] = wp.vec3ub(wp.uint8(red // count), wp.uint8(green // count), wp.uint8(blue // count))
 
 

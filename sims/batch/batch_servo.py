@@ -32,7 +32,7 @@ from dense_vs.kernels.simulation.world_restart import joint_motion
 from dense_vs.kernels.tracking.point_tracking import PointTracks, begin_tracks, carry_tracks, locate_tracks
 from dense_vs.kernels.views import seen_as
 from dense_vs.point_servo.law import ServoOptions
-from dense_vs.point_servo.loop import SAME_SURFACE
+from dense_vs.point_servo.same_surface import SAME_SURFACE
 from dense_vs.point_servo.tracker import FIXED_POINT_STEPS, TrackerOptions
 from dense_vs.robot.babbling import BabblingOptions
 from dense_vs.sims.batch.episode import ENDS, BatchResults, EpisodeOptions
@@ -239,7 +239,7 @@ class BatchServo:
         self._unsound = wp.zeros(worlds, dtype=int, device=device)
         self._true_points = wp.zeros((worlds, 1), dtype=wp.vec2d, device=device)
         self._limits = limits_array(world.joint_limits, joints, device)
-        self._columns = wp.array(scene.model.jnt_qposadr[scene.joints], dtype=int, device=device)
+        self._columns = wp.array(scene.model.jnt_qposadr[scene.joint_ids], dtype=int, device=device)
         self._geoms = wp.array(self.surface_point.geoms, dtype=int, device=device)
         self._local = wp.array(self.surface_point.local, dtype=wp.vec3, device=device)
         kernels = self.filter.kernels
@@ -379,5 +379,5 @@ class BatchServo:
 
 
 def _bytes_per_world(options: JacobianOptions) -> int:
-    """What a world takes on a device beside the simulation, about: filter, flow, and 10 bytes a pixel of images."""
+    """Memory of a world beside its simulation, about [bytes]: filter, flow, and 10 bytes a pixel of images."""
     return filter_bytes(options) + options.height * options.width * (BYTES_PER_PIXEL + 10)

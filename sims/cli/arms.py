@@ -12,7 +12,7 @@ from dense_vs.sims.engine.built_scenes import ARM_NAMES
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the command's arguments."""
-    parser.add_argument("names", nargs="+", metavar="NAME", help=f"of {', '.join(ARM_NAMES)}")
+    parser.add_argument("names", nargs="+", metavar="NAME", help=f"one or more of {', '.join(ARM_NAMES)}")
     parser.add_argument(
         "--out",
         type=Path,

@@ -6,10 +6,14 @@ The weights that the package ships were made by this command with its default ar
 import argparse
 from pathlib import Path
 
+from dense_vs.checks import check_seed, check_whole
 from dense_vs.errors import DenseVSError
+from dense_vs.files import check_writable
 from dense_vs.kernels.launch import available_cores
 from dense_vs.sims.depth_training.training import simulated_features, train
 from dense_vs.view.tables import table
+
+MOST_PROCESSES = 1024
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -28,7 +32,10 @@ def run(arguments: argparse.Namespace) -> None:
     """Run the command."""
     if arguments.sequences < 200:
         raise DenseVSError(f"--sequences is {arguments.sequences}; expected at least 200")
-    processes = arguments.processes or available_cores()
+    check_seed(arguments.seed)
+    processes = available_cores() if arguments.processes is None else arguments.processes
+    check_whole("--processes", processes, least=1, most=MOST_PROCESSES)
+    check_writable(arguments.out)  # else an hour later
     features, truth = simulated_features(arguments.sequences, arguments.seed, processes)
     learned, figures = train(features, truth, arguments.seed)
     learned.save(arguments.out)

@@ -14,7 +14,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the command's arguments."""
     parser.add_argument("--out", type=Path, required=True, metavar="FILE", help="where to write the network (.onnx)")
     parser.add_argument("--minutes", type=float, default=8.0, metavar="M", help="of training (default: %(default)s)")
-    parser.add_argument("--seed", type=int, default=0, metavar="N", help="(default: %(default)s)")
+    parser.add_argument("--seed", type=int, default=0, metavar="N", help="of the random arms (default: %(default)s)")
     parser.add_argument("--device", default="cuda", help="PyTorch's (default: %(default)s)")
     parser.add_argument("--size", default="320x240", metavar="WxH", help="multiples of 16 (default: %(default)s)")
     parser.add_argument("--batch", type=int, default=32, metavar="N", help="pairs a step (default: %(default)s)")

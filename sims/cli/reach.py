@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from dense_vs.checks import check_number
 from dense_vs.errors import DenseVSError
 from dense_vs.files import output_folder, write_json
 from dense_vs.flow.estimator import FlowEstimator
@@ -27,6 +28,7 @@ if TYPE_CHECKING:
     from dense_vs.sims.papers.dije.reaching import MeasuredReach
 
 REACHED_PX = 2.0
+LONGEST = 1e5  # s of babbling, more than a day
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -54,7 +56,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--flow",
         default="lucas-kanade",
         metavar="METHOD",
-        help="optical flow method; an unknown one lists them all (default: lucas-kanade)",
+        help="optical flow: lucas-kanade, dis, dis-medium, learned, farneback and others (default: lucas-kanade)",
     )
     parser.add_argument(
         "--tracker",
@@ -73,6 +75,8 @@ def run(arguments: argparse.Namespace) -> None:
 
     if arguments.targets < 1 or arguments.max_frames < 1:
         raise DenseVSError("--targets and --max-frames are whole numbers of at least 1")
+    check_number("--babble", arguments.babble, above=0, most=LONGEST)
+    check_number("--gain", arguments.gain, above=0)
     TrackerOptions(method=arguments.tracker)  # wrong here, not after the babbling
     point = _point(arguments.point)
     started = time.perf_counter()
@@ -173,6 +177,6 @@ def _point(text: str) -> str | np.ndarray:
         place = np.array([float(part) for part in text.split(",")])
     except ValueError:
         return text
-    if place.shape != (2,):
+    if place.shape != (2,) or not np.isfinite(place).all():
         raise DenseVSError(f"--point is {text!r}; expected a name or X,Y")
     return place

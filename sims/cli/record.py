@@ -14,7 +14,8 @@ from dense_vs.robot.babbling import Babbling
 from dense_vs.sims.cli.options import add_world_arguments, make_world
 from dense_vs.view.progress import progress
 
-VIDEO_QUALITY = 3  # compression artefacts are flow errors
+LONGEST, MOST_READINGS = 1e5, 1e7  # s; more than a day, and 80 MB a joint
+VIDEO_QUALITY = 3  # compression artifacts are flow errors
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -61,6 +62,11 @@ def run(arguments: argparse.Namespace) -> None:
     for name, value in (("--seconds", arguments.seconds), ("--log-rate", arguments.log_rate)):
         if not np.isfinite(value) or value <= 0:
             raise DenseVSError(f"{name} is {value}; expected a finite number above 0")
+    if arguments.seconds > LONGEST or arguments.seconds * arguments.log_rate > MOST_READINGS:
+        raise DenseVSError(
+            f"--seconds is {arguments.seconds:g} and --log-rate {arguments.log_rate:g}; expected at most {LONGEST:g} s "
+            f"and {MOST_READINGS:g} readings"
+        )
     if not 0 <= arguments.jitter < np.inf or not np.isfinite(arguments.time_offset) or arguments.truth_every < 1:
         raise DenseVSError(
             "--jitter and --time-offset are finite seconds, --truth-every is a whole number of at least 1"

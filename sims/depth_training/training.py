@@ -1,7 +1,8 @@
 """Training of the learned depth (:mod:`dense_vs.depth.learned_depth`) on simulated mask sequences only."""
 
+import signal
 from concurrent.futures import ProcessPoolExecutor
-from multiprocessing import get_context
+from multiprocessing import active_children, get_context
 from typing import Any
 
 import cv2
@@ -25,13 +26,25 @@ def simulated_features(sequences: int, seed: int, processes: int) -> tuple[np.nd
     chunks = [(seed, first, min(first + CHUNK, sequences)) for first in range(0, sequences, CHUNK)]
     rows = []
     with (
-        ProcessPoolExecutor(processes, get_context("spawn")) as pool,
+        ProcessPoolExecutor(processes, get_context("spawn"), _leave_interrupts) as pool,
         progress("simulate", len(chunks), unit="chunk") as bar,
     ):
-        for part in pool.map(_chunk, chunks):
-            rows.extend(part)
-            bar.update()
+        try:
+            for part in pool.map(_chunk, chunks):
+                rows.extend(part)
+                bar.update()
+        except BaseException:
+            # Else the processes go on until all chunks are done.
+            pool.shutdown(wait=False, cancel_futures=True)
+            for process in active_children():
+                process.terminate()
+            raise
     return np.array([row[0] for row in rows]), np.array([row[1] for row in rows])
+
+
+def _leave_interrupts() -> None:
+    """Leave an interrupt of the terminal to the process that started this one, which ends it."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
 
 
 def train(features: np.ndarray, log_ratio: np.ndarray, seed: int) -> tuple[Any, list[list[str]]]:

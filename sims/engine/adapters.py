@@ -55,6 +55,11 @@ class SimRobot:
         """(N, 2) lowest and highest position [rad or m]."""
         return self.world.joint_limits
 
+    @property
+    def joint_units(self) -> tuple[str, ...]:
+        """``"rad"`` or ``"m"`` of each joint."""
+        return self.world.joint_units
+
     def joints(self) -> tuple[np.ndarray, float]:
         """Positions (N,) [rad or m] and their time [s]."""
         return self.world.joints()

@@ -1,4 +1,4 @@
-"""What moves on its own before the camera: a textured plate, a person who walks by, a chair that rolls by.
+"""Distractors that move on their own before the camera: a textured plate, a person who walks by, a chair that rolls by.
 
 The path of each is a Lissajous figure, p(t) = c + a sin(2 pi f t + phi), drawn from the seed, other for every
 world. ``behind`` keeps the plate between the arm and the wall, where the arm covers it now and then; ``front`` lets it
@@ -20,7 +20,7 @@ _NO_MOTION: Range = (0.0, 0.0)
 
 @dataclass(frozen=True)
 class DistractorKind:
-    """What moves, and the ranges that its path is drawn from, an axis each.
+    """A distractor, and for each axis the range that its path is drawn from.
 
     Attributes:
         body: mocap body of the robot's model.

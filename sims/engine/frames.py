@@ -8,7 +8,7 @@ import warp as wp
 
 @dataclass(frozen=True)
 class Frame:
-    """What the camera saw; every array has a leading worlds dimension when there are several."""
+    """One frame of the camera; every array has a leading worlds dimension when there are several."""
 
     rgb: np.ndarray  # (H, W, 3) uint8
     depth: np.ndarray  # (H, W) float32, m along the optical axis, 0 where there is no surface

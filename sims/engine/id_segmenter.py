@@ -2,7 +2,6 @@
 result."""
 
 from collections.abc import Callable, Iterable
-from typing import Any
 
 import numpy as np
 
@@ -26,26 +25,6 @@ class IdSegmenter:
         self._wanted = np.unique(np.fromiter(wanted, dtype=np.int64))
         if not self._wanted.size:
             raise DenseVSError("wanted is empty; expected at least one id")
-
-    @classmethod
-    def of_body(cls, world: Any, body: str) -> "IdSegmenter":
-        """All geoms of a body of a :class:`dense_vs.sims.SimWorld` (a single one) and of what hangs on it.
-
-        Raises:
-            DenseVSError: no such body, or it has no geom.
-        """
-        model = world.scene.model
-        names = [model.body(index).name for index in range(model.nbody)]
-        if body not in names:
-            raise DenseVSError(f"body {body!r} is not in the model; expected one of {', '.join(filter(None, names))}")
-        inside = np.zeros(model.nbody, dtype=bool)
-        inside[names.index(body)] = True
-        for index in range(1, model.nbody):  # parents come first
-            inside[index] |= inside[model.body_parentid[index]]
-        geoms = np.flatnonzero(inside[model.geom_bodyid])
-        if not geoms.size:
-            raise DenseVSError(f"body {body!r} has no geom; expected one that can be seen")
-        return cls(lambda: world.frame().ids, geoms.tolist())
 
     def segment(self, image: np.ndarray) -> np.ndarray:
         """The mask of the present ids, bool ``(H, W)``; of the image only the size is looked at.

@@ -9,7 +9,7 @@ from dense_vs.sims.engine.realism import Realism
 
 
 class JointReadings:
-    """What the encoders of B worlds say.
+    """Readings of the encoders of B worlds.
 
     Args:
         compliance: with its noise of the readings.

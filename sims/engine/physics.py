@@ -41,7 +41,7 @@ class Physics(ABC):
             self.model = mjw.put_model(scene.model)
             self.models.apply(self.model)
             self.data = _put_data(scene.model, state, worlds)
-        self._qpos_columns = scene.model.jnt_qposadr[scene.joints]
+        self._qpos_columns = scene.model.jnt_qposadr[scene.joint_ids]
 
     @abstractmethod
     def reset(self, qpos: np.ndarray) -> None:
@@ -90,8 +90,8 @@ class HostPhysics(Physics):
         super().__init__(scene, 1, device, models)
         self._model = self.models.host(0)
         self._state = mujoco.MjData(self._model)
-        self._target = np.zeros(len(scene.joints))
-        self._history = np.zeros((1, scene.substeps, len(scene.joints)))
+        self._target = np.zeros(len(scene.joint_ids))
+        self._history = np.zeros((1, scene.substeps, len(scene.joint_ids)))
         pairs = [(getattr(self.data, name).numpy()[0], getattr(self._state, name)) for name in self._POSES]
         if scene.model.nflexvert:
             pairs.append((self.data.flexvert_xpos.numpy()[0], self._state.flexvert_xpos))
@@ -151,7 +151,7 @@ class WarpPhysics(Physics):
 
     def __init__(self, scene: Scene, worlds: int, device: wp.Device, models: WorldModels | None = None):
         super().__init__(scene, worlds, device, models)
-        count = len(scene.joints)
+        count = len(scene.joint_ids)
         with wp.ScopedDevice(device):
             self.joint_step = wp.zeros((worlds, count), dtype=float)
             self._previous = wp.zeros((worlds, count), dtype=float)

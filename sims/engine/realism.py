@@ -1,4 +1,4 @@
-"""What a real camera and a real robot add to a simulated one: noise, compression, flicker, late joint readings."""
+"""Disturbances of real cameras and robots, for simulated ones: noise, compression, flicker, late joint readings."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, fields
@@ -15,7 +15,7 @@ class Realism:
     """How images and joint readings differ from clean ones; the truth stays exact.
 
     Attributes:
-        noise: standard deviation of the sensor's noise, the same in all colours [gray levels of 255].
+        noise: standard deviation of the sensor's noise, the same in all colors [gray levels of 255].
         flicker: standard deviation of the exposure from frame to frame, a share.
         vignette: share of the light that the image's corners lose.
         jpeg_quality: 1 to 100, of the compression; None for none.

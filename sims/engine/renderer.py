@@ -4,7 +4,7 @@ The ray tracer casts the ray of pixel (x, y) through ((x + 0.5)/W, (y + 0.5)/H) 
 at integer coordinates the principal point of a symmetric camera is ((W - 1)/2, (H - 1)/2).
 
 One ray a pixel aliases on what is finer than a pixel, as no camera does, and flow that follows such an image is wrong.
-So colour can be the mean of several rays a pixel; depth and ids are always those of the ray through its centre.
+So color can be the mean of several rays a pixel; depth and ids are always those of the ray through its center.
 """
 
 import copy
@@ -101,7 +101,7 @@ class Renderer:
         device: Warp device.
         threads: row bands rendered at once on a CPU.
         shadows: whether lights cast them; another ray for every light and pixel.
-        samples: rays for a pixel's colour along either side of it, 1 or more.
+        samples: rays for a pixel's color along either side of it, 1 or more.
     """
 
     def __init__(
@@ -210,6 +210,7 @@ def _row_bands(context: mjw.RenderContext, height: int, width: int, count: int) 
     A Warp launch runs on one core of a CPU, and the ray tracer takes its rays from an array: a band is a
     context whose rays and outputs are views of the whole one's.
     """
+    count = min(count, height)
     edges = [height * band // count for band in range(count + 1)]
     bands = []
     for first, last in itertools.pairwise(edges):

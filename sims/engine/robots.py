@@ -11,7 +11,7 @@ from dense_vs.sims.engine.surface_points import named_point
 
 @dataclass(frozen=True)
 class Tool:
-    """What hands hold; it counts as part of the robot.
+    """A tool in the hands; it counts as part of the robot.
 
     Attributes:
         bodies: its bodies in the model.

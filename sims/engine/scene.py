@@ -1,4 +1,4 @@
-"""What a world consists of, resolved once: MuJoCo model, camera, chosen joints and the actuators that move them.
+"""The scene of a world, resolved once: MuJoCo model, camera, chosen joints and the actuators that move them.
 
 A robot is a name of ours (``sims/robots.py``, textured from the seed) or the path of an MJCF file, taken as it is.
 Everything that the user names is looked up here, and every wrong name is answered with the valid ones.
@@ -8,13 +8,13 @@ import os
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from importlib import resources
-from pathlib import Path
 from typing import Any
 
 import mujoco
 import numpy as np
 
 from dense_vs.errors import DenseVSError
+from dense_vs.files import file_path
 from dense_vs.robot.joint_group import joint_indices
 from dense_vs.sims.engine.built_scenes import ARM_NAMES, scene_file
 from dense_vs.sims.engine.closed_chain import ClosedChain
@@ -25,7 +25,7 @@ from dense_vs.sims.engine.textures import paint_geoms
 
 FRAME_SECONDS = 1.0 / 30.0
 
-_ONE_COORDINATE = (mujoco.mjtJoint.mjJNT_HINGE, mujoco.mjtJoint.mjJNT_SLIDE)
+_UNITS = {mujoco.mjtJoint.mjJNT_HINGE: "rad", mujoco.mjtJoint.mjJNT_SLIDE: "m"}  # joints of one coordinate
 _FOLLOWS_CONTROL = (mujoco.mjtDyn.mjDYN_NONE, mujoco.mjtDyn.mjDYN_FILTER, mujoco.mjtDyn.mjDYN_FILTEREXACT)
 
 
@@ -35,9 +35,10 @@ class Scene:
 
     model: mujoco.MjModel
     camera: int
-    joints: np.ndarray  # (N,) joint ids
+    joint_ids: np.ndarray  # (N,) of the chosen joints
     joint_names: tuple[str, ...]
     joint_limits: np.ndarray  # (N, 2) float64, rad or m: commanded positions stay inside
+    joint_units: tuple[str, ...]  # "rad" of a hinge, "m" of a slide
     actuators: np.ndarray  # (N,) actuator ids
     ctrl_per_position: np.ndarray  # (N,) actuator control that holds the joint at position 1
     home_qpos: np.ndarray  # (nq,)
@@ -109,9 +110,10 @@ def resolve_scene(
     return Scene(
         model=model,
         camera=camera_id,
-        joints=np.array(joint_ids),
+        joint_ids=np.array(joint_ids),
         joint_names=tuple(_name(model, "joint", j) for j in joint_ids),
         joint_limits=limits,
+        joint_units=tuple(_UNITS[mujoco.mjtJoint(model.jnt_type[j])] for j in joint_ids),
         actuators=actuator_ids,
         ctrl_per_position=scale,
         home_qpos=home_qpos,
@@ -146,7 +148,7 @@ def _our_model(
 
 
 def _file_model(robot: str | os.PathLike[str], distractor: str, compliance: Compliance | None) -> mujoco.MjModel:
-    path = Path(robot)
+    path = file_path(robot)
     if not path.is_file():
         raise DenseVSError(
             f"robot {str(robot)!r} is neither a robot of ours nor a file; "
@@ -184,7 +186,7 @@ def _position_actuators(model: mujoco.MjModel) -> dict[int, int]:
         joint = int(model.actuator_trnid[a, 0])
         is_position = (
             mujoco.mjtTrn(model.actuator_trntype[a]) == mujoco.mjtTrn.mjTRN_JOINT
-            and mujoco.mjtJoint(model.jnt_type[joint]) in _ONE_COORDINATE
+            and mujoco.mjtJoint(model.jnt_type[joint]) in _UNITS
             and mujoco.mjtGain(model.actuator_gaintype[a]) == mujoco.mjtGain.mjGAIN_FIXED
             and mujoco.mjtBias(model.actuator_biastype[a]) == mujoco.mjtBias.mjBIAS_AFFINE
             and mujoco.mjtDyn(model.actuator_dyntype[a]) in _FOLLOWS_CONTROL
@@ -206,7 +208,7 @@ def _find_joints(model: mujoco.MjModel, joints: Sequence[str] | None, actuated: 
     found = joint_indices(joints, names, "the model", valid=valid)
     for joint, index in zip(joints, found, strict=True):
         kind = mujoco.mjtJoint(model.jnt_type[index])
-        if kind not in _ONE_COORDINATE:
+        if kind not in _UNITS:
             kind = kind.name.removeprefix("mjJNT_").lower()
             raise DenseVSError(f"joint {joint!r} is of type {kind}; expected a hinge or slide: {_listed(valid)}")
         if index not in actuated:

@@ -23,6 +23,23 @@ class SurfacePoint:
     local: np.ndarray  # (worlds, 3) in the geom's frame [m]
 
 
+def check_point(point: SurfacePoint, worlds: int, geoms: int) -> None:
+    """Refuse a point of another world: MuJoCo does not look whether it has the geom.
+
+    Raises:
+        DenseVSError: no point of a world with so many copies and geoms.
+    """
+    if not isinstance(point, SurfacePoint):
+        raise DenseVSError(f"point is a {type(point).__name__}; expected a SurfacePoint, as track_point gives it")
+    ids, local = np.asarray(point.geoms), np.asarray(point.local)
+    fits = ids.shape == (worlds,) and ids.dtype.kind in "iu" and local.shape == (worlds, 3) and local.dtype.kind == "f"
+    if not fits or (ids < 0).any() or (ids >= geoms).any() or not np.isfinite(local).all():
+        raise DenseVSError(
+            f"point has geoms {ids.tolist()} and local of shape {local.shape}; expected ({worlds},) ids below {geoms} "
+            f"and finite ({worlds}, 3), as track_point gives them"
+        )
+
+
 def camera_pose(state: mujoco.MjData, camera: int) -> np.ndarray:
     """T_world_camera (4, 4); camera axes x right, y down, z forward."""
     pose = np.eye(4)
@@ -71,8 +88,10 @@ def named_point(model: mujoco.MjModel, state: mujoco.MjData, name: str) -> np.nd
     """World position (3,) of the site, else body, else geom of that name.
 
     Raises:
-        DenseVSError: no such name; the message lists the sites.
+        DenseVSError: no such name, or no text (which MuJoCo does not survive); the message lists the sites.
     """
+    if not isinstance(name, str) or not name.isprintable():
+        raise DenseVSError(f"point is {name!r}; expected the name of a site, body or geom")
     for kind, positions in (
         (mujoco.mjtObj.mjOBJ_SITE, state.site_xpos),
         (mujoco.mjtObj.mjOBJ_BODY, state.xpos),

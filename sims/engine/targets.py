@@ -3,6 +3,7 @@
 import mujoco
 import numpy as np
 
+from dense_vs.checks import check_number, check_seed, check_whole
 from dense_vs.errors import DenseVSError
 from dense_vs.sims.engine import surface_points
 from dense_vs.sims.engine.surface_points import SurfacePoint
@@ -30,8 +31,13 @@ def reachable_targets(
     follow. It counts where the point is then seen, at least ``border`` px inside the image.
 
     Raises:
-        DenseVSError: no such posture found in a world.
+        DenseVSError: no such posture found in a world, or a number out of range.
     """
+    count, seed = check_whole("count", count, least=1, most=ATTEMPTS), check_seed(seed)
+    least_distance = check_number("least_distance", least_distance, least=0)
+    border = check_number("border", border)
+    share_of_range = check_number("share_of_range", share_of_range, above=0, most=1)
+    reach = None if reach is None else check_number("reach", reach, above=0)
     worlds = world.shape[0]
     starts = np.asarray(world.project(point), dtype=np.float64).reshape(worlds, 2)
     found = []
@@ -63,7 +69,7 @@ def _targets_of_world(
     present = world.physics.host_state(number)
     model = world.physics.models.host(number)
     data = mujoco.MjData(model)
-    columns = model.jnt_qposadr[scene.joints]
+    columns = model.jnt_qposadr[scene.joint_ids]
     low, high = scene.joint_limits.T
     q = present.qpos[columns]
     low, high = np.where(np.isfinite(low), low, q - 0.5), np.where(np.isfinite(high), high, q + 0.5)

@@ -41,8 +41,8 @@ class GroundTruth:
         device: wp.Device,
         threads: int,
     ):
-        self._count, self._passive = len(scene.joints), len(scene.chain.passive)
-        moving = np.append(scene.joints, scene.chain.passive)
+        self._count, self._passive = len(scene.joint_ids), len(scene.chain.passive)
+        moving = np.append(scene.joint_ids, scene.chain.passive)
         self._poses = (data.cam_xpos, data.cam_xmat, data.geom_xpos, data.geom_xmat)
         with wp.ScopedDevice(device):
             self._previous = tuple(wp.empty_like(pose) for pose in self._poses)

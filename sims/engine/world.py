@@ -13,7 +13,8 @@ from typing import Any
 import numpy as np
 import warp as wp
 
-from dense_vs.checks import check_whole
+from dense_vs.arrays import number_array
+from dense_vs.checks import check_flag, check_whole
 from dense_vs.device import resolve_device, resolve_threads, room_for
 from dense_vs.errors import DenseVSError
 from dense_vs.sims.engine import surface_points
@@ -29,6 +30,7 @@ from dense_vs.sims.engine.scene import FRAME_SECONDS, Scene, load_scene
 from dense_vs.sims.engine.surface_points import SurfacePoint
 from dense_vs.sims.engine.truth import GroundTruth
 
+MAX_WORLDS, MAX_SIDE, MAX_SAMPLES = 65536, 16384, 16
 BYTES_PER_PIXEL = 24  # about: color, packed and not, depth, and ids with and without their types
 BYTES_PER_SAMPLE = 30  # about: packed color, and the direction and origin of its ray
 BYTES_OF_PHYSICS = 50_000  # of a world, about
@@ -37,8 +39,7 @@ BYTES_OF_PHYSICS = 50_000  # of a world, about
 class SimWorld:
     """B simulated worlds of one robot with N chosen joints, seen by one camera each, 30 frames a second.
 
-    Arrays come without the leading B for a single world. Positions are rad for hinges and m for slides; the
-    word "rad" below stands for both.
+    Arrays come without the leading B for a single world. "rad" stands for m too where a joint is a slide.
 
     Args:
         robot: ``"arm"`` (4 joints in 3D), ``"planar"`` (3 joints, a plane that faces the camera),
@@ -49,7 +50,7 @@ class SimWorld:
         joints: names of the joints that are commanded and that Jacobians have columns for, in this order;
             all joints that a position actuator drives when None. Others keep their position.
         camera: name of the camera; the first one when None.
-        worlds: B. Worlds share textures; posture and distractor path differ.
+        worlds: B. They share textures; postures and distractor paths differ.
         device: Warp device, see :func:`dense_vs.device.resolve_device`.
         height, width: of the image [px].
         seed: textures, initial posture and distractor path of our robots. An MJCF file is taken as it is, at its
@@ -90,14 +91,15 @@ class SimWorld:
         samples: int | None = None,
         realism: bool | Realism = False,
     ):
-        worlds = check_whole("worlds", worlds, least=1)
+        worlds = check_whole("worlds", worlds, least=1, most=MAX_WORLDS)
         self._realism = resolve_realism(realism)
-        self._samples = None if samples is None else check_whole("samples", samples, least=1)
-        self._shape = (worlds, check_whole("height", height, least=8), check_whole("width", width, least=8))
+        self._samples = None if samples is None else check_whole("samples", samples, least=1, most=MAX_SAMPLES)
+        sides = {"least": 8, "most": MAX_SIDE}
+        self._shape = (worlds, check_whole("height", height, **sides), check_whole("width", width, **sides))
         self._device = resolve_device(device)
         self._threads = resolve_threads(threads)
         self._randomization = randomization or DomainRandomization()
-        self._physics_on_device = physics_on_device
+        self._physics_on_device = check_flag("physics_on_device", physics_on_device)
         self._choice = {"robot": robot, "joints": joints, "camera": camera, "distractor": distractor}
         self._compliance = self._choice["compliance"] = resolve_compliance(compliance)
         self._choice["texture_sets"] = self._randomization.texture_sets
@@ -252,6 +254,7 @@ class SimWorld:
     def visible(self, point: SurfacePoint) -> bool | np.ndarray:
         """Whether the surface point is inside the image and nothing covers it; (B,) for several worlds."""
         worlds, height, width = self._shape
+        surface_points.check_point(point, worlds, self._scene.model.ngeom)
         seen = np.zeros(worlds, dtype=bool)
         for world in range(worlds):
             pixel, position, state, pose = self._located(point, world)
@@ -275,6 +278,11 @@ class SimWorld:
     def joint_limits(self) -> np.ndarray:
         """(N, 2) lowest and highest target [rad]; infinite where the model sets none."""
         return self._scene.joint_limits.copy()
+
+    @property
+    def joint_units(self) -> tuple[str, ...]:
+        """Unit of each of the N joints: ``"rad"`` of a hinge, ``"m"`` of a slide."""
+        return self._scene.joint_units
 
     @property
     def intrinsics(self) -> np.ndarray:
@@ -339,7 +347,7 @@ class SimWorld:
     def _begin(self) -> None:
         scene = self._scene
         qpos = np.repeat(scene.home_qpos[None], self._shape[0], axis=0)
-        columns = scene.model.jnt_qposadr[scene.joints]
+        columns = scene.model.jnt_qposadr[scene.joint_ids]
         for world, row in enumerate(qpos):
             offset = _world_rng(self._seed, world, 0).uniform(-1.0, 1.0, len(columns))
             row[columns] += scene.posture_range * offset
@@ -363,6 +371,7 @@ class SimWorld:
         state = self._physics.host_state(world)
         pose = surface_points.camera_pose(state, self._scene.camera)
         if isinstance(point, SurfacePoint):
+            surface_points.check_point(point, self._shape[0], self._scene.model.ngeom)
             position = surface_points.world_point(state, int(point.geoms[world]), point.local[world])
         else:
             position = surface_points.named_point(self._physics.models.host(world), state, point)
@@ -370,21 +379,16 @@ class SimWorld:
 
     def _joint_step(self, delta: Any) -> np.ndarray:
         if delta is None:
-            return np.zeros((self._shape[0], len(self._scene.joints)))
-        return self._per_world(delta, len(self._scene.joints), "delta")
+            return np.zeros((self._shape[0], len(self._scene.joint_ids)))
+        return self._per_world(delta, len(self._scene.joint_ids), "delta")
 
     def _per_world(self, value: Any, columns: int, name: str) -> np.ndarray:
         """(B, columns) float64 from one row for all worlds or one for each."""
         worlds = self._shape[0]
-        try:
-            array = np.asarray(value, dtype=np.float64)
-        except (TypeError, ValueError) as error:
-            raise DenseVSError(f"{name} is {value!r}; expected numbers of shape ({columns},)") from error
+        array = number_array(value, name)
         if array.shape not in ((columns,), (worlds, columns)):
             expected = f"({columns},)" if worlds == 1 else f"({columns},) or ({worlds}, {columns})"
             raise DenseVSError(f"{name} has shape {array.shape}; expected {expected}")
-        if not np.all(np.isfinite(array)):
-            raise DenseVSError(f"{name} is {array.tolist()}; expected finite numbers")
         return np.broadcast_to(array, (worlds, columns))
 
     def _out(self, array: np.ndarray) -> np.ndarray:

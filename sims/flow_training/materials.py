@@ -1,4 +1,4 @@
-"""What surfaces look like: mostly plain paint and metal with seams, screws and labels; some patterns.
+"""Materials of random surfaces: mostly plain paint and metal with seams, screws and labels; some patterns.
 
 A material is a row of numbers, so that one function shades every pixel of a batch. The pattern is a function of the
 point in the primitive's own frame and therefore moves with it; light, gloss and mirrored surroundings do not.

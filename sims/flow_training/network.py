@@ -135,7 +135,7 @@ def loss_of(flow: Tensor, log_scale: Tensor, coarse: list[Tensor], true: Tensor,
 
 
 class _Exported(nn.Module):
-    """What the shipped file computes: the flow and the expected error itself [px]."""
+    """The computation of the shipped file: the flow and the expected error itself [px]."""
 
     def __init__(self, network: FlowRefiner):
         super().__init__()

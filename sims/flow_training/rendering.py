@@ -88,7 +88,7 @@ class Renderer:
         return torch.cat([rotation, planes[0]], 1), torch.cat([center, planes[1]], 1)
 
     def _first(self, scenes: Scenes, step: float, rays: Tensor, origins: Tensor | None = None) -> tuple[Tensor, Tensor]:
-        """What each ray meets first, int64 ``(B, P)``, and how far away it is [m]."""
+        """Index of the primitive that each ray meets first, int64 ``(B, P)``, and how far away it is [m]."""
         R, t = self._poses(scenes, step)
         K = PRIMITIVES
         o = torch.zeros_like(rays[:, :1]) if origins is None else origins

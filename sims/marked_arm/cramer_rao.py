@@ -1,4 +1,4 @@
-"""What no unbiased estimator can do better: the Cramer-Rao bound of learning from the very samples of a run.
+"""The Cramer-Rao bound: the least error of any unbiased estimator that learns from the very samples of a run.
 
 At the true parameters the inverse of the Fisher information, of all that a fit leaves open and with what it is told of
 the lenses, is the least covariance of what it learns. Errors drawn from it give the pixel errors that a perfect fit
@@ -137,7 +137,7 @@ def perfect_inference(test: Evidence, cameras: np.ndarray) -> tuple[np.ndarray, 
 
 
 def true_parameters(arm: ObservedArm, home: np.ndarray) -> ModelParameters:
-    """What a perfect model of the arm has, in the robot's frame and in meters, with the home pose ``home`` [rad]."""
+    """Parameters of a perfect model, in the robot's frame and in meters, with the home pose ``home`` [rad]."""
     poses = arm.chain.link_poses(home)
     before = np.concatenate([np.eye(4)[None], poses[:-1]])
     axes, origins = before[:, :3, 2], before[:, :3, 3]

@@ -33,7 +33,7 @@ INTRINSICS_SIGMA = (_FOCAL_TOLERANCE / np.sqrt(3.0), _CENTER_TOLERANCE_PX / np.s
 
 @dataclass(frozen=True)
 class Truth:
-    """What the observations were made from; for scoring only."""
+    """The truth behind the observations; for scoring only."""
 
     arm: ObservedArm
     joints: np.ndarray | None  # (T, n) [rad]; None where a Cartesian controller moved the hand
@@ -91,7 +91,7 @@ def observe(
     intrinsics: np.ndarray | None = None,
     tolerances_known: bool = True,
 ) -> Evidence:
-    """What is read and seen at true joints (T, n) [rad].
+    """Readings and pixels at true joints (T, n) [rad].
 
     Args:
         joint_noise: standard deviation of the joint readings [rad].

@@ -1,4 +1,4 @@
-"""Controllers that do not do what they are told, and readings that are not exact (Section "Noisy Control").
+"""Noisy controllers and noisy joint readings (Gothoskar et al., section "Noisy Control").
 
 Two laws, to be said with every figure. ``"independent"``, the paper's: each move ends off by N(0, sigma) in every
 coordinate, however short it is, so no servo can end closer. ``"proportional"``: by N(0, sigma) times the length of the
@@ -29,11 +29,11 @@ class NoisyController:
         check_number("sigma", self.sigma, least=0.0)
 
     def joint_step(self, step: np.ndarray) -> np.ndarray:
-        """What the joints (n,) really do [rad]."""
+        """The joints' true motion (n,) [rad]."""
         return step + self._scale(np.linalg.norm(step)) * self.rng.normal(size=step.shape)
 
     def transform(self, action: np.ndarray) -> np.ndarray:
-        """What the hand really does (4, 4): noise on x, y, z and on roll, pitch, yaw of the transform."""
+        """The hand's true motion (4, 4): noise on x, y, z and on roll, pitch, yaw of the transform."""
         angles = Rotation.from_matrix(action[:3, :3]).as_euler("xyz")
         turn = np.linalg.norm(Rotation.from_matrix(action[:3, :3]).as_rotvec())
         done = np.eye(4)

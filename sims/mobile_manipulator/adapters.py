@@ -41,6 +41,11 @@ class ManipulatorRobot:
         """(10, 2) lowest and highest position [rad, m]."""
         return self.world.joint_limits
 
+    @property
+    def joint_units(self) -> tuple[str, ...]:
+        """``"rad"`` or ``"m"`` of each joint."""
+        return self.world.joint_units
+
     def joints(self) -> tuple[np.ndarray, float]:
         """Positions (10,) by the encoders [rad, m] and their time [s]."""
         return self.world.joints(), self.world.time
@@ -52,7 +57,7 @@ class ManipulatorRobot:
 
 @dataclass(frozen=True)
 class GripperReport:
-    """What the gripper's encoder says after a command."""
+    """Reading of the gripper's encoder after a command."""
 
     opening: float  # m
     jammed: bool  # it did not get where an empty gripper gets

@@ -1,4 +1,4 @@
-"""What a household object of the simulated scenes is: its parts, their paints, and what a gripper meets."""
+"""A household object of the simulated scenes: its parts, their paints, and the width that a gripper meets."""
 
 from dataclasses import dataclass, field
 

@@ -80,7 +80,7 @@ class MobileWorld:
         self._rng = np.random.default_rng([seed, 30])
         self._noise, self._slip = noise, slip
         self._finger_actuators = [model.actuator(name).id for name in FINGERS]
-        self._columns = model.jnt_qposadr[self.scene.joints]
+        self._columns = model.jnt_qposadr[self.scene.joint_ids]
         self._base_geom = model.geom("base").id
         self._target = self.scene.home_qpos[self._columns].copy()  # where the joints are commanded to be
         self._odometry_error = np.zeros(3)
@@ -108,6 +108,11 @@ class MobileWorld:
     def joint_limits(self) -> np.ndarray:
         """(10, 2) lowest and highest position [rad, m]."""
         return self.scene.joint_limits.copy()
+
+    @property
+    def joint_units(self) -> tuple[str, ...]:
+        """Unit of each of the ten joints: ``"rad"`` of a hinge, ``"m"`` of a slide."""
+        return self.scene.joint_units
 
     @property
     def time(self) -> float:

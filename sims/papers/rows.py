@@ -1,4 +1,4 @@
-"""What an experiment reports: figures beside those that the paper printed."""
+"""Rows that an experiment reports: its figures beside those that the paper printed."""
 
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass

@@ -1,6 +1,6 @@
 """DIJE's Algorithms 1 and 2 and the running energies of self-recognition, one world, in float64.
 
-``J`` is (H, W, 2, N), ``centres`` (k, 2, N), ``u`` (H, W, 2), ``dq`` (N,).
+``J`` is (H, W, 2, N), ``centers`` (k, 2, N), ``u`` (H, W, 2), ``dq`` (N,).
 """
 
 import numpy as np
@@ -8,47 +8,47 @@ from reference_filters import bounded_covariance, kalman, model_flow
 from reference_sampling import bilinear, moved_image, pixel_grid
 
 
-def squared_distances(J, centres):
+def squared_distances(J, centers):
     """(H, W, k)."""
-    apart = np.asarray(J, dtype=np.float64)[..., None, :, :] - np.asarray(centres, dtype=np.float64)
+    apart = np.asarray(J, dtype=np.float64)[..., None, :, :] - np.asarray(centers, dtype=np.float64)
     return np.sum(apart**2, axis=(-2, -1))
 
 
-def nearest(J, centres):
-    """Index of the nearest centre, the lowest on ties; -1 where J is not finite."""
+def nearest(J, centers):
+    """Index of the nearest center, the lowest on ties; -1 where J is not finite."""
     known = np.isfinite(J).all(axis=(2, 3))
-    distances = squared_distances(np.where(known[..., None, None], J, 0), centres)
+    distances = squared_distances(np.where(known[..., None, None], J, 0), centers)
     return np.where(known, np.argmin(distances, axis=2), -1)
 
 
-def cluster_sums(J, members, centres):
-    """Sum (k, 2, N) and number (k,) of the member vectors nearest to each centre."""
-    index = np.where(members, nearest(J, centres), -1)
-    sums = np.array([np.sum(J[index == k].astype(np.float64), axis=0) for k in range(len(centres))])
-    return sums, np.array([np.sum(index == k) for k in range(len(centres))])
+def cluster_sums(J, members, centers):
+    """Sum (k, 2, N) and number (k,) of the member vectors nearest to each center."""
+    index = np.where(members, nearest(J, centers), -1)
+    sums = np.array([np.sum(J[index == k].astype(np.float64), axis=0) for k in range(len(centers))])
+    return sums, np.array([np.sum(index == k) for k in range(len(centers))])
 
 
-def lloyd(J, members, centres, max_steps, tolerance):
-    """Lloyd's steps from given centres, none of which becomes empty."""
-    centres = np.asarray(centres, dtype=np.float64)
+def lloyd(J, members, centers, max_steps, tolerance):
+    """Lloyd's steps from given centers, none of which becomes empty."""
+    centers = np.asarray(centers, dtype=np.float64)
     for _ in range(max_steps):
-        sums, sizes = cluster_sums(J, members, centres)
+        sums, sizes = cluster_sums(J, members, centers)
         assert (sizes > 0).all()
         moved = sums / sizes[:, None, None]
-        change = np.linalg.norm(moved - centres, axis=(1, 2)).max()
-        centres = moved
+        change = np.linalg.norm(moved - centers, axis=(1, 2)).max()
+        centers = moved
         if change <= tolerance * np.sqrt(np.mean(np.sum(moved**2, axis=(1, 2)))):
             break
-    return centres, sizes
+    return centers, sizes
 
 
-def evaluation(centres, previous, values, reading):
-    """The loop over centres of Algorithm 1, as it is printed, and the normalization."""
+def evaluation(centers, previous, values, reading):
+    """The loop over centers of Algorithm 1, as it is printed, and the normalization."""
     new = []
-    for centre in centres:
-        distances = [np.linalg.norm(centre - other) for other in previous]
+    for center in centers:
+        distances = [np.linalg.norm(center - other) for other in previous]
         i = int(np.argmin(distances))
-        consistency = 1 / np.sqrt(distances[i] / np.linalg.norm(centre) + 0.1)
+        consistency = 1 / np.sqrt(distances[i] / np.linalg.norm(center) + 0.1)
         if reading == "product":
             new.append(values[i] * (0.1 * (consistency - 1) + 1))
         else:

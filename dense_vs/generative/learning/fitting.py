@@ -37,7 +37,7 @@ REJECTION_ROUNDS = 4
 
 @dataclass(frozen=True)
 class FitOptions:
-    """What a fit is told beside the observations; see :meth:`GenerativeModel.fit`."""
+    """Options of a fit; see :meth:`GenerativeModel.fit`."""
 
     state: str = "observed"
     pixel_sigma: float | None = None

@@ -11,6 +11,7 @@ from typing import Any, Protocol
 
 import numpy as np
 
+from dense_vs.arrays import number_array
 from dense_vs.checks import check_whole
 from dense_vs.errors import DenseVSError
 from dense_vs.generative.kinematics.placement import CAMERA_POINTS
@@ -24,7 +25,7 @@ MEDIAN_OF_NOISE = 1.1774  # px of a distance per px of noise of a coordinate
 
 
 class WatchedModel(Protocol):
-    """What is used of a :class:`GenerativeModel`."""
+    """The members of a :class:`GenerativeModel` that are used here."""
 
     parameters: ModelParameters
     report: FitReport
@@ -41,7 +42,7 @@ class WatchedModel(Protocol):
 
 @dataclass(frozen=True)
 class Change:
-    """What one observation says of the model.
+    """Result of one observation.
 
     Attributes:
         gradient_norm: of the buffer's loss by all parameters, Gothoskar (6).
@@ -72,7 +73,7 @@ class OnlineLearner:
     """
 
     def __init__(self, model: WatchedModel, capacity: int = 50, relearn_after: int = 0):
-        capacity = check_whole("capacity", capacity, least=1)
+        capacity = check_whole("capacity", capacity, least=1, most=10**6)
         self.model, self.relearn_after = model, check_whole("relearn_after", relearn_after, least=0)
         self.buffer: deque[tuple[np.ndarray, np.ndarray]] = deque(maxlen=capacity)
         self.ignored: set[int] = set()
@@ -87,7 +88,7 @@ class OnlineLearner:
             DenseVSError: shapes that do not fit the model.
         """
         p = self.model.parameters
-        q, x = np.asarray(joints, dtype=np.float64), np.asarray(pixels, dtype=np.float64)
+        q, x = number_array(joints, "joints", finite=False), number_array(pixels, "pixels", finite=False)
         expected = (len(p.intrinsics), len(p.features), 2)
         if q.shape != (p.joint_count,) or x.shape != expected or not np.isfinite(q).all():
             raise DenseVSError(

@@ -1,4 +1,4 @@
-"""What noisy joint readings and joint actions say about the joints of the samples: Gothoskar (10), Gothoskar (14)."""
+"""Priors on the samples' joints from noisy joint readings and joint actions: Gothoskar (10), Gothoskar (14)."""
 
 import numpy as np
 

@@ -74,7 +74,7 @@ class NormalEquations:
 
 
 class Prior(Protocol):
-    """What is known of the samples' own unknowns beside the pixels."""
+    """Priors on the samples' own unknowns, beside the pixels."""
 
     def cost(self, state: State) -> float:
         """Sum of squares [px^2]."""

@@ -1,4 +1,4 @@
-"""What noisy poses and Cartesian actions say about the hand's poses: Gothoskar (8), Gothoskar (12).
+"""Priors on the hand's poses from noisy poses and Cartesian actions: Gothoskar (8), Gothoskar (12).
 
 The paper's D_pose is the Frobenius norm of the difference of two matrices; here the rotation vector between them and
 the difference of translations, each divided by its own noise, as meters and radians have no common unit.

@@ -13,9 +13,13 @@ def resect(points: np.ndarray, normalized: np.ndarray) -> tuple[np.ndarray, np.n
     SQPnP, then Levenberg-Marquardt of OpenCV on those that fit; from random samples too where some do not.
     """
     try:
-        found, turn, shift = cv2.solvePnP(points, normalized, np.eye(3), None, flags=cv2.SOLVEPNP_SQPNP)
-    except cv2.error:  # points in one place or on a line
+        return _resected(points, normalized)
+    except cv2.error:  # points in one place or on a line, or so far away that OpenCV's numbers overflow
         return None
+
+
+def _resected(points: np.ndarray, normalized: np.ndarray) -> tuple[np.ndarray, np.ndarray] | None:
+    found, turn, shift = cv2.solvePnP(points, normalized, np.eye(3), None, flags=cv2.SOLVEPNP_SQPNP)
     best, threshold = None, 0.01
     if found:
         threshold = max(4 * float(np.median(_pnp_errors(points, normalized, turn, shift))), 2e-3)

@@ -59,7 +59,7 @@ def align_samples(
 
 
 class Views:
-    """What the placed cameras saw, and the features that they triangulate in each sample.
+    """Views of the placed cameras, and the features that they triangulate in each sample.
 
     Args:
         flat: ``(T, c, m, 2)`` normalized coordinates.

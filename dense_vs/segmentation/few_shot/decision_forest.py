@@ -11,6 +11,7 @@ import warp as wp
 
 from dense_vs.device import resolve_threads
 from dense_vs.errors import DenseVSError
+from dense_vs.files import stored_array
 from dense_vs.kernels.masks.decision_forest import run_forest
 
 NODE_ARRAYS = ("feature", "threshold", "left", "right", "value")
@@ -31,16 +32,14 @@ class DecisionForest:
     def __post_init__(self):
         nodes, trees = len(self.feature), len(self.root)
         sizes = {name: len(getattr(self, name)) for name in NODE_ARRAYS}
+        if set(sizes.values()) != {nodes}:
+            raise DenseVSError(f"a forest of {trees} trees and {sizes} nodes; expected trees whose nodes fit together")
         inner = self.feature >= 0
         # Children after their node: no loop, and every way ends at a leaf.
         forward = all(np.all(side[inner] > np.flatnonzero(inner)) for side in (self.left, self.right))
         inside = all(np.all(side[inner] < nodes) for side in (self.left, self.right))
         rooted = trees > 0 and np.all((self.root >= 0) & (self.root < nodes))
-        if (
-            set(sizes.values()) != {nodes}
-            or not (forward and inside and rooted)
-            or np.any(self.feature >= self.features)
-        ):
+        if not (forward and inside and rooted) or np.any(self.feature >= self.features):
             raise DenseVSError(f"a forest of {trees} trees and {sizes} nodes; expected trees whose nodes fit together")
 
     @classmethod
@@ -122,9 +121,12 @@ class DecisionForest:
             KeyError: an array is missing.
             DenseVSError: they do not fit together.
         """
-        kinds = {"threshold": np.float32, "value": np.float32}
-        stored = {n: arrays[f"{prefix}_{n}"].astype(kinds.get(n, np.int32)) for n in ("root", *NODE_ARRAYS)}
-        return cls(int(arrays[f"{prefix}_features"]), **stored)
+        stored = {}
+        for name in ("root", *NODE_ARRAYS):
+            real = name in ("threshold", "value")
+            array = stored_array(arrays, f"{prefix}_{name}", (-1,), "f" if real else "i")
+            stored[name] = array.astype(np.float32 if real else np.int32)
+        return cls(int(stored_array(arrays, f"{prefix}_features", (), "iu")), **stored)
 
     def _trees(self) -> dict[str, wp.array]:
         return {name: _on_cpu(getattr(self, name)) for name in ("root", *NODE_ARRAYS)}

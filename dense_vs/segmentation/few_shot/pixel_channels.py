@@ -1,4 +1,4 @@
-"""What the few-shot segmenter sees in a pixel: color, edges and local binary patterns.
+"""Features of a pixel for the few-shot segmenter: color, edges and local binary patterns.
 
 Nothing depends on where in the image a pixel is, and nothing changes when the image turns by a quarter: the same
 object is seen from every side.

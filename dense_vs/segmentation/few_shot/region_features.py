@@ -36,7 +36,7 @@ def superpixel_figures(channels: PixelChannels, pixels: Superpixels) -> Superpix
 
 
 def merge_features(figures: SuperpixelFigures, pixels: Superpixels, likely: np.ndarray, color: float) -> np.ndarray:
-    """What neighbors are compared by when they merge: Lab times ``color``, and the probability of the object."""
+    """Features that neighbors are compared by before they merge: Lab times ``color``, and the probability of object."""
     lab = figures.planes[:, :3] / pixels.area[:, None]
     return np.concatenate([color * lab, likely[:, None]], axis=1)
 

@@ -17,7 +17,7 @@ import numpy as np
 
 from dense_vs.checks import check_number, check_whole
 from dense_vs.errors import DenseVSError
-from dense_vs.files import atomic_write, read_arrays
+from dense_vs.files import atomic_write, read_arrays, stored_array
 from dense_vs.segmentation.few_shot.candidate_regions import mask_share, overlaps, see
 from dense_vs.segmentation.few_shot.color_words import ColorWords
 from dense_vs.segmentation.few_shot.decision_forest import DecisionForest
@@ -27,6 +27,7 @@ from dense_vs.segmentation.segmenter import check_image, check_mask
 
 FORMAT = "dense-vs few-shot segmenter"
 FORMAT_VERSION = 2
+COLORS = 1 << 15  # 5 bits a channel
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -186,15 +187,16 @@ class FewShotSegmenter:
                     f"it is {header['format']!r} version {header['version']}; expected version {FORMAT_VERSION}"
                 )
             segmenter = cls(**header["options"])
-            examples, table = stored["examples"], stored["words"]
-            if examples.ndim != 2 or table.shape != (32768,) or table.max() >= examples.shape[1]:
+            examples = stored_array(stored, "examples", (-1, -1))
+            table = stored_array(stored, "words", (COLORS,), "iu")
+            if not examples.size or table.min() < 0 or table.max() >= examples.shape[1]:
                 raise DenseVSError("its color words do not fit together")
             segmenter._model = ObjectModel(
                 ColorWords(examples.shape[1], table),
                 examples,
                 DecisionForest.from_arrays(stored, "pixel"),
                 DecisionForest.from_arrays(stored, "region"),
-                float(stored["expected_score"]),
+                float(stored_array(stored, "expected_score", ())),
             )
         except (KeyError, TypeError, ValueError) as error:
             raise DenseVSError(f"cannot read {path} as {FORMAT}: {error}") from error
@@ -213,6 +215,8 @@ class FewShotSegmenter:
 
 
 def _checked_pairs(images: Sequence[np.ndarray], masks: Sequence[np.ndarray]) -> list[tuple[np.ndarray, np.ndarray]]:
+    if not all(isinstance(ones, (list, tuple, np.ndarray)) for ones in (images, masks)):
+        raise DenseVSError(f"images are a {type(images).__name__} and masks a {type(masks).__name__}; expected lists")
     if len(images) != len(masks) or not len(images):
         raise DenseVSError(f"{len(images)} images and {len(masks)} masks; expected as many of both, at least one")
     pairs = []

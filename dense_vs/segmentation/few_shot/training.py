@@ -1,4 +1,4 @@
-"""What the few-shot segmenter learns from annotated images: a color vocabulary, a forest for pixels, one for regions.
+"""Training of the few-shot segmenter from annotated images: a color vocabulary, a forest for pixels, one for regions.
 
 The second forest predicts how well a candidate region overlaps the object. It must learn with probabilities as
 unsure as new images will have, so each annotated image's come from a first forest that has not seen that image. What
@@ -36,7 +36,7 @@ GOOD_WEIGHT = 150.0  # of an image's good candidates together; a poor one has 1
 
 @dataclass(frozen=True)
 class ObjectModel:
-    """What is known of an object."""
+    """A learned object."""
 
     words: ColorWords
     examples: np.ndarray  # (m, K) histograms of color words, one an annotated image that shows the object

@@ -84,13 +84,18 @@ def run_seed(seed: int, arguments: Any, bar: Any) -> "LeakRun":
         if view.index == end:
             found.transport_view = view
             for name, transport in transports.items():
-                carried, arm = transport.own(), view.robot
-                leaked, lost = (carried & ~arm).sum(), (arm & ~carried).sum()
-                found.transported[name] = (leaked / arm.sum(), lost / arm.sum(), transport.leak())
+                carried = transport.own()
+                found.transported[name] = (*areas_off(carried, view.robot), transport.leak())
                 found.transport_labels[name] = carried
             transports = {}
         bar.update()
     return found
+
+
+def areas_off(carried: np.ndarray, arm: np.ndarray) -> tuple[float, float]:
+    """What a body's J covers beyond the arm and what it lost of it, as shares of its area, from masks ``(H, W)``."""
+    area = float(arm.sum())
+    return float((carried & ~arm).sum()) / area, float((arm & ~carried).sum()) / area
 
 
 def leak_rows(runs: "Sequence[LeakRun]") -> list[Row]:

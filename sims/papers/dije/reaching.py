@@ -40,7 +40,7 @@ class MeasuredReach:
 
 @dataclass
 class Trace:
-    """What happened frame by frame, from the first babbling step on; NaN where there is no point or target yet.
+    """Record of every frame, from the first babbling step on; NaN where there is no point or target yet.
 
     Attributes:
         times: [s]; points, true_points, targets: ``(2,)`` each [px]; estimated, true: J at the point ``(2, N)``.

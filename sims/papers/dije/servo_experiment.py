@@ -1,4 +1,4 @@
-"""What the servo experiments of DIJE section V-B share: a robot that learns J, then brings points to targets.
+"""Common part of the servo experiments of DIJE section V-B: a robot that learns J, then brings points to targets.
 
 As in the paper, images come at 30 frames a second and a joint command every 0.7 s. Unlike the paper's robot, which
 began with J = 0 and the control law, ours babbles first: DIJE (17) commands nothing where J is zero. With muscle-like

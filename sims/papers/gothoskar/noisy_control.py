@@ -76,7 +76,7 @@ def run(arguments: argparse.Namespace) -> list[Row]:
 
 @dataclass
 class _Servo:
-    """What one trial of one controller gave, all px; NaN where it was not asked for."""
+    """Errors of one trial of one controller [px]; NaN where one was not asked for."""
 
     errors: np.ndarray  # (targets, moves + 1)
     floor: float  # that a perfect move leaves

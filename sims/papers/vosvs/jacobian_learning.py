@@ -50,7 +50,7 @@ class Episode:
 
 @dataclass
 class Learning:
-    """What learning one configuration came to.
+    """Result of learning one configuration.
 
     Attributes:
         converged: whether a step response ended at the target.

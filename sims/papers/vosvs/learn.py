@@ -10,6 +10,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from dense_vs.robot.joint_group import JointGroup
+from dense_vs.sims.mobile_manipulator.adapters import ManipulatorRobot
 from dense_vs.sims.mobile_manipulator.annotations import learn_segmenter
 from dense_vs.sims.mobile_manipulator.world import MobileWorld
 from dense_vs.sims.papers.rows import Row
@@ -30,12 +32,16 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 @dataclass
 class Learned:
-    """All updates' outcomes for one configuration and seed, beside the truth of J+ where they ended, its median."""
+    """All updates' outcomes for one configuration and seed, beside the truth of J+ where they ended, its median.
+
+    ``units`` are those of the configuration's joints, ``"rad"`` or ``"m"``.
+    """
 
     one: Configuration
     seed: int
     outcomes: dict[Update, Learning]
     true: np.ndarray
+    units: tuple[str, ...]
 
 
 def run(arguments: argparse.Namespace) -> list[Row]:
@@ -75,7 +81,8 @@ def learn_all(seed: int, responses: int, looks: int, threads: int | None, bar) -
             bar.update()
         truths = [true for outcome in outcomes.values() for true in outcome.true]
         true = np.median(truths, axis=0) if truths else np.full(one.coupling.shape, np.nan)
-        learned.append(Learned(one, seed, outcomes, true))
+        units = JointGroup.of_robot(ManipulatorRobot(world), one.joints).units
+        learned.append(Learned(one, seed, outcomes, true, units))
     return learned
 
 
@@ -118,7 +125,7 @@ def table_rows(learned: list[Learned], seeds: tuple[int, ...]) -> list[Row]:
             feature = int(np.argmax(one.one.coupling[row]))
             by = {u: np.median([other.outcomes[u].pinv[row, feature] for other in same]) for u in Update}
             true = np.median([other.true[row, feature] for other in same])
-            unit = "m/px" if joint in ("arm_lift", "base_forward", "base_lateral") else "rad/px"
+            unit = f"{one.units[row]}/px"
             element = f"{one.one.name}: d{joint}/ds_{'xy'[feature]}"
             rows.append(Row(f"{element}, {Update.GUARDED}", one.one.learned[row], by[Update.GUARDED], unit, seeds))
             rows.append(Row(f"  {Update.FEATUREWISE}", None, by[Update.FEATUREWISE], unit, seeds))

@@ -1,4 +1,4 @@
-"""What an experiment begins with: a world, segmenters, and J+ learned by servoing and kept from then on."""
+"""Start of an experiment: a world, segmenters, and J+ learned by servoing and kept from then on."""
 
 from collections.abc import Sequence
 

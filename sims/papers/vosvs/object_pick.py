@@ -26,7 +26,7 @@ CARRY = 0.72  # m, of the lift while carrying
 
 @dataclass
 class Pick:
-    """What came of one object.
+    """Result of one object.
 
     Attributes:
         trial: finding, centering and depth.

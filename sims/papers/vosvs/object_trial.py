@@ -51,7 +51,7 @@ _NO_SERVO, _NO_DEPTH = ServoScore(False), DepthScore(False)
 
 @dataclass
 class ObjectTrial:
-    """What came of one object.
+    """Result of one object.
 
     Attributes:
         name, support: which object, and the height it rests at [m].

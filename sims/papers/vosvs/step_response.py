@@ -75,10 +75,15 @@ def respond_all(seed: int, threads: int | None, bar) -> list[Response]:
                 max_step=MAX_STEP,
             )
             result = servo.run(20)
-            error = true_centroid(world, one.camera, name) - np.array(one.target)
-            responses.append(Response(one.name, name, seed, result, image, float(np.abs(error).max())))
+            error = true_offset(true_centroid(world, one.camera, name), one.target)
+            responses.append(Response(one.name, name, seed, result, image, error))
             bar.update()
     return responses
+
+
+def true_offset(centroid: np.ndarray, target: tuple[float, float]) -> float:
+    """The larger component of the way from the target s* to the object's true centroid [px]; nan where none is seen."""
+    return float(np.abs(centroid - np.array(target)).max())
 
 
 def table_rows(responses: list[Response], seeds: tuple[int, ...]) -> list[Row]:

@@ -30,7 +30,7 @@ class ServoScore:
 
 @dataclass(frozen=True)
 class TrueView:
-    """What the simulator knows of the view that a depth estimate refers to.
+    """Truth on the view that a depth estimate refers to.
 
     Attributes:
         outline: mean depth of the object's outline [m].

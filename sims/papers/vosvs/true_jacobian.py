@@ -10,7 +10,7 @@ from dense_vs.sims.mobile_manipulator.model import JOINTS
 from dense_vs.sims.mobile_manipulator.world import MobileWorld
 from dense_vs.sims.papers.vosvs.configurations import Configuration
 
-_STEP = {"arm_lift": 0.01, "base_forward": 0.01, "base_lateral": 0.01}  # m; others 0.02 rad
+_STEP = {"m": 0.01, "rad": 0.02}
 
 
 def true_pinv(world: MobileWorld, one: Configuration, name: str) -> np.ndarray:
@@ -22,7 +22,7 @@ def true_pinv(world: MobileWorld, one: Configuration, name: str) -> np.ndarray:
     pinv = np.zeros(one.coupling.shape)
     for row, joint in enumerate(one.joints):
         column = int(np.argmax(one.coupling[row]))
-        step = _STEP.get(joint, 0.02)
+        step = _STEP[world.joint_units[JOINTS.index(joint)]]
         places = []
         for sign in (-1, 1):
             q = start.copy()

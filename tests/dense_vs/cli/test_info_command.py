@@ -3,6 +3,7 @@
 import json
 import os
 
+import numpy as np
 import pytest
 from small_recordings import lerobot_v2
 
@@ -69,14 +70,30 @@ def test_several_episodes_carry_j_on(dataset, tmp_path, capsys):
     assert (one / "report.png").read_bytes().startswith(b"\x89PNG")
 
 
+def test_episodes_side_by_side(dataset, tmp_path, capsys):
+    out = tmp_path / "side"
+    arguments = ["estimate", str(dataset), "--episodes", "all", "--jobs", "2", "--out", str(out), "--no-video"]
+    assert main([*arguments, "--device", "cpu", "--time-offset", "0"]) == 0
+    assert "E after it" in capsys.readouterr().out
+    summaries = json.loads((out / "summary.json").read_text())["episodes"]
+    assert [summary["episode"] for summary in summaries] == [0, 1, 2]
+    alone = tmp_path / "alone"
+    one = ["estimate", str(dataset), "--episode", "2", "--out", str(alone), "--no-video"]
+    assert main([*one, "--device", "cpu", "--time-offset", "0"]) == 0
+    stored = [DenseJacobian.load(f / "jacobian.npz") for f in (alone, out / "results" / "episode_000002" / "out")]
+    np.testing.assert_array_equal(*(np.array(J.jacobian) for J in stored))
+
+
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
         (["info", "{}/nothing"], "does not exist; expected a video file"),
         (["info", "{}", "--camera", "wrist"], "camera 'wrist' is not in"),
-        (["estimate", "{}", "--out", "o", "--episodes", "7:9"], "--episodes is '7:9'; expected A:B"),
-        (["estimate", "{}", "--out", "o", "--episodes", "x"], "--episodes is 'x'; expected A:B"),
+        (["estimate", "{}", "--out", "o", "--episodes", "7:9"], "--episodes is '7:9'; expected all, or A:B"),
+        (["estimate", "{}", "--out", "o", "--episodes", "x"], "--episodes is 'x'; expected all, or A:B"),
         (["estimate", "{}", "--out", "o", "--episodes", "0:2", "--episode", "1"], "expected one of them"),
+        (["estimate", "{}", "--out", "o", "--jobs", "2"], "expected --episodes A:B or all as well"),
+        (["estimate", "{}", "--out", "o", "--jobs", "0"], "--jobs is 0"),
         (["estimate", "{}", "--out", "o", "--time-offset", "soon"], "expected auto or seconds"),
         (["estimate", "{}", "--out", "o", "--start", "no.npz"], "cannot read no.npz"),
         (["estimate", "{}", "--out", "o", "--joints", "kRight*"], "joint 'kRight*' is not in the log"),

@@ -91,7 +91,43 @@ def test_object_that_is_gone():
     world.disc = Disc(np.array([5.0, 5.0]))
     run = loop(world).run(0.1)
     assert not run.held
-    assert {one.check.outcome for one in run.attempts} == {GraspOutcome.LOST}
+    assert [one.check.outcome for one in run.attempts] == [GraspOutcome.LOST]  # not found: nothing to attempt
+    np.testing.assert_allclose(world.q, [0.0, 0.0, 0.31, 0.0], atol=1e-3)
+
+
+@pytest.mark.parametrize("way", [(0.0, 0.17), (-0.2, 0.0), (0.19, -0.16)])
+def test_object_that_is_pushed_out_of_view_is_found_again(way):
+    world = room()
+    close, pushed = world.close, []
+
+    def closing():
+        if not pushed:  # the fingers push it away once
+            pushed.append(True)
+            world.disc.place = world.disc.place + way
+        return close()
+
+    world.close = closing
+    run = loop(world).run(0.1)
+    outcomes = [one.check.outcome for one in run.attempts]
+    assert outcomes == [GraspOutcome.MISSED, GraspOutcome.LOST, GraspOutcome.HELD]
+    assert run.held
+    np.testing.assert_allclose(world.q[:2] + world.axis, world.disc.place, atol=0.01)
+
+
+def test_search_begins_where_the_object_was_last_seen():
+    world = room()
+    place, places, close = world.disc.place, [], world.close
+
+    def closing():
+        world.disc.place = np.array([5.0, 5.0])  # gone for good; from now on the hand looks for it
+        world.before_look = lambda: places.append(world.q[:2].copy())
+        return close()
+
+    world.close = closing
+    run = loop(world).run(0.1)
+    assert [one.check.outcome for one in run.attempts] == [GraspOutcome.MISSED, GraspOutcome.LOST]
+    np.testing.assert_allclose(world.q[:2] + world.axis, place, atol=0.01)  # above where it was, not where it began
+    assert len(np.unique(np.round(places, 4), axis=0)) == 9
 
 
 def test_way_down_ends_at_what_is_in_the_way():
@@ -121,4 +157,8 @@ def test_unknown_joint():
             wrist="wrist",
             base=("forward", "right"),
             pinv=[],
+        )
+    with pytest.raises(DenseVSError, match=r"base is .*expected two joints out of forward, right, lift, wrist"):
+        GraspLoop(
+            world, world, world, world, loop(world).hand, lift="lift", wrist="wrist", base=("forward",), pinv=[[1, 1]]
         )

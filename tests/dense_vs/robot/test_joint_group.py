@@ -50,6 +50,29 @@ def test_refuses_names(names, message):
         JointGroup.choose(names, NAMES)
 
 
+@pytest.mark.parametrize("units", [["rad"], ["rad", "m", "deg"], "rad"])
+def test_refuses_units(units):
+    with pytest.raises(DenseVSError, match=r"units are .*expected 3, each one of rad, m"):
+        JointGroup.choose(None, NAMES, units=units)
+
+
+def test_units_are_those_that_a_robot_tells():
+    class Silent:
+        joint_names, joint_limits = NAMES, None
+
+        def joints(self):
+            return np.zeros(3), 0.0
+
+        def command(self, delta):
+            del delta
+
+    class Telling(Silent):
+        joint_units = ("m", "rad", "rad")
+
+    assert JointGroup.of_robot(Silent()).units == ("rad",) * 3
+    assert JointGroup.of_robot(Telling(), ["elbow", "lift"]).units == ("rad", "m")
+
+
 @pytest.mark.parametrize("limits", [[[0, 1]], [[0, 1], [0, 1], [1, 0]], "none"])
 def test_refuses_limits(limits):
     with pytest.raises(DenseVSError, match=r"joint_limits are .*expected 3 pairs of least and greatest position"):

@@ -58,7 +58,7 @@ def test_a_compliant_robot_starts_at_rest():
 
 def test_readings_have_noise_and_the_truth_has_not():
     world = SimWorld("upper-body", joints=JOINTS, compliance=Compliance(reading_noise=0.01), seed=4, **SMALL)
-    columns = world.scene.model.jnt_qposadr[world.scene.joints]
+    columns = world.scene.model.jnt_qposadr[world.scene.joint_ids]
     errors = []
     for _ in range(60):
         world.step([0.0, 0.0, 0.0])

@@ -105,7 +105,7 @@ def test_refuses_what_is_no_realism():
         SimWorld("planar", realism="much", **SIZE)
 
 
-def learnt(late, **options):
+def learned(late, **options):
     """Loop and median error of J after 8 s of babbling with readings that many frames late."""
     realism = Realism(**{**NOTHING, "late_frames": late})
     world = SimWorld("planar", seed=5, device="cpu", height=120, width=160, realism=realism)
@@ -114,10 +114,10 @@ def learnt(late, **options):
 
 
 def test_the_loop_finds_how_late_readings_are_and_learns_as_well():
-    on_time, least = learnt(0)
+    on_time, least = learned(0)
     assert on_time.joint_delay == 0.0
-    _, unaware = learnt(1, joint_delay=0.0)
+    _, unaware = learned(1, joint_delay=0.0)
     for late in (1, 2):
-        loop, error = learnt(late)
+        loop, error = learned(late)
         assert loop.joint_delay * 30 == pytest.approx(late, abs=0.3)
         assert error < min(1.3 * least, 0.8 * unaware)

@@ -1,4 +1,4 @@
-"""Several rays a pixel: the mean colour of a finer image, and the truth of the pixel's centre all the same."""
+"""Several rays a pixel: the mean color of a finer image, and the truth of the pixel's center all the same."""
 
 import numpy as np
 import pytest
@@ -28,7 +28,7 @@ def finer_mean(world, samples):
 
 
 @pytest.mark.parametrize("samples", [2, 3])
-def test_colour_is_the_mean_of_a_finer_image(samples):
+def test_color_is_the_mean_of_a_finer_image(samples):
     world = SimWorld("planar", seed=4, samples=samples, **SIZE)
     fine = SimWorld("planar", seed=4, device="cpu", height=24 * samples, width=32 * samples)
     for each in (world, fine):

@@ -63,7 +63,7 @@ def test_jacobian_is_that_of_mj_jac(world):
     jacobian = world.true_jacobian()
     assert jacobian.shape == (*frame.ids.shape, 2, len(world.joint_names))
     assert jacobian.dtype == np.float32
-    columns = model.jnt_dofadr[world.scene.joints]
+    columns = model.jnt_dofadr[world.scene.joint_ids]
     _, rotation = camera(world, state)
     K = world.intrinsics
     of_point, of_camera = np.zeros((3, model.nv)), np.zeros((3, model.nv))
@@ -84,7 +84,7 @@ def test_jacobian_is_the_derivative_of_the_image(world):
     jacobian, step = world.true_jacobian(), 1e-5
     pixels = some_pixels(world, 100)
     surface = [surface_in_geom(world, state, frame, pixel) for pixel in pixels]
-    for n, joint in enumerate(world.scene.joints):
+    for n, joint in enumerate(world.scene.joint_ids):
         images = []
         for sign in (-1.0, 1.0):
             shifted = copied_state(world)

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from dense_vs.errors import DenseVSError
+from dense_vs.robot import JointGroup
 from dense_vs.sims import FRAME_SECONDS, SimCamera, SimRobot, SimWorld
 
 SMALL = {"device": "cpu", "height": 24, "width": 32}
@@ -87,6 +88,7 @@ def test_chosen_joints_of_a_file(eye_in_hand_file):
     assert world.joint_names == ("roll", "slide", "finger")
     # Joint range, and control range over the gear of 2; a hinge without limits.
     np.testing.assert_allclose(world.joint_limits, [[-np.inf, np.inf], [-0.25, 0.3], [-np.inf, np.inf]])
+    assert world.joint_units == ("rad", "m", "rad")
     start, _ = world.joints()
     np.testing.assert_allclose(start, [-0.1, 0.05, 0.2], atol=1e-9)  # its keyframe
     world.step([0.02, 0.01, -0.02])
@@ -174,6 +176,7 @@ def test_camera_and_robot_of_a_world(small):
     camera, robot = SimCamera(small), SimRobot(small)
     assert robot.joint_names == small.joint_names
     np.testing.assert_array_equal(robot.joint_limits, small.joint_limits)
+    assert JointGroup.of_robot(robot).units == ("rad",) * 3
     image, time = camera.read()
     assert (image.shape, image.dtype, time) == ((24, 32, 3), np.uint8, 0.0)
     robot.command([0.01, 0.0, 0.0])

@@ -109,6 +109,9 @@ def test_camera_and_robot_are_what_the_algorithms_know(room):
     robot.command(np.full(10, 0.01))
     assert robot.joints()[1] > time
     assert np.all(np.diff(robot.joint_limits, axis=1) > 0)
+    meters = [name for name, unit in zip(robot.joint_names, robot.joint_units, strict=True) if unit == "m"]
+    assert set(meters) == {"arm_lift", "base_forward", "base_lateral"}
+    assert set(robot.joint_units) == {"rad", "m"}
     with pytest.raises(DenseVSError, match="10 finite numbers"):
         robot.command(np.full(10, np.nan))
     with pytest.raises(DenseVSError, match="expected one of 'head', 'grasp'"):

@@ -151,7 +151,11 @@ def test_learn_rows():
     one = next(config for config in CONFIGURATIONS if config.name == "arm both")
     pinv, true = [[-0.0004, 0], [-0.001, 0], [0, 0.003]], np.array([[-0.0008, 0], [-0.002, 0], [0, 0.004]])
     outcomes = {update: learning(pinv, update is not Update.ORIGINAL) for update in Update}
-    rows = {row.name: row.ours for row in learn.table_rows([learn.Learned(one, 4, outcomes, true)], (4,))}
+    found = learn.table_rows([learn.Learned(one, 4, outcomes, true, ("m", "rad", "rad"))], (4,))
+    rows = {row.name: row.ours for row in found}
+    units = {row.name: row.unit for row in found}
+    assert units["arm both: darm_lift/ds_x, (11), denominator guarded"] == "m/px"
+    assert units["arm both: darm_roll/ds_y, (11), denominator guarded"] == "rad/px"
     assert rows["converged of 7, (11), denominator guarded"] == 1
     assert rows["converged of 7, original Broyden"] == 0
     assert rows["steps taken back, (11) as printed"] == 3
@@ -169,7 +173,7 @@ def test_learning_is_drawn(tmp_path):
     ways = [Episode(end, np.array([[10.0, 20.0], [300.0, 200.0]]), [], [image] * 2, [mask] * 2) for end in ENDS]
     pinv = np.array([[0.001, 0.0], [0.0, 0.001]])
     outcomes = {one: Learning(True, 9, 20, 1, 3, pinv, np.stack([pinv, 2 * pinv]), ways) for one in Update}
-    draw_learning([learn.Learned(base, 4, outcomes, 2 * pinv)], tmp_path)
+    draw_learning([learn.Learned(base, 4, outcomes, 2 * pinv, ("m", "m"))], tmp_path)
     assert until_converged(ways) == ways[:2]
     for name in ("learn.png", "learn_view.png"):
         drawn = cv2.imread(str(tmp_path / name))

@@ -1,0 +1,312 @@
+"""A body that is known everywhere: its links, axes and surface, learned from a video and joint readings.
+
+model = BodyModel.fit(images, joints)
+J = model.jacobian(q)                       # of every pixel, at any posture, without an image
+place = model.trace(pixel, q_seen, q)       # where a point of the body will be
+
+Joins what DIJE has, J at every pixel without markers, to what Gothoskar et al. have, one model for all postures (beyond
+both papers). Lengths are in a unit of the model's own, as one camera's images leave the scale open.
+"""
+
+import os
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from dense_vs.arrays import points_array, real_vector
+from dense_vs.body_model.chain import BACKGROUND, Chain
+from dense_vs.body_model.fit import BodyFit, FitOptions, fit_body
+from dense_vs.body_model.model_file import ModelContent, read_body, write_body
+from dense_vs.body_model.splat import front_points
+from dense_vs.body_model.surface import Surface, SurfaceOptions, find_surface
+from dense_vs.body_model.tracks import PointTracks, TrackOptions, follow_points, moving_pixels
+from dense_vs.errors import DenseVSError
+
+BESIDE = 3  # px off the body at which a pixel still counts as on it where points are traced
+
+
+@dataclass(frozen=True)
+class BodyPoints:
+    """The surface at a posture, P points.
+
+    Attributes:
+        pixels: ``(P, 2)`` x, y [px]; may lie outside of the image.
+        depths: ``(P,)`` along the optical axis, in the model's unit.
+        links: ``(P,)`` the joint behind which each stands.
+        visible: bool ``(P,)``: inside the image and not covered by the body itself.
+        support: ``(P,)`` share of the keyframes that agree on it, 0 to 1.
+    """
+
+    pixels: np.ndarray
+    depths: np.ndarray
+    links: np.ndarray
+    visible: np.ndarray
+    support: np.ndarray
+
+
+@dataclass(frozen=True)
+class BodyImage:
+    """What a camera sees of the body at a posture.
+
+    Attributes:
+        points: ``(H, W)`` index of the surface point at each pixel, -1 where there is none.
+        links: ``(H, W)`` link, -1 off the body.
+        depths: ``(H, W)`` in the model's unit, infinite off the body.
+    """
+
+    points: np.ndarray
+    links: np.ndarray
+    depths: np.ndarray
+
+    @property
+    def body(self) -> np.ndarray:
+        """Bool ``(H, W)``, the pixels of the body."""
+        return self.links != BACKGROUND
+
+
+class BodyModel:
+    """Links, lines of the joints, camera and surface of a body with N joints.
+
+    Made by :meth:`fit` or :meth:`load`.
+
+    Attributes:
+        chain: the joints' lines in the home posture.
+        focal_length: of the camera [px].
+        center: principal point (x, y) [px].
+        size: (height, width) of the image [px].
+        surface: points on links.
+        learned: bool ``(N,)``; joints that moved too little to be learned have no part in the model.
+        joint_range: ``(N, 2)`` lowest and highest position seen while learning [rad].
+        error: median distance between tracks and model [px].
+    """
+
+    def __init__(self, content: ModelContent):
+        self.chain: Chain = content.chain
+        self.focal_length = content.focal_length
+        self.center = content.center
+        self.size = content.size
+        self.surface: Surface = content.surface
+        self.learned = content.learned
+        self.joint_range = content.joint_range
+        self.error = content.error
+
+    @classmethod
+    def fit(
+        cls,
+        images: Sequence[np.ndarray] | np.ndarray,
+        joints: Any,
+        *,
+        tracks: PointTracks | None = None,
+        track_options: TrackOptions | None = None,
+        fit_options: FitOptions | None = None,
+        surface_options: SurfaceOptions | None = None,
+    ) -> "BodyModel":
+        """Learn a body.
+
+        Args:
+            images: K gray images uint8 ``(H, W)``, in order of time, of a camera that stands still.
+            joints: ``(K, N)`` joint positions of the images [rad].
+            tracks: points that were followed already; followed here if not given.
+            track_options, fit_options, surface_options: as given, or the defaults.
+
+        Raises:
+            DenseVSError: images or joints that do not fit each other, too little that moves, or no body that fits.
+        """
+        followed = track_options or TrackOptions()
+        q = real_vector(joints, "joints", (len(images), -1))
+        if tracks is None:
+            tracks = follow_points(images, q, followed)
+        elif tracks.size != np.shape(images[0]) or tracks.joints.shape[1] != q.shape[1]:
+            raise DenseVSError(
+                f"tracks are of images {tracks.size} and {tracks.joints.shape[1]} joints; "
+                f"expected {np.shape(images[0])} and {q.shape[1]}"
+            )
+        found = fit_body(tracks, fit_options)
+        looked = [np.ascontiguousarray(images[k]) for k in range(0, len(images), followed.stride)]
+        return cls.from_fit(found, looked, q[:: followed.stride], surface_options)
+
+    @classmethod
+    def from_fit(
+        cls,
+        found: BodyFit,
+        images: Sequence[np.ndarray],
+        joints: np.ndarray,
+        options: SurfaceOptions | None = None,
+    ) -> "BodyModel":
+        """The model of a fit that is done, with the surface that some images show.
+
+        Args:
+            found: lines, camera and points.
+            images: gray images uint8 ``(H, W)``.
+            joints: ``(K, N)`` of these images [rad].
+            options: of the surface, as given, or the defaults.
+        """
+        state = found.state
+        anchors = state.points, found.links
+        surface = find_surface(
+            state.chain, state.focal, found.center, images, joints, moving_pixels(images), anchors, options
+        )
+        joint_range = np.stack([joints.min(axis=0), joints.max(axis=0)], axis=1)
+        size = found.tracks.size
+        return cls(
+            ModelContent(state.chain, state.focal, found.center, size, surface, found.learned, joint_range, found.error)
+        )
+
+    @property
+    def joint_count(self) -> int:
+        """N."""
+        return self.chain.joint_count
+
+    def image(self, q: Any) -> BodyImage:
+        """Which point of the body is at every pixel at a posture ``(N,)`` [rad]."""
+        positions = self._positions(self._posture(q, "q"))
+        front = front_points(self._project(positions), positions[:, 2], self.size)
+        body = front >= 0
+        return BodyImage(
+            front,
+            np.where(body, self.surface.links[front], BACKGROUND),
+            np.where(body, positions[front, 2], np.inf),
+        )
+
+    def jacobian(self, q: Any) -> np.ndarray:
+        """J at a posture ``(N,)`` [rad], float32 ``(H, W, 2, N)`` [px/rad]; 0 off the body."""
+        return self.known(q)[0]
+
+    def known(self, q: Any) -> tuple[np.ndarray, np.ndarray]:
+        """J at a posture ``(N,)`` [rad], float32 ``(H, W, 2, N)`` [px/rad], and the body's pixels, bool ``(H, W)``."""
+        posture = self._posture(q, "q")
+        positions = self._positions(posture)
+        front = front_points(self._project(positions), positions[:, 2], self.size)
+        J = np.zeros((*self.size, 2, self.joint_count), np.float32)
+        body = front >= 0
+        J[body] = self._point_jacobians(posture, positions[front[body]], self.surface.links[front[body]])
+        return J, body
+
+    def flow(self, q: Any, dq: Any) -> np.ndarray:
+        """Flow, float32 ``(H, W, 2)`` [px], stored at the pixels of the posture ``q`` that was reached by ``dq``.
+
+        It is that of the whole turn, not J dq: ``x - flow(x)`` is where the point at x was at ``q - dq``.
+        """
+        posture, step = self._posture(q, "q"), self._posture(dq, "dq")
+        now = self._positions(posture)
+        before = self._positions(posture - step)
+        places = self._project(now)
+        front = front_points(places, now[:, 2], self.size)
+        flow = np.zeros((*self.size, 2), np.float32)
+        body = front >= 0
+        flow[body] = (places - self._project(before))[front[body]]
+        return flow
+
+    def points(self, q: Any) -> BodyPoints:
+        """All points of the surface at a posture ``(N,)`` [rad], hidden ones too."""
+        positions = self._positions(self._posture(q, "q"))
+        places = self._project(positions)
+        front = front_points(places, positions[:, 2], self.size)
+        height, width = self.size
+        u, v = np.rint(np.clip(places, -1, max(self.size))).astype(int).T
+        inside = (u >= 0) & (u < width) & (v >= 0) & (v < height) & (positions[:, 2] > 0)
+        depth = np.where(front >= 0, positions[front, 2], np.inf)
+        visible = inside.copy()
+        visible[inside] = positions[inside, 2] <= depth[v[inside], u[inside]] * 1.02
+        return BodyPoints(places, positions[:, 2], self.surface.links, visible, self.surface.support)
+
+    def trace(self, pixels: Any, q_seen: Any, q: Any) -> np.ndarray:
+        """Where the body's points that are at some pixels at one posture are at another.
+
+        Args:
+            pixels: ``(K, 2)`` x, y [px].
+            q_seen: ``(N,)`` the posture in which they are there [rad].
+            q: ``(N,)`` the other posture [rad].
+
+        Returns:
+            ``(K, 2)`` [px], NaN for a pixel that is more than 3 px off the body. One beside it, as the model's outline
+            is not exact, goes with the nearest pixel of the body.
+        """
+        places = points_array(pixels, "pixels")
+        there = self.image(q_seen)
+        index = _nearest_point(there.points, places)
+        found = np.full((len(places), 2), np.nan)
+        on_body = index >= 0
+        if on_body.any():
+            found[on_body] = self._moved(places[on_body], index[on_body], q_seen, q)
+        return found
+
+    def save(self, path: str | os.PathLike[str]) -> None:
+        """Write an ``.npz`` file, whole or not at all.
+
+        Raises:
+            DenseVSError: the file cannot be written.
+        """
+        write_body(
+            path,
+            ModelContent(
+                self.chain, self.focal_length, self.center, self.size, self.surface, self.learned, self.joint_range,
+                self.error,
+            ),
+        )  # fmt: skip
+
+    @classmethod
+    def load(cls, path: str | os.PathLike[str]) -> "BodyModel":
+        """Read what :meth:`save` wrote.
+
+        Raises:
+            DenseVSError: not such a file, another version of it, or damaged.
+        """
+        return cls(read_body(path))
+
+    def _posture(self, q: Any, name: str) -> np.ndarray:
+        return real_vector(q, name, (self.joint_count,))
+
+    def _positions(self, q: np.ndarray) -> np.ndarray:
+        """The surface's points ``(P, 3)`` in the camera frame."""
+        rotation, translation = self.chain.link_poses(q[None])
+        positions = np.empty_like(self.surface.points)
+        for link in np.unique(self.surface.links):
+            on = self.surface.links == link
+            positions[on] = self.surface.points[on] @ rotation[0, link].T + translation[0, link]
+        return positions
+
+    def _project(self, positions: np.ndarray) -> np.ndarray:
+        depth = np.where(positions[:, 2:] > 1e-6, positions[:, 2:], np.nan)
+        return np.nan_to_num(self.focal_length * positions[:, :2] / depth + self.center, nan=-1e6)
+
+    def _point_jacobians(self, q: np.ndarray, positions: np.ndarray, links: np.ndarray) -> np.ndarray:
+        """J ``(P, 2, N)`` [px/rad] of points on links in the camera frame, the interaction matrix times the screws."""
+        axes, moments = self.chain.screws(q)
+        # w x X for all joints by one product: X' [-w]x.
+        cross = np.zeros((3, self.joint_count, 3))
+        for n, (wx, wy, wz) in enumerate(axes):
+            cross[:, n] = [[0, wz, -wy], [-wz, 0, wx], [wy, -wx, 0]]
+        velocity = (positions @ cross.reshape(3, -1)).reshape(len(positions), -1, 3) + moments
+        J = np.empty((len(positions), 2, self.joint_count), np.float32)
+        scale = self.focal_length / positions[:, 2]
+        normal = positions[:, :2] / positions[:, 2:]
+        moved_by = self.chain.moved_by[links] & self.learned
+        for row in range(2):
+            J[:, row] = (velocity[..., row] - normal[:, row, None] * velocity[..., 2]) * scale[:, None] * moved_by
+        return J
+
+    def _moved(self, places: np.ndarray, index: np.ndarray, q_seen: Any, q: Any) -> np.ndarray:
+        """Places at ``q`` of pixels at ``q_seen``, each at its surface point's depth and on its link."""
+        links = self.surface.links[index]
+        both = np.stack([self._posture(q_seen, "q_seen"), self._posture(q, "q")])
+        rotation, translation = self.chain.link_poses(both)
+        seen = self._positions(both[0])[index]
+        rays = np.column_stack([(places - self.center) / self.focal_length, np.ones(len(places))])
+        home = np.einsum("pji,pj->pi", rotation[0, links], rays * seen[:, 2:] - translation[0, links])
+        return self._project(np.einsum("pij,pj->pi", rotation[1, links], home) + translation[1, links])
+
+
+def _nearest_point(points: np.ndarray, places: np.ndarray) -> np.ndarray:
+    """Index of the surface point ``(K,)`` at or next to each place ``(K, 2)`` [px], -1 where none is near."""
+    height, width = points.shape
+    offsets = [(x, y) for x in range(-BESIDE, BESIDE + 1) for y in range(-BESIDE, BESIDE + 1)]
+    offsets = sorted((o for o in offsets if o[0] ** 2 + o[1] ** 2 <= BESIDE**2), key=lambda o: o[0] ** 2 + o[1] ** 2)
+    u, v = np.rint(np.clip(places, -2 * BESIDE, 2 * max(height, width))).astype(int).T
+    index = np.full(len(places), -1)
+    for x, y in offsets:
+        inside = (index < 0) & (u + x >= 0) & (u + x < width) & (v + y >= 0) & (v + y < height)
+        index[inside] = points[v[inside] + y, u[inside] + x]
+    return index

@@ -1,0 +1,124 @@
+"""A body model as an ``.npz`` file: its arrays by name, readable without pickle."""
+
+import os
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from dense_vs.body_model.chain import Chain, tree_order
+from dense_vs.body_model.surface import Surface
+from dense_vs.errors import DenseVSError
+from dense_vs.files import atomic_write, read_arrays
+
+FORMAT = "dense-vs body model"
+FORMAT_VERSION = 1
+
+
+@dataclass
+class ModelContent:
+    """What a file holds; see :class:`.model.BodyModel`."""
+
+    chain: Chain
+    focal_length: float
+    center: tuple[float, float]
+    size: tuple[int, int]
+    surface: Surface
+    learned: np.ndarray
+    joint_range: np.ndarray
+    error: float
+
+
+def write_body(path: str | os.PathLike[str], content: ModelContent) -> None:
+    """Write a file, whole or not at all.
+
+    Raises:
+        DenseVSError: the file cannot be written.
+    """
+    chain, surface = content.chain, content.surface
+    arrays: dict[str, Any] = {
+        "format": FORMAT,
+        "format_version": FORMAT_VERSION,
+        "axes": chain.axes,
+        "points": chain.points,
+        "home": chain.home,
+        "parents": chain.parents,
+        "focal_length": content.focal_length,
+        "center": np.array(content.center),
+        "size": np.array(content.size),
+        "learned": content.learned,
+        "joint_range": content.joint_range,
+        "error": content.error,
+        "surface_points": surface.points.astype(np.float32),
+        "surface_links": surface.links.astype(np.int16),
+        "surface_support": surface.support.astype(np.float32),
+        "surface_gray": surface.gray,
+    }
+    with atomic_write(path) as stream:
+        np.savez_compressed(stream, **arrays)
+
+
+def read_body(path: str | os.PathLike[str]) -> ModelContent:
+    """Read what :func:`write_body` wrote.
+
+    Raises:
+        DenseVSError: not such a file, another version of it, or damaged.
+    """
+    arrays = read_arrays(path, "a saved body model")
+    if str(arrays.get("format")) != FORMAT:
+        raise DenseVSError(f"{path} is not a saved body model; expected a file that BodyModel.save wrote")
+    if str(arrays.get("format_version")) != str(FORMAT_VERSION):
+        raise DenseVSError(f"{path} has format version {arrays.get('format_version')}; expected {FORMAT_VERSION}")
+    try:
+        _check(arrays, str(path))
+        chain = Chain(*(arrays[name] for name in ("axes", "points", "home", "parents")))
+        tree_order(chain.parents)
+        surface = Surface(
+            arrays["surface_points"].astype(np.float64),
+            arrays["surface_links"].astype(int),
+            arrays["surface_support"].astype(np.float64),
+            arrays["surface_gray"],
+        )
+        x, y = arrays["center"]
+        height, width = arrays["size"]
+        return ModelContent(
+            chain,
+            float(arrays["focal_length"]),
+            (float(x), float(y)),
+            (int(height), int(width)),
+            surface,
+            arrays["learned"],
+            arrays["joint_range"],
+            float(arrays["error"]),
+        )
+    except (KeyError, ValueError, TypeError) as error:
+        raise DenseVSError(f"{path} is damaged: {error}") from error
+
+
+def _check(arrays: dict[str, np.ndarray], path: str) -> None:
+    joints, points = len(arrays["axes"]), len(arrays["surface_points"])
+    shapes = {
+        "axes": (joints, 3),
+        "points": (joints, 3),
+        "home": (joints,),
+        "parents": (joints,),
+        "focal_length": (),
+        "center": (2,),
+        "size": (2,),
+        "learned": (joints,),
+        "joint_range": (joints, 2),
+        "error": (),
+        "surface_points": (points, 3),
+        "surface_links": (points,),
+        "surface_support": (points,),
+        "surface_gray": (points,),
+    }
+    for name, shape in shapes.items():
+        array = arrays[name]
+        if array.shape != shape or array.dtype.kind not in "biuf" or not np.isfinite(array).all():
+            raise DenseVSError(f"{path} is damaged: {name} has shape {array.shape}; expected finite numbers {shape}")
+    links = arrays["surface_links"]
+    if points and not (links.min() >= 0 and links.max() < joints):
+        raise DenseVSError(f"{path} is damaged: surface_links reach {links.max()}; expected 0 to {joints - 1}")
+    if not (arrays["focal_length"] > 0 and (arrays["size"] > 0).all()):
+        raise DenseVSError(f"{path} is damaged: focal length or size is not positive")

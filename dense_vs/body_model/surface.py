@@ -1,0 +1,169 @@
+"""The body's visible surface as points on links, from some keyframes of a recording.
+
+Every keyframe gives a link and a depth for each of its pixels (``link_sweep``, ``label_field``). Its points are then
+looked at from the other keyframes: a point that another one sees through, or sees on another link, is a mistake of one
+of them, and the majority decides.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from dense_vs.body_model.chain import BACKGROUND, Chain
+from dense_vs.body_model.label_field import choose_hypotheses
+from dense_vs.body_model.link_sweep import depth_hypotheses, link_costs
+from dense_vs.checks import check_number, check_whole
+
+_MARGIN = 4  # px around what moves
+_CUBE = 1.2  # px, side of the cubes that keep a point each
+
+
+@dataclass(frozen=True, kw_only=True)
+class SurfaceOptions:
+    """How the surface is found.
+
+    Attributes:
+        keyframes: how many, spread over the recording.
+        compared: images that each is compared with.
+        reach: images before and after a keyframe among which these are.
+        depth_steps: hypotheses a link.
+        same_depth: share of its depth by which two keyframes' points of one place may differ.
+    """
+
+    keyframes: int = 5
+    compared: int = 14
+    reach: int = 40
+    depth_steps: int = 10
+    same_depth: float = 0.08
+
+    def __post_init__(self):
+        for name, least in (("keyframes", 1), ("compared", 2), ("reach", 2), ("depth_steps", 2)):
+            check_whole(name, getattr(self, name), least=least)
+        check_number("same_depth", self.same_depth, above=0, below=1)
+
+
+@dataclass(frozen=True)
+class Surface:
+    """P points.
+
+    Attributes:
+        points: ``(P, 3)`` in the home posture, camera frame.
+        links: ``(P,)``.
+        support: ``(P,)`` share of the keyframes that saw the place and agree, 0 to 1.
+        gray: uint8 ``(P,)``, what they look like.
+    """
+
+    points: np.ndarray
+    links: np.ndarray
+    support: np.ndarray
+    gray: np.ndarray
+
+
+@dataclass(frozen=True)
+class _View:
+    """What a keyframe says: link ``(H, W)``, depth ``(H, W)``, infinite for the background."""
+
+    index: int
+    links: np.ndarray
+    depths: np.ndarray
+
+
+def find_surface(
+    chain: Chain,
+    focal: float,
+    center: tuple[float, float],
+    images: Sequence[np.ndarray],
+    joints: np.ndarray,
+    moving: np.ndarray,
+    anchors: tuple[np.ndarray, np.ndarray],
+    options: SurfaceOptions | None = None,
+) -> Surface:
+    """The surface that the images show.
+
+    Args:
+        chain, focal, center: lines and camera.
+        images: K gray images uint8 ``(H, W)``.
+        joints: ``(K, N)`` [rad].
+        moving: bool ``(H, W)``, pixels that change at all.
+        anchors: points ``(M, 3)`` in the home posture and their links ``(M,)``, between whose depths is searched.
+        options: as given, or the defaults.
+    """
+    options = options or SurfaceOptions()
+    count = len(images)
+    indices = np.unique(np.linspace(0, count - 1, options.keyframes + 2).round().astype(int)[1:-1])
+    views = [_look(chain, focal, center, images, joints, moving, anchors, int(k), options) for k in indices]
+    parts = [_vote(chain, focal, center, images, joints, view, views, options.same_depth) for view in views]
+    names = ("points", "links", "support", "gray")
+    return _thinned(Surface(*(np.concatenate([getattr(p, name) for p in parts]) for name in names)), focal)
+
+
+def _thinned(surface: Surface, focal: float) -> Surface:
+    """One point, the best supported one, in every cube about as wide as a pixel at the median depth."""
+    if not len(surface.links):
+        return surface
+    side = _CUBE * float(np.median(surface.points[:, 2])) / focal
+    cells = np.column_stack([np.floor(surface.points / side).astype(np.int64), surface.links])
+    order = np.argsort(-surface.support, kind="stable")
+    _, first = np.unique(cells[order], axis=0, return_index=True)
+    kept = np.sort(order[first])
+    return Surface(surface.points[kept], surface.links[kept], surface.support[kept], surface.gray[kept])
+
+
+def _look(chain, focal, center, images, joints, moving, anchors, index, options: SurfaceOptions) -> _View:
+    """Link and depth of every pixel of a keyframe."""
+    near = np.arange(max(0, index - options.reach), min(len(images), index + options.reach + 1))
+    others = np.unique(np.linspace(0, len(near) - 1, options.compared).round().astype(int))
+    others = [int(k) for k in near[others] if k != index]
+    points, links = anchors
+    rotation, translation = chain.link_poses(joints[index : index + 1])
+    depths = {}
+    for link in np.unique(links):
+        here = (points[links == link] @ rotation[0, link].T + translation[0, link])[:, 2]
+        depths[int(link)] = here
+    hypotheses = depth_hypotheses(depths, options.depth_steps)
+    box = _box(moving)
+    cost = link_costs(chain, focal, center, images, joints, index, others, hypotheses, box)
+    best = choose_hypotheses(cost, images[index][box], hypotheses)
+    where, far = np.full(moving.shape, BACKGROUND), np.full(moving.shape, np.inf)
+    where[box] = hypotheses.links[best]
+    far[box] = 1 / hypotheses.inverse_depths[best]
+    far[where == BACKGROUND] = np.inf
+    return _View(index, where, far)
+
+
+def _box(moving: np.ndarray) -> tuple[slice, slice]:
+    """Rows and columns around the pixels that move."""
+    sides = []
+    for axis, size in ((1, moving.shape[0]), (0, moving.shape[1])):
+        where = np.flatnonzero(moving.any(axis=axis))
+        first, last = (where[0], where[-1]) if len(where) else (0, size - 1)
+        sides.append(slice(max(0, int(first) - _MARGIN), min(size, int(last) + _MARGIN + 1)))
+    return sides[0], sides[1]
+
+
+def _vote(chain, focal, center, images, joints, view: _View, views: list[_View], same_depth: float) -> Surface:
+    """The points of a keyframe that the others do not outvote."""
+    y, x = np.nonzero(view.links != BACKGROUND)
+    links = view.links[y, x]
+    rays = np.column_stack([(x - center[0]) / focal, (y - center[1]) / focal, np.ones(len(x))])
+    rotation, translation = chain.link_poses(joints[[one.index for one in (view, *views)]])
+    here = rays * view.depths[y, x][:, None]
+    points = np.einsum("pji,pj->pi", rotation[0, links], here - translation[0, links])
+    agree, differ = np.ones(len(x)), np.zeros(len(x))
+    height, width = view.links.shape
+    for order, other in enumerate(views, start=1):
+        if other.index == view.index:
+            continue
+        there = np.einsum("pij,pj->pi", rotation[order, links], points) + translation[order, links]
+        u = np.rint(focal * there[:, 0] / there[:, 2] + center[0]).astype(int)
+        v = np.rint(focal * there[:, 1] / there[:, 2] + center[1]).astype(int)
+        inside = (there[:, 2] > 0) & (u >= 0) & (u < width) & (v >= 0) & (v < height)
+        u, v = np.where(inside, u, 0), np.where(inside, v, 0)
+        ratio = other.depths[v, u] / there[:, 2]
+        covered = ratio < 1 - same_depth
+        same = (np.abs(ratio - 1) <= same_depth) & (other.links[v, u] == links)
+        agree += inside & same
+        differ += inside & ~same & ~covered
+    kept = agree > differ
+    return Surface(points[kept], links[kept], (agree / (agree + differ))[kept], images[view.index][y, x][kept])

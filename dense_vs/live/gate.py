@@ -1,0 +1,149 @@
+"""The page's gate: the last thing that a command passes before the robot, closed unless everything allows motion.
+
+Any thread may close it, and a command that was computed before then goes no further: it becomes a zero step. So a stop
+takes effect within the frame that is being worked on. Opening takes somebody in control; a speed limit and the joint
+limits hold for every command that passes.
+"""
+
+import threading
+import time
+from collections.abc import Callable, Sequence
+
+import numpy as np
+
+from dense_vs.checks import check_number
+from dense_vs.robot.joint_group import checked_limits
+from dense_vs.robot.protocols import Robot
+
+DEFAULT_SPEED = 1.0  # rad/s
+LONGEST_STEP = 0.1  # s; a frame that took longer allows no larger step
+HOLD_SECONDS = 0.4  # a dead-man's hold is fresh for so long
+
+
+class PageGate:
+    """Decides what reaches the robot.
+
+    Args:
+        max_speed: of any joint [rad/s, m/s].
+        clock: seconds, for the dead-man's hold.
+
+    Attributes:
+        reason: why it is closed, for the user; "" where it is open.
+        dead_man: whether commands pass only while :meth:`hold` is called again and again.
+    """
+
+    def __init__(self, max_speed: float = DEFAULT_SPEED, *, clock: Callable[[], float] = time.monotonic):
+        self._lock = threading.Lock()
+        self._clock = clock
+        self._open = False
+        self._held_until = -np.inf
+        self._max_speed = check_number("max_speed", max_speed, above=0)
+        self.dead_man = False
+        self.reason = "not started"
+
+    @property
+    def max_speed(self) -> float:
+        """Largest speed of a joint [rad/s, m/s]."""
+        return self._max_speed
+
+    @max_speed.setter
+    def max_speed(self, value: float) -> None:
+        self._max_speed = check_number("max_speed", value, above=0)
+
+    @property
+    def open(self) -> bool:
+        """Whether motion is allowed, a dead-man's hold aside."""
+        return self._open
+
+    @property
+    def passing(self) -> bool:
+        """Whether a command would pass now."""
+        return self._open and (not self.dead_man or self._clock() < self._held_until)
+
+    def allow(self) -> None:
+        """Open: somebody in control asked for motion."""
+        with self._lock:
+            self._open, self.reason = True, ""
+
+    def close(self, reason: str) -> bool:
+        """Stop commands from now on; whether it was open. The first reason stays."""
+        with self._lock:
+            was_open, self._open = self._open, False
+            if was_open or not self.reason:
+                self.reason = reason
+            return was_open
+
+    def hold(self) -> None:
+        """The dead-man's key is held now; counts for :data:`HOLD_SECONDS`."""
+        self._held_until = self._clock() + HOLD_SECONDS
+
+    def release(self) -> None:
+        """The dead-man's key is up."""
+        self._held_until = -np.inf
+
+    def passed(self, delta: np.ndarray, positions: np.ndarray, limits: np.ndarray, seconds: float) -> np.ndarray:
+        """What of a joint step ``(N,)`` reaches the robot.
+
+        Args:
+            delta: the step [rad, m].
+            positions: ``(N,)`` where the joints are.
+            limits: ``(N, 2)``; a joint beyond its limit may come back, not go further out.
+            seconds: since the last command, for the speed limit.
+        """
+        if not self.passing or not np.isfinite(delta).all():
+            return np.zeros(len(delta))
+        most = self._max_speed * min(seconds, LONGEST_STEP)
+        step = delta / max(1.0, float(np.abs(delta).max(initial=0.0)) / most)
+        room = limits - positions[:, None]
+        return np.clip(step, np.minimum(room[:, 0], 0.0), np.maximum(room[:, 1], 0.0))
+
+
+class GatedRobot:
+    """A robot behind a gate: readings pass, commands as the gate allows.
+
+    Args:
+        robot: the robot.
+        gate: its gate.
+
+    Attributes:
+        last_command: ``(N,)`` what was passed to the robot last [rad, m].
+        frame_seconds: time between commands, for the speed limit [s]; the session keeps it.
+        reading_time: stamp of the last joint reading [s].
+    """
+
+    def __init__(self, robot: Robot, gate: PageGate):
+        self._robot, self._gate = robot, gate
+        count = len(robot.joint_names)
+        self._limits = checked_limits(robot.joint_limits, count)
+        self._positions = np.zeros(count)
+        self.last_command = np.zeros(count)
+        self.frame_seconds = 1 / 30
+        self.reading_time = -np.inf
+
+    @property
+    def joint_names(self) -> Sequence[str]:
+        """Names of the robot's joints."""
+        return self._robot.joint_names
+
+    @property
+    def joint_limits(self) -> np.ndarray | None:
+        """The robot's limits, as it gives them."""
+        return self._robot.joint_limits
+
+    def joints(self) -> tuple[np.ndarray, float]:
+        """The robot's joints."""
+        positions, time = self._robot.joints()
+        self._positions, self.reading_time = np.asarray(positions, dtype=np.float64), float(time)
+        return positions, time
+
+    def command(self, delta: np.ndarray) -> None:
+        """Pass on what the gate allows; a robot that is stopped gets a zero step, which holds it."""
+        step = self._gate.passed(np.asarray(delta), self._positions, self._limits, self.frame_seconds)
+        self.last_command = step
+        self._robot.command(step)
+
+    def hold(self) -> None:
+        """Tell a robot that can do so to hold still at once, from any thread."""
+        hold = getattr(self._robot, "hold", None)
+        if hold is not None:
+            hold()

@@ -1,0 +1,208 @@
+"""The points that a user clicked: each is tracked, may have a target, and says how it is doing."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from enum import StrEnum
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+
+from dense_vs.arrays import point_array
+from dense_vs.checks import check_number
+from dense_vs.errors import DenseVSError
+from dense_vs.flow.estimator import FlowEstimator
+from dense_vs.jacobian.estimator import DenseJacobian
+from dense_vs.live.reachability import Reachability
+from dense_vs.pipeline.frame_pipeline import BODY_FLOW, Frame
+from dense_vs.point_servo.law import VisualServo
+from dense_vs.point_servo.same_surface import same_surface
+from dense_vs.point_servo.tracker import PointTracker
+
+MOST_POINTS = 8
+TOLERANCE, LEAVE = 1.0, 2.0  # px; a point that has arrived is left alone until it is farther than the second
+SETTLE_FRAMES = 5
+NEAR = 12.0  # px, between targets that count as one that moves
+RENEW_PATCH = 0.93  # correlation below which a patch is taken anew, as the surface turns
+
+
+class PointState(StrEnum):
+    """How a point is doing."""
+
+    TRACKING = "tracking"
+    REACHED = "reached"
+    LOST = "lost"
+    UNREACHABLE = "unreachable"
+
+
+@dataclass
+class LivePoint:
+    """A point of the robot.
+
+    Attributes:
+        number: names it for the user.
+        tracker: follows it.
+        target: ``(2,)`` [px]; None without one.
+        weight: how much its error counts beside the others'.
+        settled: frames that it has been at its target.
+        reachability: watches whether its error falls.
+    """
+
+    number: int
+    tracker: PointTracker
+    target: np.ndarray | None = None
+    weight: float = 1.0
+    settled: int = 0
+    reachability: Reachability = field(default_factory=Reachability)
+
+    @property
+    def place(self) -> np.ndarray:
+        """Where it is, ``(2,)`` [px]."""
+        return self.tracker.points[0]
+
+    @property
+    def lost(self) -> bool:
+        """Whether its tracker has lost it."""
+        return bool(self.tracker.lost[0])
+
+    @property
+    def error(self) -> float:
+        """Distance from its target [px]; NaN without one."""
+        return float("nan") if self.target is None else float(np.hypot(*(self.place - self.target)))
+
+    @property
+    def state(self) -> PointState:
+        """How it is doing."""
+        if self.lost:
+            return PointState.LOST
+        if self.target is not None and self.settled >= SETTLE_FRAMES:
+            return PointState.REACHED
+        return PointState.UNREACHABLE if self.reachability.why else PointState.TRACKING
+
+
+class LivePoints:
+    """All points, and the joint step that brings them to their targets together.
+
+    Args:
+        height, width: of the filter's images [px].
+    """
+
+    def __init__(self, height: int, width: int):
+        self._size = height, width
+        # Sharp at outlines: a point near one would be carried off with the background.
+        self._flow = FlowEstimator(BODY_FLOW, height, width)
+        self._points: dict[int, LivePoint] = {}
+        self._next = 1
+
+    def __iter__(self):
+        return iter(tuple(self._points.values()))
+
+    def __len__(self) -> int:
+        return len(self._points)
+
+    def __contains__(self, number: int) -> bool:
+        return number in self._points
+
+    def add(self, place: Any, frames: Sequence[Frame], estimator: DenseJacobian) -> LivePoint:
+        """Follow the point that is at ``place`` ``(2,)`` [px] in the first of ``frames``.
+
+        The frames after it, up to the present one, carry the point along: what is seen in a browser is a little old.
+
+        Raises:
+            DenseVSError: outside the image, or as many points as there may be.
+        """
+        if len(self._points) >= MOST_POINTS:
+            raise DenseVSError(f"there are {MOST_POINTS} points already; expected one to be removed first")
+        place = self._inside(place)
+        seen = same_surface(estimator, place) if len(frames) == 1 else None  # J is the present frame's
+        tracker = PointTracker(place, frames[0].gray, weights=seen)
+        for before, after in pairwise(frames):
+            tracker.update(self._flow(before.gray, after.gray), after.gray)
+        if seen is None and not tracker.lost[0] and len(frames) > 1:
+            now = np.clip(tracker.points, 0, np.array(self._size[::-1]) - 1)
+            tracker.redefine(now, frames[-1].gray, same_surface(estimator, now[0]))
+        point = LivePoint(self._next, tracker)
+        self._points[point.number] = point
+        self._next += 1
+        return point
+
+    def remove(self, number: int) -> None:
+        """Follow a point no longer."""
+        self._points.pop(self._at(number).number)
+
+    def clear(self) -> None:
+        """Follow none."""
+        self._points.clear()
+
+    def aim(self, number: int, target: Any) -> None:
+        """Give a point a target ``(2,)`` [px], or none.
+
+        Raises:
+            DenseVSError: no such point, or a target that is not in the image.
+        """
+        point = self._at(number)
+        place = None if target is None else self._inside(target)
+        # A target that is dragged, or moves by itself, comes in small steps: they begin nothing anew.
+        if place is None or point.target is None or np.hypot(*(place - point.target)) > NEAR:
+            point.settled, point.reachability = 0, Reachability()
+        point.target = place
+
+    def weigh(self, number: int, weight: float) -> None:
+        """Say how much a point's error counts.
+
+        Raises:
+            DenseVSError: no such point, or a weight that is not in (0, 100].
+        """
+        self._at(number).weight = check_number("weight", weight, above=0, most=100)
+
+    def follow(self, before: Frame, now: Frame, estimator: DenseJacobian) -> None:
+        """Carry all points into a new frame."""
+        if not self._points or before is now:
+            return
+        flow = self._flow(before.gray, now.gray)
+        for point in self:
+            point.tracker.update(flow, now.gray)
+            self._renew(point, now, estimator)
+            if point.target is None or point.lost or point.error > LEAVE:
+                point.settled = 0
+            elif point.error <= TOLERANCE or point.settled >= SETTLE_FRAMES:
+                point.settled += 1
+
+    def step(
+        self, servo: VisualServo, estimator: DenseJacobian, positions: np.ndarray, limits: np.ndarray
+    ) -> np.ndarray:
+        """The joint step ``(N,)`` [rad] towards the targets; zero where no point has one. Lost points do not count."""
+        chosen = [point for point in self if point.target is not None and not point.lost]
+        if all(point.state is PointState.REACHED for point in chosen):
+            return np.zeros(servo.joints)
+        places = np.array([point.place for point in chosen])
+        J = np.asarray(estimator.at(places))
+        targets = np.array([point.target for point in chosen])
+        step = servo.together(J, places, targets, np.array([point.weight for point in chosen]), positions)
+        for point, own in zip(chosen, J, strict=True):
+            point.reachability.observe(own, point.target - point.place, positions, limits, servo.options.damping)
+        return step
+
+    @property
+    def worst_error(self) -> float:
+        """The largest error of all points with a target [px]; NaN where there is none."""
+        errors = [point.error for point in self if point.target is not None]
+        return max(errors) if errors else float("nan")
+
+    def _renew(self, point: LivePoint, now: Frame, estimator: DenseJacobian) -> None:
+        tracker = point.tracker
+        # Not where it does not align: something else may cover it.
+        if not point.lost and tracker.options.min_correlation <= float(tracker.correlation[0]) < RENEW_PATCH:
+            tracker.redefine(tracker.points, now.gray, same_surface(estimator, tracker.points[0]))
+
+    def _inside(self, place: Any) -> np.ndarray:
+        point, (height, width) = point_array(place, "point"), self._size
+        if not (0 <= point[0] <= width - 1 and 0 <= point[1] <= height - 1):
+            raise DenseVSError(f"point {point.tolist()} is outside the image of {width} x {height} pixels")
+        return point
+
+    def _at(self, number: int) -> LivePoint:
+        if number not in self._points:
+            shown = ", ".join(map(str, self._points)) or "none"
+            raise DenseVSError(f"point is {number!r}; expected one of {shown}")
+        return self._points[number]

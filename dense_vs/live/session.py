@@ -1,0 +1,388 @@
+"""The session: a robot's loop in a thread of its own, which the page steers by requests and sees by snapshots.
+
+The thread reads an image, lets the loop learn and track, decides on a joint step and sends it through the gate; it
+never waits for anybody. Requests are carried out between two frames. :meth:`LiveSession.stop` closes the gate at once,
+from any thread. A second thread watches the first: where no frame comes, it closes the gate too.
+"""
+
+import threading
+import time
+from collections import deque
+from collections.abc import Callable
+from contextlib import suppress
+from enum import StrEnum
+from queue import Empty, SimpleQueue
+from typing import Any
+
+import numpy as np
+
+from dense_vs.body.self_body import SelfBody
+from dense_vs.drivers.watchdog import Watchdog
+from dense_vs.errors import DenseVSError
+from dense_vs.jacobian.estimator import DenseJacobian
+from dense_vs.live.gate import GatedRobot, PageGate
+from dense_vs.live.learning import WINDOW, Learning, sureness
+from dense_vs.live.live_object import LiveObject, ObjectServo
+from dense_vs.live.options import LiveOptions, chosen_scale
+from dense_vs.live.pacing import PacedCamera
+from dense_vs.live.points import LivePoints, PointState
+from dense_vs.live.recording_thread import RecordingThread
+from dense_vs.live.report import Told, layers, state_of
+from dense_vs.live.snapshot import Board, Snapshot
+from dense_vs.live.source import CameraTap, LiveSource
+from dense_vs.pipeline.explained_motion import ExplainedMotion
+from dense_vs.pipeline.frame_pipeline import Frame
+from dense_vs.point_servo.law import VisualServo
+from dense_vs.point_servo.loop import ServoLoop
+from dense_vs.point_servo.tracker import PointTracker
+
+KEPT_FRAMES = 24  # that a click on an older image is carried through
+SLOW_EVERY = 6  # frames between the slower figures
+JUDGE_EVERY = 3  # frames between looks at the explained motion while nothing is being learned
+GUARD_PERIOD = 0.05  # s
+SLOW_FRAMES, MOST_STALL = 6, 2.0  # frames as usual, and s, that may pass without an image
+FAULT_PAUSE = 0.1  # s between two tries after an error
+
+
+class Mode(StrEnum):
+    """What the robot is doing."""
+
+    STARTING = "starting"
+    STILL = "still"
+    LEARNING = "learning"
+    REACHING = "reaching"
+    CENTERING = "centering"
+    ENDED = "ended"
+
+
+class LiveSession:
+    """Runs a camera and a robot for a page.
+
+    Args:
+        source: the camera and the robot.
+        options: how it runs.
+
+    Attributes:
+        board: what the page sees.
+        gate: what commands pass through.
+        points: what the user clicked; the loop's thread alone changes it.
+        loop: the servo loop; None until the first image is there.
+        robot: the robot behind the gate.
+        mode: what the robot is doing.
+        recorder: writes the recording that goes on now; None without one.
+    """
+
+    def __init__(self, source: LiveSource, options: LiveOptions | None = None):
+        self.source, self.options = source, options or LiveOptions()
+        self.board, self.gate = Board(), PageGate(self.options.max_speed)
+        self.gate.dead_man = self.options.dead_man
+        self.camera = CameraTap(source.camera if source.paced else PacedCamera(source.camera))
+        self.robot = GatedRobot(source.robot, self.gate)
+        self.loop: ServoLoop | None = None
+        self.mode = Mode.STARTING
+        self.recorder: RecordingThread | None = None
+        self.last_recording: RecordingThread | None = None
+        self.object: LiveObject | None = None
+        self._object_servo: ObjectServo | None = None
+        self.told = Told()
+        self._requests: SimpleQueue[Callable[[], Any]] = SimpleQueue()
+        self._ended = threading.Event()
+        self._beat: float | None = None  # when the last frame came, on the computer's clock
+        self._pace = 1 / 30  # s a frame on the computer's clock, smoothed
+        self._frames: deque[tuple[int, Frame]] = deque(maxlen=KEPT_FRAMES)
+        self._number = 0
+        self._broken = False
+        self._last_fault = ("", 0.0)
+        self._watchdog: Watchdog | None = None
+        self._threads = [
+            threading.Thread(target=self._run, name="live loop", daemon=True),
+            threading.Thread(target=self._guard, name="live guard", daemon=True),
+        ]
+
+    def start(self) -> None:
+        """Begin reading images; nothing moves."""
+        if self.source.hold is not None:
+            self._watchdog = Watchdog(self.source.hold)
+        for thread in self._threads:
+            thread.start()
+
+    def end(self) -> None:
+        """Stop commands and threads; the robot holds."""
+        self.stop("the session ends")
+        self._ended.set()
+        for thread in self._threads:
+            if thread.is_alive():
+                thread.join(timeout=5)
+        if self.recorder is not None:
+            self.recorder.finish()
+        if self._watchdog is not None:
+            self._watchdog.end()
+
+    def stop(self, reason: str) -> None:
+        """Stop commands now; what the frame in work has decided is not sent. From any thread."""
+        if self.gate.close(reason):
+            self.board.log(f"stopped: {reason}", "warning")
+            with suppress(Exception):  # the gate is closed; a driver that cannot hold must not undo that
+                self.robot.hold()
+
+    def ask(self, request: Callable[[], Any]) -> None:
+        """Have the loop's thread carry something out between two frames; its errors go to the log."""
+        self._requests.put(request)
+
+    def running_loop(self) -> ServoLoop:
+        """The servo loop.
+
+        Raises:
+            DenseVSError: the first image is not there yet.
+        """
+        if self.loop is None:
+            raise DenseVSError("there is no image yet; expected the camera to have given one")
+        return self.loop
+
+    def begin_mode(self, mode: Mode) -> None:
+        """Let the robot move for a purpose; in the loop's thread.
+
+        Raises:
+            DenseVSError: a recording, which follows no commands.
+        """
+        if not self.source.commands:
+            raise DenseVSError(f"{self.source.name} follows no commands; expected a robot")
+        if mode is Mode.LEARNING:
+            self._learning = Learning(self._explained_anew(), self.running_loop().frame.time)
+            self.board.log("learning: the robot moves at random")
+        self.mode = mode
+        self.gate.allow()
+
+    def be_still(self, reason: str) -> None:
+        """Stop by intent, as where learning is done; in the loop's thread."""
+        self.mode = Mode.STILL
+        self.gate.close(reason)
+
+    def learn_object(self, corner: tuple[float, float], other: tuple[float, float]) -> None:
+        """Learn the object in a box of the present image [px]; in the loop's thread."""
+        self.drop_object()
+        image = self.running_loop().frame.image
+        self.object = LiveObject(image, (*corner, *other), self.board.log, self.options.seed)
+
+    def drop_object(self) -> None:
+        """Forget the object; in the loop's thread."""
+        if self._object_servo is not None:
+            self._object_servo.stop()
+        if self.object is not None:
+            self.object.end()
+        self.object = None
+
+    def known_object(self) -> LiveObject:
+        """The object.
+
+        Raises:
+            DenseVSError: there is none, or it is not seen.
+        """
+        if self.object is None or self.object.centroid is None:
+            raise DenseVSError("no object is seen; expected a box to be drawn around one first")
+        return self.object
+
+    def center_object(self) -> None:
+        """Bring the object to the image's middle; in the loop's thread."""
+        known, loop = self.known_object(), self.running_loop()
+        frame, group = loop.frame, loop.group
+        J = np.asarray(loop.estimator.at(known.centroid)[0], dtype=np.float64)
+        servo = ObjectServo(group.names, group.limits, frame.image, frame.positions, J)
+        self.begin_mode(Mode.CENTERING)
+        self._object_servo = servo
+        known.center(servo)
+
+    def chase_object(self, number: int) -> None:
+        """Let a point's target be where the object is; in the loop's thread."""
+        known = self.known_object()
+        self.points.aim(number, known.centroid)
+        known.chaser = number
+        self.begin_mode(Mode.REACHING)
+
+    def frames_since(self, number: int) -> list[Frame]:
+        """The frame of that number and all after it, as far as kept; the present one at least."""
+        kept = [frame for n, frame in self._frames if n >= number]
+        return kept or [self.running_loop().frame]
+
+    def use(self, estimator: DenseJacobian | None) -> None:
+        """Run the loop with another estimator, or a new one; in the loop's thread. Points stay."""
+        delay = None if self.loop is None else self.loop.joint_delay
+        width, options = self.camera.again().shape[1], self.options
+        self.scale = chosen_scale(options, width)
+        self.loop = ServoLoop(
+            self.camera,
+            self.robot,
+            joints=options.joints,
+            estimator=estimator,
+            scale=self.scale,
+            device=options.device,
+            threads=options.threads,
+            seed=options.seed,
+            body=SelfBody(device=options.device, threads=options.threads) if options.labels else None,
+            joint_delay=delay if estimator is not None and delay else None,
+        )
+        self.servo = VisualServo(
+            len(self.loop.group.names), joint_limits=self.loop.group.limits, seed=options.seed, dither=0.001
+        )
+        self._explained_anew()
+
+    def _explained_anew(self) -> ExplainedMotion:
+        self.explained = ExplainedMotion(len(self.running_loop().group.names))
+        return self.explained
+
+    def _run(self) -> None:
+        while not self._ended.is_set():
+            try:
+                if self.mode is Mode.STARTING:
+                    self._begin()
+                self._answer()
+                self._advance()
+            except Exception as error:  # whatever it is, it must stop the robot and be said
+                self._fault(error)
+            if self.mode is Mode.ENDED:
+                return
+
+    def _begin(self) -> None:
+        self.use(None)
+        loop = self.running_loop()
+        size = loop.estimator.options.height, loop.estimator.options.width
+        self.points = LivePoints(*size)
+        # Kernels compile when first used: better now than while the robot moves.
+        tracker = PointTracker((size[1] / 2, size[0] / 2), loop.frame.gray)
+        tracker.update(np.zeros((*size, 2), np.float32), loop.frame.gray)
+        loop.estimator.at(tracker.points)
+        loop.estimator.predicted_flow(np.zeros(len(loop.group.names)))
+        for _ in range(2):
+            loop.step(np.zeros(len(loop.group.names)))
+        self.mode = Mode.STILL
+        self.gate.reason = ""
+        self.board.log(f"{self.source.name}: {len(loop.group.names)} joints, image of {size[1]} x {size[0]} px")
+
+    def _answer(self) -> None:
+        while True:
+            try:
+                request = self._requests.get_nowait()
+            except Empty:
+                return
+            try:
+                request()
+            except DenseVSError as error:
+                self.board.log(str(error), "error")
+
+    def _advance(self) -> None:
+        loop = self.running_loop()
+        if self._broken:
+            loop.pipeline.restart()  # flow and joint step across the gap would be wrong
+            self._broken = False
+        before = loop.frame
+        learning = self.mode is Mode.LEARNING
+        judged = (
+            learning or not self.source.commands or (self.mode is not Mode.STILL and not self._number % JUDGE_EVERY)
+        )
+        loop.pipeline.before_update = self._judge if judged else None
+        frame = self._move(loop)
+        now = time.monotonic()
+        if self._beat is not None:
+            self._pace += 0.05 * (now - self._beat - self._pace)
+        self._beat = now
+        if self._watchdog is not None:
+            self._watchdog.beat()
+        self._number += 1
+        if frame is not before:
+            self.robot.frame_seconds = max(frame.time - before.time, 1e-3)
+            self._frames.append((self._number, frame))
+            self.points.follow(before, frame, loop.estimator)
+        if self.recorder is not None and self.camera.picture is not None:
+            self.recorder.add(self.camera.picture, self.camera.time, *self.robot.joints())
+        if self.camera.time - self.robot.reading_time > self.options.stall_seconds:
+            self.stop("the joint readings stalled")
+        if self.mode is not Mode.STILL and not self.gate.open:
+            self.mode = Mode.STILL
+        self._look_after(frame)
+        self._publish(frame, before if frame is not before else None)
+
+    def _move(self, loop: ServoLoop) -> Frame:
+        if self.mode is Mode.LEARNING and self.gate.passing:
+            return loop.babble_once()
+        step = np.zeros(len(loop.group.names))
+        if self.mode is Mode.REACHING and self.gate.passing:
+            step = self.points.step(self.servo, loop.estimator, loop.frame.positions, loop.group.limits)
+        if self.mode is Mode.CENTERING and self._object_servo is not None and self.gate.passing:
+            step = self._object_servo.advance(loop.frame.image, loop.frame.time, loop.frame.positions)
+        return loop.step(step)
+
+    def _look_after(self, frame: Frame) -> None:
+        """What follows from a frame: learning is done, a point got lost or arrived."""
+        told = self.told
+        if self._number % SLOW_EVERY == 0:
+            told.sureness = sureness(self.running_loop().estimator)
+            told.explained = self.explained.explained(frame.time - WINDOW, frame.time)
+            if self.mode is Mode.LEARNING and (verdict := self._learning.verdict(frame.time, told.sureness)):
+                good, text = verdict
+                self.be_still("learned" if good else "not learned")
+                self.board.log(f"{'learned' if good else 'not learned'}: {text}", "info" if good else "warning")
+        self._mind_object(frame)
+        for line, level in told.changes(self.points):
+            self.board.log(line, level)
+        aimed = [point for point in self.points if point.target is not None]
+        if self.mode is Mode.REACHING and (not aimed or all(point.state is PointState.LOST for point in aimed)):
+            self.stop("every point is lost" if aimed else "no point has a target")
+            self.mode = Mode.STILL
+        self.board.plot(frame.time, self.points.worst_error, told.explained)
+
+    def _mind_object(self, frame: Frame) -> None:
+        servo, known = self._object_servo, self.object
+        if servo is not None and (self.mode is not Mode.CENTERING or servo.over.is_set()):
+            servo.stop()
+            self._object_servo = None
+            if self.mode is Mode.CENTERING:
+                self.be_still("the object was centered or could not be")
+        if known is None:
+            return
+        known.look(frame.image)
+        if known.chaser is not None and known.centroid is not None:
+            if known.chaser not in self.points:
+                known.chaser = None
+            elif self.mode is Mode.REACHING:
+                self.points.aim(known.chaser, known.centroid)
+
+    def _judge(self, stamp: float, flow: np.ndarray, dq: np.ndarray) -> None:
+        self.explained.observe(stamp, flow, self.running_loop().estimator.to_numpy(), dq)
+
+    def _publish(self, frame: Frame, before: Frame | None) -> None:
+        assert self.camera.picture is not None
+        shown = layers(self.running_loop(), frame, self.board.wanted)
+        state = state_of(self, frame)
+        self.board.show(Snapshot(self._number, frame, before, self.camera.picture, shown, state))
+
+    def _fault(self, error: Exception) -> None:
+        """Stop, say what happened and try again: a camera or a bus may come back."""
+        if isinstance(error, DenseVSError):
+            text = str(error)
+        else:
+            text = f"{type(error).__name__}: {error}"
+        self.stop(text)
+        self._broken = True
+        said, when = self._last_fault
+        if text != said or time.monotonic() - when > 10:
+            self._last_fault = text, time.monotonic()
+            self.board.log(text, "error")
+        if self.mode is not Mode.STARTING:
+            self.mode = Mode.STILL if self.source.commands else Mode.ENDED
+        self._ended.wait(FAULT_PAUSE)
+
+    def _guard(self) -> None:
+        """Close the gate where the loop gives no frame, for whatever reason."""
+        said = False
+        while not self._ended.wait(GUARD_PERIOD):
+            if self._beat is None or self.mode is Mode.ENDED:
+                continue
+            # A loop that is slow by itself, as on a busy computer, has not stalled.
+            allowed = max(self.options.stall_seconds, min(SLOW_FRAMES * self._pace, MOST_STALL))
+            stalled = time.monotonic() - self._beat > allowed
+            if stalled and not said:
+                self.stop("the camera stalled")
+                self.board.log(f"no image for {allowed:.1f} s", "error")
+            elif said and not stalled:
+                self.board.log("images come again")
+            said = stalled

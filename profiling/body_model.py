@@ -1,0 +1,257 @@
+"""The body model on simulated arms: learned from a babbling video, asked about postures that it has not seen.
+
+    dense-vs arms panda ur5e baxter fetch
+    python profiling/body_model.py [--arms arm,panda] [--cameras A,B] [--seconds 20] [--seeds 0,1] [--json FILE]
+
+The model sees the images and joint readings of the babbling, nothing else. It is then asked about postures drawn from
+the box of joint positions that the babbling has covered. Pixels of the robot that the model does not know count: with a
+relative error of 1 in J, as infinitely far off in the prediction of points.
+"""
+
+import argparse
+import time
+from dataclasses import dataclass
+
+import numpy as np
+import warp as wp
+from metrics import Metric, add_report_arguments, report
+
+from dense_vs.body_model import BodyModel, TrackOptions, follow_points
+from dense_vs.body_model.fit import fit_body
+from dense_vs.errors import DenseVSError
+from dense_vs.flow import FlowEstimator, to_gray
+from dense_vs.jacobian.error import jacobian_error
+from dense_vs.robot import Babbling
+from dense_vs.sims import SimWorld
+from dense_vs.sims.engine.built_scenes import ARM_NAMES
+from dense_vs.view.tables import table
+
+POSTURES = 8  # unseen ones
+POINTS = 200  # of the surface, a posture
+LARGEST_STEP = 0.03  # rad a frame, on the way to a posture
+REFERENCE_FRAMES = TrackOptions().stride * TrackOptions().reference_every
+
+
+@dataclass(frozen=True)
+class Learned:
+    """A babbling: what the model is given, and the true links at the frames in which tracks begin."""
+
+    images: list[np.ndarray]
+    joints: np.ndarray
+    links: dict[int, np.ndarray]
+
+
+@dataclass(frozen=True)
+class BodyResult:
+    """One arm before one camera; NaN throughout where no body was found."""
+
+    name: str
+    points_median: float  # px
+    points_p90: float
+    jacobian_median: float
+    jacobian_p90: float
+    overlap: float
+    depth: float  # relative, median, one scale for all postures
+    link_share: float
+    tracks: int
+    fit_seconds: float
+    fit_cpu_seconds: float
+    predict_ms: float
+
+
+def measure(arm: str, camera: str, seed: int, options: argparse.Namespace) -> BodyResult:
+    """Babble, learn, ask."""
+    world = make_world(arm, camera, seed, options)
+    name = f"{arm} {camera}".strip() + f" {seed}"
+    seen = babble(world, seed, options.seconds)
+    wall, cpu = time.perf_counter(), time.process_time()
+    try:
+        tracks = follow_points(seen.images, seen.joints)
+        found = fit_body(tracks)
+        stride = TrackOptions().stride
+        model = BodyModel.from_fit(found, seen.images[::stride], seen.joints[::stride])
+    except DenseVSError as error:
+        print(f"{name}: {error}")
+        return BodyResult(name, *[float("nan")] * 7, 0, *[float("nan")] * 3)
+    fit_seconds, fit_cpu = time.perf_counter() - wall, time.process_time() - cpu
+    truth = link_truth(seen, tracks)
+    known = (found.all_links != -2) & (truth != -2) & ((truth >= 0) | (found.all_links >= 0))
+    share = float(np.mean(found.all_links[known] == truth[known])) if known.any() else float("nan")
+    return BodyResult(
+        name,
+        *ask(world, model, seen.joints, seed),
+        share,
+        int(known.sum()),
+        fit_seconds,
+        fit_cpu,
+        prediction_time(model, seen.joints),
+    )
+
+
+def babble(world: SimWorld, seed: int, seconds: float) -> Learned:
+    """Images and joints of a babbling that is paced by the estimated flow, as a live robot's."""
+    babbling = Babbling(len(world.joint_names), seed=seed)
+    flow = FlowEstimator(height=world.shape[1], width=world.shape[2])
+    low, high = world.joint_limits.T
+    images, joints, links, last = [to_gray(world.frame().rgb)], [world.joints()[0]], {0: true_links(world)}, None
+    for frame in range(1, round(seconds * 30)):
+        q = world.joints()[0]
+        world.step(np.clip(q + babbling.step(last), low, high) - q)
+        images.append(to_gray(world.frame().rgb))
+        joints.append(world.joints()[0])
+        last = flow(images[-2], images[-1])
+        if frame % REFERENCE_FRAMES == 0:
+            links[frame] = true_links(world)
+    return Learned(images, np.array(joints), links)
+
+
+def true_links(world: SimWorld) -> np.ndarray:
+    """Link of every pixel (H, W): the last joint whose column of the true J is not zero, -1 for none."""
+    moved = np.abs(world.true_jacobian()).max(axis=2) > 1e-4
+    last = moved.shape[-1] - 1 - moved[..., ::-1].argmax(axis=-1)
+    return np.where(moved.any(axis=-1) & world.robot_mask(), last, -1)
+
+
+def link_truth(seen: Learned, tracks) -> np.ndarray:
+    """True link of each track at the pixel where it began; -2 within 2 px of another link."""
+    truth = np.full(tracks.pixels.shape[1], -2)
+    for m, reference in enumerate(tracks.references):
+        links = seen.links[int(reference) * TrackOptions().stride]
+        x, y = np.rint(tracks.pixels[reference, m]).astype(int)
+        around = links[max(0, y - 2) : y + 3, max(0, x - 2) : x + 3]
+        if (around == around[0, 0]).all():
+            truth[m] = around[0, 0]
+    return truth
+
+
+def ask(world: SimWorld, model: BodyModel, joints: np.ndarray, seed: int) -> tuple[float, ...]:
+    """Errors of points [px], J, labels and depth at unseen postures."""
+    rng = np.random.default_rng([seed, 21])
+    low, high = joints.min(axis=0), joints.max(axis=0)
+    q_seen = world.joints()[0]
+    mask = world.robot_mask() & (np.linalg.norm(world.true_jacobian(), axis=(2, 3)) > 0)
+    y, x = np.nonzero(mask)
+    chosen = rng.choice(len(x), min(POINTS, len(x)), replace=False)
+    pixels = np.column_stack([x, y])[chosen].astype(float)
+    surface = [world.track_point(pixel) for pixel in pixels]
+    distances, errors, overlaps, ratios = [], [], [], []
+    for _ in range(POSTURES):
+        go_to(world, rng.uniform(low, high))
+        q = world.joints()[0]
+        true = np.array([world.project(point) for point in surface])
+        off = np.linalg.norm(model.trace(pixels, q_seen, q) - true, axis=1)
+        distances.append(np.where(np.isfinite(off), off, np.inf))
+        J, robot = world.true_jacobian(), world.robot_mask()
+        errors.append(jacobian_error(model.jacobian(q), J, robot))
+        seen = model.image(q)
+        overlaps.append((seen.body & robot).sum() / max(1, (seen.body | robot).sum()))
+        both = seen.body & robot
+        ratios.append(seen.depths[both] / world.frame().depth[both])
+    off, ratio = np.concatenate(distances), np.concatenate(ratios)
+    return (
+        float(np.quantile(off, 0.5, method="higher")),
+        float(np.quantile(off, 0.9, method="higher")),
+        float(np.mean([e.median for e in errors])),
+        float(np.mean([e.p90 for e in errors])),
+        float(np.mean(overlaps)),
+        float(np.median(np.abs(ratio / np.median(ratio) - 1))),
+    )
+
+
+def go_to(world: SimWorld, q: np.ndarray) -> None:
+    """Move there, at most 0.03 rad a frame."""
+    for _ in range(400):
+        off = q - world.joints()[0]
+        if np.abs(off).max() < 0.005:
+            return
+        world.step(np.clip(off, -LARGEST_STEP, LARGEST_STEP))
+
+
+def prediction_time(model: BodyModel, joints: np.ndarray) -> float:
+    """Least time of a J of the whole image [ms]."""
+    times = []
+    for q in joints[:: max(1, len(joints) // 10)]:
+        start = time.perf_counter()
+        model.jacobian(q)
+        times.append(time.perf_counter() - start)
+    return 1e3 * min(times)
+
+
+def make_world(arm: str, camera: str, seed: int, options: argparse.Namespace) -> SimWorld:
+    """The arm's world with its first joints; ours have one camera and all of theirs."""
+    if arm not in ARM_NAMES:
+        return SimWorld(arm, seed=seed, device=options.device)
+    names = SimWorld(arm, camera=camera, device=options.device, height=8, width=8).joint_names
+    return SimWorld(arm, joints=names[: options.joints], camera=camera, seed=seed, device=options.device)
+
+
+def main() -> int:
+    """Run the command."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--arms", default=",".join(["arm", *ARM_NAMES]), help="by comma (default: our own and all)")
+    parser.add_argument("--cameras", default="A,B", help="of the commercial arms, by comma (default: A,B)")
+    parser.add_argument("--joints", type=int, default=4, help="of the commercial arms, from the base (default: 4)")
+    parser.add_argument("--seconds", type=float, default=20.0, help="of babbling (default: 20)")
+    parser.add_argument("--seeds", default="0", help="of motion and postures, by comma (default: 0)")
+    parser.add_argument("--device", default="auto", help="auto, cpu or cuda:N (default: auto)")
+    add_report_arguments(parser)
+    options = parser.parse_args()
+    wp.config.log_level = wp.LOG_ERROR
+    results = []
+    for arm in options.arms.split(","):
+        for camera in options.cameras.split(",") if arm in ARM_NAMES else [""]:
+            for seed in options.seeds.split(","):
+                results.append(measure(arm, camera, int(seed), options))
+                print(results[-1], flush=True)
+    print_results(results)
+    return report(metrics_of(results), options)
+
+
+def print_results(results: list[BodyResult]) -> None:
+    """The table."""
+    header = [
+        "arm, camera, seed", "points [px]", "90 %", "J error", "90 %", "label IoU", "depth", "links", "of tracks",
+        "fit [s]", "CPU [s]", "J image [ms]",
+    ]  # fmt: skip
+    rows = [
+        [
+            r.name,
+            f"{r.points_median:.2f}",
+            f"{r.points_p90:.2f}",
+            f"{r.jacobian_median:.3f}",
+            f"{r.jacobian_p90:.2f}",
+            f"{r.overlap:.2f}",
+            f"{r.depth:.3f}",
+            f"{r.link_share:.2f}",
+            str(r.tracks),
+            f"{r.fit_seconds:.1f}",
+            f"{r.fit_cpu_seconds:.1f}",
+            f"{r.predict_ms:.1f}",
+        ]
+        for r in results
+    ]
+    print(table(header, rows))
+
+
+def metrics_of(results: list[BodyResult]) -> list[Metric]:
+    """Every figure as a metric."""
+    units = {
+        "points_median": ("px", "lower"),
+        "points_p90": ("px", "lower"),
+        "jacobian_median": ("", "lower"),
+        "jacobian_p90": ("", "lower"),
+        "overlap": ("", "higher"),
+        "depth": ("", "lower"),
+        "link_share": ("", "higher"),
+        "fit_cpu_seconds": ("s", "lower"),
+        "predict_ms": ("ms", "lower"),
+    }
+    return [
+        Metric(f"body_model/{r.name}/{field}", getattr(r, field), unit, direction)
+        for r in results
+        for field, (unit, direction) in units.items()
+    ]
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())

@@ -1,0 +1,60 @@
+#!/usr/bin/env bash
+# Measure the committed results anew, each with its origin beside it, and write the tables from them.
+#     profiling/measure_again.sh timings       # 2 cores with nothing else on them, about 25 minutes
+#     profiling/measure_again.sh experiments   # one core, about 3 hours; accuracy only, so other work may run beside
+#     profiling/measure_again.sh gpu           # one NVIDIA GPU, about 10 minutes
+# Numbers after a command are minutes on one free core of a 2026 server.
+set -euo pipefail
+cd "$(dirname "$0")/.."
+results=profiling/results
+out=${OUT:-out/measured}
+case "${1:-}" in
+timings | experiments | gpu) ;;
+*) sed -n '2,6s/^# *//p' "$0" >&2 && exit 2 ;;
+esac
+[ -z "$(git status --porcelain --untracked-files=no)" ] || { echo "commit first: results name the commit" >&2; exit 1; }
+mkdir -p "$out"
+
+measure() { python "profiling/$1.py" "${@:3}" --json "$out/$2.json"; }
+reproduce() {
+    local name="$1-$2-${*: -1}"
+    OMP_NUM_THREADS=1 dense-vs reproduce "$@" --threads 1 --out "$out/$name" --json "$out/$name.json"
+}
+
+case "$1" in
+timings)
+    measure peers peers                         # 2
+    measure peers peers_cold --calls 1          # 2
+    measure frame_budget frame_budget           # 1
+    measure reducers reducers                   # 1
+    measure generative generative               # 3, needs PyTorch
+    measure startup startup                     # 1
+    measure scaling scaling_cpu --device cpu    # 1
+    measure segmentation segmentation           # 12, needs the annotated images of VOS-VS (--data)
+    cp "$out"/{peers,peers_cold,frame_budget,reducers,generative,startup,scaling_cpu,segmentation}.json "$results"
+    ;;
+experiments)
+    for seed in 501 502 503; do reproduce vosvs trial --seed $seed; done                  # 12 each
+    reproduce dije leak --seed 100 101 102 103 104                                        # 7
+    reproduce dije labels --seed 100 101 102 103 104                                      # 4
+    for seed in 501 502 503; do reproduce vosvs pick-place --seed $seed; done             # 12 each
+    for seed in 501 502 503; do reproduce vosvs learn --responses 2 --seed $seed; done    # 10 each
+    for seed in 501 502; do reproduce vosvs step-response --seed $seed; done              # 6 each
+    reproduce vosvs track --seed 501                                                      # 3
+    reproduce generative grasp --seed 501                                                 # 3
+    for seed in 501 502 503; do reproduce generative insertion --seed $seed; done         # 12 each
+    reproduce generative servo --seed 500 501                                             # 2
+    python profiling/experiments.py "$out"/*-*.json
+    ;;
+gpu)
+    measure closed_loop closed_loop_h200 --device cuda:0 --randomize
+    measure closed_loop closed_loop_h200_one --device cuda:0 --worlds 1 --speed-only
+    measure closed_loop closed_loop_h200_order2 --device cuda:0 --randomize --order 2
+    measure closed_loop closed_loop_h200_4096 --device cuda:0 --randomize --worlds 4096 --speed-only
+    measure scaling scaling_h200 --device cuda:0
+    measure roofline roofline_h200 --device cuda:0 --worlds 1,512
+    cp "$out"/{closed_loop_h200,closed_loop_h200_one,closed_loop_h200_order2,closed_loop_h200_4096,scaling_h200,roofline_h200}.json "$results"
+    ;;
+esac
+python profiling/readme_table.py
+python profiling/paper_pages.py

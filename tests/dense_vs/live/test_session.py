@@ -1,0 +1,229 @@
+"""The session on a board that slides: it learns, reaches the truth, and stops whatever happens."""
+
+import os
+import select
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+from sliding_scene import HEIGHT, WIDTH, J, SlidingRobot, wait_for
+
+from dense_vs.errors import DenseVSError
+from dense_vs.live.actions import Actions, parse
+from dense_vs.live.gate import GatedRobot
+from dense_vs.live.options import LiveOptions, chosen_scale
+from dense_vs.live.session import LiveSession, Mode
+from dense_vs.live.source import LiveSource
+
+REFERENCE = Path(__file__).parents[2] / "reference"
+CENTER = (WIDTH / 2, HEIGHT / 2)
+
+
+def session_of(robot, **options):
+    return LiveSession(LiveSource(robot, robot, "board"), LiveOptions(labels=False, **options))
+
+
+@pytest.fixture
+def robot():
+    return SlidingRobot()
+
+
+@pytest.fixture
+def session(robot, tmp_path):
+    session = session_of(robot, folder=tmp_path)
+    session.start()
+    assert wait_for(lambda: session.mode is Mode.STILL, 60), session.board.lines()
+    yield session
+    session.end()
+
+
+def said(session, word):
+    return any(word in line["text"] for line in session.board.lines())
+
+
+def do(session, **message):
+    Actions(session).carry_out(message)
+
+
+def test_nothing_moves_until_asked(session, robot):
+    assert wait_for(lambda: len(robot.commands) > 10)
+    assert not any(step.any() for _, step in robot.commands)
+    assert not session.gate.open
+
+
+def test_it_learns_stops_by_itself_and_reaches(session, robot):
+    do(session, do="learn")
+    assert wait_for(lambda: said(session, "learned: J explains"), 60), session.board.lines()
+    assert session.mode is Mode.STILL
+    np.testing.assert_allclose(session.running_loop().estimator.at(CENTER)[0], J, atol=6.0)
+    start = CENTER - J @ robot.q  # where what is at the center now is for joints at zero
+    do(session, do="point", at=list(CENTER), frame=1 << 40)
+    assert wait_for(lambda: len(session.points) == 1)
+    target = [CENTER[0] + 14, CENTER[1] - 9]
+    do(session, do="aim", point=1, target=target, go=True)
+    assert wait_for(lambda: said(session, "point 1: reached"), 30), session.board.lines()
+    assert np.hypot(*(robot.place(start) - target)) < 2.0
+
+
+@pytest.mark.parametrize("fault", ["stop", "stall", "joints", "error"])
+def test_every_fault_stops_commands(session, robot, fault):
+    do(session, do="learn")
+    assert wait_for(lambda: robot.moved_since(0.0))
+    session.options.__dict__["stall_seconds"] = 0.3
+    if fault == "stop":
+        session.stop("the test")
+    elif fault == "stall":
+        robot.stalled.set()
+    elif fault == "joints":
+        robot.frozen = True
+    else:
+        robot.broken = OSError("the cable is out")
+    assert wait_for(lambda: not session.gate.open, 5)
+    closed = time.monotonic()
+    assert robot.holds == 1
+    robot.stalled.clear()
+    count = len(robot.commands)
+    assert wait_for(lambda: len(robot.commands) > count + 5)  # images come again, and nothing goes on by itself
+    assert not robot.moved_since(closed + 0.005)  # a command may have passed the gate just before
+    assert wait_for(lambda: session.mode is Mode.STILL)
+    word = {"stop": "the test", "stall": "camera stalled", "joints": "joint readings", "error": "cable is out"}[fault]
+    assert word in session.gate.reason
+
+
+def test_a_stop_holds_back_the_command_in_work(robot):
+    """The step is decided, the stop comes, the step is sent: it must not move the robot."""
+    session = session_of(robot)
+    gated: GatedRobot = session.robot
+    gated.joints()
+    session.gate.allow()
+    step = np.array([0.01, 0.01])
+    session.stop("now")
+    gated.command(step)
+    assert not robot.commands[-1][1].any()
+
+
+def test_two_points_share_the_joints(session, robot):
+    do(session, do="learn")
+    assert wait_for(lambda: said(session, "learned: J explains"), 60)
+    for place in ([50.0, 60.0], [110.0, 60.0]):
+        do(session, do="point", at=place, frame=1 << 40)
+    assert wait_for(lambda: len(session.points) == 2)
+    do(session, do="weigh", point=1, weight=100)
+    do(session, do="weigh", point=2, weight=1)
+    before = robot.q.copy()
+    # They cannot both be had, as the board does not stretch: the heavy one wins.
+    do(session, do="aim", point=1, target=[60.0, 60.0], go=True)
+    do(session, do="aim", point=2, target=[110.0, 70.0], go=True)
+    assert wait_for(lambda: abs((J @ (robot.q - before))[0] - 10) < 1.5, 20)
+    time.sleep(1.0)
+    moved = J @ (robot.q - before)
+    assert np.hypot(*(moved - [10, 0])) < 2.5
+
+
+def test_a_recording_follows_no_commands(robot):
+    session = LiveSession(LiveSource(robot, robot, "recording", commands=False), LiveOptions(labels=False))
+    session.start()
+    try:
+        assert wait_for(lambda: session.mode is Mode.STILL, 60)
+        do(session, do="learn")
+        assert wait_for(lambda: said(session, "follows no commands"))
+        assert not session.gate.open
+    finally:
+        session.end()
+
+
+@pytest.mark.parametrize(
+    "message",
+    [
+        {},
+        {"do": "rm"},
+        {"do": "point", "at": [1], "frame": 1},
+        {"do": "point", "at": [float("nan"), 1], "frame": 1},
+        {"do": "point", "at": "11", "frame": 1},
+        {"do": "point", "at": [1, 2], "frame": 1.5},
+        {"do": "aim", "point": True},
+        {"do": "speed", "value": 1e9},
+        {"do": "dead_man", "on": 1},
+    ],
+)
+def test_wrong_messages_are_refused(session, message):
+    with pytest.raises(DenseVSError, match="expected"):
+        do(session, **message)
+
+
+@pytest.mark.parametrize("text", ["", "[]", "{", "null", "[" * 3000, "{}" + " " * 5000])
+def test_what_is_no_message_is_refused(text):
+    with pytest.raises(DenseVSError, match="message"):
+        parse(text)
+
+
+def test_points_outside_and_unknown_ones_are_said(session):
+    do(session, do="point", at=[-5, 5], frame=0)
+    do(session, do="remove", point=7)
+    assert wait_for(lambda: said(session, "outside the image") and said(session, "point is 7"))
+
+
+def test_a_recording_is_written_beside_the_loop(session, tmp_path):
+    pytest.importorskip("av", reason="writing video needs PyAV")
+    do(session, do="record", on=True)
+    assert wait_for(lambda: session.recorder is not None)
+    number = session.board.snapshot.number
+    assert wait_for(lambda: session.board.snapshot.number > number + 15)
+    do(session, do="record", on=False)
+    assert wait_for(lambda: session.last_recording is not None and session.last_recording.done.is_set())
+    assert session.last_recording.archive.is_file()
+    from dense_vs.recording import open_recording
+
+    episode = open_recording(session.last_recording.folder / "video.mp4").episode()
+    assert episode.log.names == ("left", "right")
+    assert len(list(episode)) >= 10
+
+
+PROGRAM = """
+import sys, time
+from sliding_scene import SlidingRobot
+from dense_vs.drivers.watchdog import Hold
+from dense_vs.live.options import LiveOptions
+from dense_vs.live.session import LiveSession, Mode
+from dense_vs.live.source import LiveSource
+robot = SlidingRobot()
+hold = Hold("held_robot:hold", {"path": sys.argv[1], "robot": "board"}, timeout=30.0)
+session = LiveSession(LiveSource(robot, robot, "board", hold=hold), LiveOptions(labels=False))
+session.start()
+while session.mode is not Mode.STILL:
+    time.sleep(0.01)
+session.ask(lambda: session.begin_mode(Mode.LEARNING))
+while not robot.moved_since(0.0):
+    time.sleep(0.01)
+print("moving", flush=True)
+time.sleep(120)
+"""
+
+
+def test_a_killed_session_leaves_a_robot_that_holds(tmp_path, monkeypatch):
+    monkeypatch.setenv("PYTHONPATH", str(REFERENCE))
+    path = tmp_path / "held.json"
+    words = [sys.executable, "-c", PROGRAM, str(path)]
+    process = subprocess.Popen(words, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True)
+    try:
+        ready, _, _ = select.select([process.stdout], [], [], 100)
+        assert ready
+        # Warp tells of itself first.
+        assert any(line == "moving\n" for line in process.stdout)
+        assert not path.exists()
+        os.kill(process.pid, signal.SIGKILL)
+        assert wait_for(path.exists, 20)
+    finally:
+        process.kill()
+        process.wait()
+        process.stdout.close()
+
+
+def test_wide_images_are_made_smaller():
+    assert chosen_scale(LiveOptions(), 320) == 1.0
+    assert chosen_scale(LiveOptions(), 640) == 0.5
+    assert chosen_scale(LiveOptions(scale=0.7), 640) == 0.7
