@@ -25,7 +25,7 @@ for _ in range(240):
     gray, q = to_gray(frame.rgb), world.joints()[0]
     flow = flow_estimator(gray_before, gray)
     estimator.update(flow, q - q_before)
-    body.observe(flow, q - q_before)  # how much of the motion do the joints explain?
+    body.observe(flow, q - q_before, frame.rgb)  # how much of the motion do the joints explain?
 
 mine = body.labels(estimator.jacobian)  # (240, 320) bool
 truth = world.robot_mask()

@@ -1,7 +1,7 @@
 #!/usr/bin/env bash
 # Measure the committed results anew, each with its origin beside it, and write the tables from them.
 #     profiling/measure_again.sh timings       # 2 cores with nothing else on them, about 25 minutes
-#     profiling/measure_again.sh experiments   # one core, hours; accuracy only, so other work may run beside
+#     profiling/measure_again.sh experiments   # one core, about 3 hours; accuracy only, so other work may run beside
 #     profiling/measure_again.sh gpu           # one NVIDIA GPU, about 10 minutes
 # Numbers after a command are minutes on one free core of a 2026 server.
 set -euo pipefail
@@ -34,16 +34,16 @@ timings)
     cp "$out"/{peers,peers_cold,frame_budget,reducers,generative,startup,scaling_cpu,segmentation}.json "$results"
     ;;
 experiments)
-    for seed in 501 502 503; do reproduce vosvs trial --seed $seed; done                  # 15 each
-    reproduce dije leak --seed 100 101 102 103 104                                        # 15
-    reproduce dije labels --seed 100 101 102 103 104                                      # 5
-    for seed in 501 502 503; do reproduce vosvs pick-place --seed $seed; done             # 15 each
-    for seed in 501 502 503; do reproduce vosvs learn --responses 2 --seed $seed; done    # 15 each
-    for seed in 501 502; do reproduce vosvs step-response --seed $seed; done
-    reproduce vosvs track --seed 501
-    reproduce generative grasp --seed 501
-    for seed in 501 502 503; do reproduce generative insertion --seed $seed; done
-    reproduce generative servo --seed 500 501
+    for seed in 501 502 503; do reproduce vosvs trial --seed $seed; done                  # 12 each
+    reproduce dije leak --seed 100 101 102 103 104                                        # 7
+    reproduce dije labels --seed 100 101 102 103 104                                      # 4
+    for seed in 501 502 503; do reproduce vosvs pick-place --seed $seed; done             # 12 each
+    for seed in 501 502 503; do reproduce vosvs learn --responses 2 --seed $seed; done    # 10 each
+    for seed in 501 502; do reproduce vosvs step-response --seed $seed; done              # 6 each
+    reproduce vosvs track --seed 501                                                      # 3
+    reproduce generative grasp --seed 501                                                 # 3
+    for seed in 501 502 503; do reproduce generative insertion --seed $seed; done         # 12 each
+    reproduce generative servo --seed 500 501                                             # 2
     python profiling/experiments.py "$out"/*-*.json
     ;;
 gpu)

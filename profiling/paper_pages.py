@@ -69,7 +69,8 @@ def _range(seeds: list[int]) -> str:
 def _shown(value: float | None) -> str:
     if value is None or not math.isfinite(value):
         return "none"
-    return f"{value:.0f}" if value == round(value) and abs(value) < 1e6 else f"{value:.3g}"
+    whole = (value == round(value) or abs(value) >= 1000) and abs(value) < 1e6
+    return f"{value:.0f}" if whole else f"{value:.3g}"
 
 
 def main() -> int:

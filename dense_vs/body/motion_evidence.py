@@ -17,6 +17,8 @@ from dense_vs.kernels.jacobian.covariance import update_shared_covariance
 from dense_vs.kernels.launch import PixelLaunch
 from dense_vs.kernels.views import seen_as
 
+_ANY_SHARE = 1e30  # of unexplained motion
+
 
 @dataclass(frozen=True, kw_only=True)
 class SelfMotionOptions:
@@ -85,7 +87,7 @@ class SelfMotion:
         def zeros(shape: tuple[int, ...], dtype: Any) -> Any:
             return wp.zeros(shape, dtype=dtype, device=device)
 
-        self.labels = zeros(shape, wp.int8)
+        self.labels, self._flags = zeros(shape, wp.int8), zeros(shape, wp.int8)
         self.flow = zeros(shape, wp.vec2)
         self._motion = zeros(shape, wp.vec2)
         self._jacobian = [zeros(shape, kernels.Jacobian) for _ in range(2)]
@@ -135,11 +137,31 @@ class SelfMotion:
             min_jacobian: Frobenius norm that the body's exceeds, in standard units [px/rad].
         """
         options = self.options
-        bounds = [options.unexplained, options.least_energy, min_jacobian**2]
-        unit = seen_as(self._unit, self._kernels.JointVector, self._unit.shape[:1])
-        arguments = [jacobian, self.energies, unit, *bounds, self.labels]
-        PixelLaunch(self._kernels.label_motion, self.shape, arguments, self.device, self.threads)()
+        self._label(jacobian, [options.unexplained, options.least_energy, min_jacobian**2], self.labels)
         return self.labels
+
+    def unexplained(self) -> np.ndarray:
+        """E_e / E_u, float32 (B, H, W); may exceed 1, NaN where nothing is known."""
+        error, motion = np.moveaxis(self.energies.numpy(), -1, 0)
+        known = np.maximum(error, motion) > self.options.least_energy
+        share = np.full(error.shape, np.nan, np.float32)
+        np.divide(error, np.maximum(motion, np.finfo(np.float32).tiny), out=share, where=known)
+        return share
+
+    def moved(self, least_jacobian: float) -> np.ndarray:
+        """Whether the filter's own J is larger than that [px/rad, in standard units], bool (B, H, W)."""
+        self._label(self._jacobian[self._now], [_ANY_SHARE, -1.0, least_jacobian**2], self._flags)
+        return self._flags.numpy() == 1
+
+    def finite(self, jacobian: wp.array) -> np.ndarray:
+        """Whether all of J (B, H, W) of (2, N) is, bool (B, H, W)."""
+        self._label(jacobian, [0.0, -1.0, 0.0], self._flags)
+        return self._flags.numpy() >= 0
+
+    def _label(self, jacobian: wp.array, bounds: list[float], labels: wp.array) -> None:
+        unit = seen_as(self._unit, self._kernels.JointVector, self._unit.shape[:1])
+        arguments = [jacobian, self.energies, unit, *bounds, labels]
+        PixelLaunch(self._kernels.label_motion, self.shape, arguments, self.device, self.threads)()
 
     def _record(self) -> None:
         options, kernels = self.options, self._kernels

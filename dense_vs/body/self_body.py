@@ -3,10 +3,10 @@
 Algorithm 1 clusters J by k-means beside the frame loop and values each cluster by how consistent it is over time;
 Algorithm 2 gives every pixel of every frame the nearest cluster and its label. Both see J only. Beyond the paper,
 and measured better: the running energies of :mod:`dense_vs.body.motion_evidence`, which tell how much of the motion
-at a surface point the joints explain.
+at a surface point the joints explain, and with images how it looks, see :mod:`dense_vs.body.refined_labels`.
 
     body = SelfBody()
-    body.observe(flow, dq)              # every frame
+    body.observe(flow, dq, image)       # every frame
     body.submit(estimator.jacobian)     # every frame; taken when Algorithm 1 is idle
     own = body.labels(estimator.jacobian)
 """
@@ -22,6 +22,7 @@ from dense_vs.body.cluster_worker import ClusterWorker, EvaluatedClusters, SelfB
 from dense_vs.body.host_mirror import HostMirror
 from dense_vs.body.k_means import MAX_CLUSTERS
 from dense_vs.body.motion_evidence import SelfMotion, SelfMotionOptions
+from dense_vs.body.refined_labels import LEAST_JACOBIAN, RefinedLabels
 from dense_vs.checks import check_choice, check_flag, check_number, check_whole
 from dense_vs.device import resolve_device, resolve_threads
 from dense_vs.errors import DenseVSError
@@ -105,6 +106,8 @@ class SelfBody:
         if self._joint_scale is not None and (self._joint_scale < 0).any():
             raise DenseVSError(f"joint_scale is {joint_scale!r}; expected typical steps of at least 0")
         self._motion: SelfMotion | None = None
+        self._refined = [RefinedLabels() for _ in range(self._worlds)]
+        self._refines = False  # whether the last frame came with an image
         self._worker: ClusterWorker | None = None
         self._shape: tuple[int, int, int] | None = None
         self._joints = 0
@@ -130,17 +133,20 @@ class SelfBody:
                 f"expected {(height, width)} and {joints}"
             )
 
-    def observe(self, flow: Any, dq: Any) -> None:
+    def observe(self, flow: Any, dq: Any, image: Any = None) -> None:
         """Take a frame's motion as evidence; call it once a frame, as ``DenseJacobian.update``.
 
         Args:
             flow: ``(H, W, 2)`` float32 [px per frame]; a pixel that is not finite brings no evidence.
             dq: ``(N,)`` floating point [rad].
+            image: RGB uint8 ``(H, W, 3)`` or gray ``(H, W)`` that the flow leads to. With one, labels have its
+                outlines and know things by their colors; without, labels are those of motion alone.
 
         Raises:
             DenseVSError: shape, dtype, or a joint step that is not finite or above ``motion.max_joint_step``; nothing
                 has changed then.
         """
+        seen = None if image is None else self._images(image, array_shape(flow))
         worlds = self._worlds
         if self._shape is None:
             step = real_vector(dq, "dq", (-1,) if worlds == 1 else (worlds, -1), np.float32)
@@ -149,15 +155,16 @@ class SelfBody:
                 raise DenseVSError(f"flow has shape {size}; expected a float32 array of shape (H, W, 2)")
             self._check_step(step)
             height, width = size[-3:-1]
-            image = vec2_image(flow, "flow", (worlds, height, width), self.device)
+            motion = vec2_image(flow, "flow", (worlds, height, width), self.device)
             self._prepare(height, width, step.shape[-1])
         else:
             expected = (self._joints,) if worlds == 1 else (worlds, self._joints)
             step = real_vector(dq, "dq", expected, np.float32)
             self._check_step(step)
-            image = vec2_image(flow, "flow", self._shape, self.device)
+            motion = vec2_image(flow, "flow", self._shape, self.device)
         if self._motion is not None:
-            self._motion.observe(image, step.reshape(worlds, -1))
+            self._motion.observe(motion, step.reshape(worlds, -1))
+            self._refine(self._motion, seen)
 
     def _check_step(self, step: np.ndarray) -> None:
         factors = np.array(step_factors(self._joint_scale, step.shape[-1]))
@@ -193,7 +200,7 @@ class SelfBody:
         Raises:
             DenseVSError: shape or dtype.
         """
-        return self._unbatch(self._label(self._image(jacobian)).numpy().copy())
+        return self._unbatch(self._recognition(self._image(jacobian)))
 
     def unexplained(self) -> np.ndarray:
         """Share of the motion's energy that the joints leave unexplained, float32 ``(H, W)``, own pixels' near 0.
@@ -206,11 +213,7 @@ class SelfBody:
         if not self._by_motion:
             raise DenseVSError("nothing has been observed; expected observe() first, in method 'motion'")
         assert self._motion is not None
-        error, motion = np.moveaxis(self._motion.energies.numpy(), -1, 0)
-        known = np.maximum(error, motion) > self._motion.options.least_energy
-        share = np.full(error.shape, np.nan, np.float32)
-        np.divide(error, np.maximum(motion, np.finfo(np.float32).tiny), out=share, where=known)
-        return self._unbatch(share)
+        return self._unbatch(self._motion.unexplained())
 
     def clusters(self, jacobian: Any) -> np.ndarray:
         """Index of the nearest cluster, int8 ``(H, W)``, the lowest on ties.
@@ -225,7 +228,7 @@ class SelfBody:
         self._assign(image)
         found = self._cluster_index.numpy().copy()
         if self._by_motion:
-            found[self._label(image).numpy() != 1] = -1
+            found[self._recognition(image) != 1] = -1
         return self._unbatch(found)
 
     @property
@@ -304,6 +307,34 @@ class SelfBody:
             return self._motion.label(image, self.min_jacobian)
         self._assign(image)
         return self._cluster_label
+
+    def _recognition(self, image: Any) -> np.ndarray:
+        """(B, H, W) int8."""
+        found = self._label(image).numpy().copy()
+        if self._refines:
+            assert self._motion is not None
+            own = np.stack([refined.own() for refined in self._refined]) & self._motion.finite(image)
+            found = np.where(own, np.int8(1), np.minimum(found, np.int8(0)))
+        return found
+
+    def _refine(self, motion: SelfMotion, images: list[np.ndarray] | None) -> None:
+        """Take the last frame's images, a world each."""
+        self._refines = images is not None
+        if images is None:
+            return
+        moved, unexplained = motion.moved(LEAST_JACOBIAN), motion.unexplained()
+        for world, image in enumerate(images):
+            self._refined[world].observe(image, unexplained[world], moved[world])
+
+    def _images(self, image: Any, flow_shape: tuple[int, ...]) -> list[np.ndarray]:
+        """An image a world, of the flow's size."""
+        array = np.asarray(image)
+        size = tuple(flow_shape[:-1])
+        if array.dtype != np.uint8 or array.shape not in (size, (*size, 3)):
+            raise DenseVSError(
+                f"image is {array.dtype} of shape {array.shape}; expected uint8 of shape {size} or {(*size, 3)}"
+            )
+        return [array] if self._worlds == 1 else list(array)
 
     def _assign(self, image: Any) -> None:
         """DIJE Algorithm 2."""

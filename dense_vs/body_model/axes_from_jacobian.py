@@ -16,8 +16,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from dense_vs.body_model.chain import Chain
+from dense_vs.body_model.solver import solve
 from dense_vs.body_model.track_jacobian import TrackJacobians
-from dense_vs.generative.least_squares.levenberg_marquardt import minimize
 from dense_vs.generative.least_squares.pixel_problem import NormalEquations
 from dense_vs.generative.rotations import tangents
 
@@ -147,13 +147,13 @@ def axes_from_jacobian(
         axes = rng.normal(size=(joints, 3))
         axes /= np.linalg.norm(axes, axis=1, keepdims=True)
         chain = Chain(axes, problem.moments_for(axes), measured.posture, parents)
-        solution = minimize(problem, AxesState(chain, np.ones(len(normal))), 15, tolerance=1e-4)
-        found.append((solution.cost, solution.state))
+        state, cost = solve(problem, AxesState(chain, np.ones(len(normal))), 15, 1e-4)
+        found.append((cost, state))
     found.sort(key=lambda one: one[0])
     refined = []
-    for _, state in found[:keep]:
-        solution = minimize(problem, state, 40, tolerance=1e-5)
-        refined.append((solution.cost, solution.state))
+    for _, begun in found[:keep]:
+        state, cost = solve(problem, begun, 40, 1e-5)
+        refined.append((cost, state))
     refined.sort(key=lambda one: one[0])
     return refined
 

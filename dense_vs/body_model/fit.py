@@ -16,12 +16,12 @@ from dense_vs.body_model.axes_from_jacobian import AxesState, axes_from_jacobian
 from dense_vs.body_model.chain import BACKGROUND, Chain, ancestors
 from dense_vs.body_model.joint_tree import joint_parents
 from dense_vs.body_model.link_assignment import Placed, place_points
+from dense_vs.body_model.solver import solve
 from dense_vs.body_model.track_jacobian import LEAST_SEEN, TrackJacobians, track_jacobians
 from dense_vs.body_model.track_problem import BodyState, TrackProblem
 from dense_vs.body_model.tracks import PointTracks
 from dense_vs.checks import check_number, check_whole
 from dense_vs.errors import DenseVSError
-from dense_vs.generative.least_squares.levenberg_marquardt import minimize
 
 MOVING = 1.5  # px from its mean place that a point must get, or it is taken for background
 _WELL_SEEN = 12  # images of a track that takes part in finding the start
@@ -232,7 +232,7 @@ def adjust(
         weights = np.zeros(pixels.shape[:2])
         weights[whole.image, whole.point] = 1 / (1 + squared / (_GROSS * scale) ** 2) ** 2
         problem = TrackProblem(joints, pixels, links, center, weights, focal_prior, noise)
-        state = minimize(problem, state, iterations, tolerance=1e-4).state
+        state, _ = solve(problem, state, iterations, 1e-4)
     squared = np.minimum((whole.errors(state) ** 2).sum(axis=1), 1e12)
     robust = float(np.mean(squared / (squared + (_GROSS * noise) ** 2)))
     return state, robust, float(np.median(np.sqrt(squared)))

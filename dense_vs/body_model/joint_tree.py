@@ -25,8 +25,9 @@ def joint_parents(moved_by: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     learned = counts >= LEAST_POINTS
     share = shared / np.maximum(counts, 1)  # [a, b]: of the points that b moves, those that a moves too
     parents = np.full(len(counts), -1)
-    for b in np.flatnonzero(learned):
-        before = [a for a in np.flatnonzero(learned) if a != b and _stands_before(a, b, share)]
+    joints: list[int] = np.flatnonzero(learned).tolist()
+    for b in joints:
+        before = [a for a in joints if a != b and _stands_before(a, b, share)]
         if before:
             # The nearest of them is the one that most of the others stand before.
             parents[b] = max(before, key=lambda a: (sum(_stands_before(c, a, share) for c in before if c != a), a))

@@ -8,10 +8,12 @@ falls where the image has an edge (semi-global matching, Hirschmüller 2008).
 import cv2
 import numpy as np
 
+from dense_vs.body_model.chain import BACKGROUND
 from dense_vs.body_model.link_sweep import Hypotheses
 
 RADIUS, SMOOTHNESS = 5, 30.0  # px and gray levels^2, of the guided filter
-DEPTH_PRICE, LINK_PRICE = 0.3, 2.0  # gray levels
+DEPTH_PRICE, LINK_PRICE = 0.5, 4.0  # gray levels
+BODY_PRICE = 0.3  # gray levels by which a link must explain a pixel better than rest does
 EDGE = 12.0  # gray levels, at which the price of a change of link has fallen to 1 / e
 
 
@@ -24,6 +26,7 @@ def choose_hypotheses(cost: np.ndarray, image: np.ndarray, hypotheses: Hypothese
         hypotheses: L of them.
     """
     guide = image.astype(np.float32)
+    cost = cost + np.where(hypotheses.links == BACKGROUND, 0.0, BODY_PRICE).astype(np.float32)[:, None, None]
     return _along_lines(_guided(cost, guide), guide, hypotheses.same_link).argmin(axis=0)
 
 

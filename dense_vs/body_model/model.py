@@ -24,6 +24,8 @@ from dense_vs.body_model.surface import Surface, SurfaceOptions, find_surface
 from dense_vs.body_model.tracks import PointTracks, TrackOptions, follow_points, moving_pixels
 from dense_vs.errors import DenseVSError
 
+BESIDE = 3  # px off the body at which a pixel still counts as on it where points are traced
+
 
 @dataclass(frozen=True)
 class BodyPoints:
@@ -170,13 +172,17 @@ class BodyModel:
 
     def jacobian(self, q: Any) -> np.ndarray:
         """J at a posture ``(N,)`` [rad], float32 ``(H, W, 2, N)`` [px/rad]; 0 off the body."""
+        return self.known(q)[0]
+
+    def known(self, q: Any) -> tuple[np.ndarray, np.ndarray]:
+        """J at a posture ``(N,)`` [rad], float32 ``(H, W, 2, N)`` [px/rad], and the body's pixels, bool ``(H, W)``."""
         posture = self._posture(q, "q")
         positions = self._positions(posture)
         front = front_points(self._project(positions), positions[:, 2], self.size)
         J = np.zeros((*self.size, 2, self.joint_count), np.float32)
         body = front >= 0
         J[body] = self._point_jacobians(posture, positions[front[body]], self.surface.links[front[body]])
-        return J
+        return J, body
 
     def flow(self, q: Any, dq: Any) -> np.ndarray:
         """Flow, float32 ``(H, W, 2)`` [px], stored at the pixels of the posture ``q`` that was reached by ``dq``.
@@ -215,18 +221,16 @@ class BodyModel:
             q: ``(N,)`` the other posture [rad].
 
         Returns:
-            ``(K, 2)`` [px], NaN for a pixel that is not on the body.
+            ``(K, 2)`` [px], NaN for a pixel that is more than 3 px off the body. One beside it, as the model's outline
+            is not exact, goes with the nearest pixel of the body.
         """
         places = points_array(pixels, "pixels")
         there = self.image(q_seen)
-        height, width = self.size
-        u, v = np.rint(np.clip(places, -1, max(self.size))).astype(int).T
-        inside = (u >= 0) & (u < width) & (v >= 0) & (v < height)
-        index = np.where(inside, there.points[np.where(inside, v, 0), np.where(inside, u, 0)], -1)
+        index = _nearest_point(there.points, places)
         found = np.full((len(places), 2), np.nan)
         on_body = index >= 0
         if on_body.any():
-            found[on_body] = self._moved(places[on_body], index[on_body], there, q_seen, q)
+            found[on_body] = self._moved(places[on_body], index[on_body], q_seen, q)
         return found
 
     def save(self, path: str | os.PathLike[str]) -> None:
@@ -271,13 +275,20 @@ class BodyModel:
     def _point_jacobians(self, q: np.ndarray, positions: np.ndarray, links: np.ndarray) -> np.ndarray:
         """J ``(P, 2, N)`` [px/rad] of points on links in the camera frame, the interaction matrix times the screws."""
         axes, moments = self.chain.screws(q)
+        # w x X for all joints by one product: X' [-w]x.
+        cross = np.zeros((3, self.joint_count, 3))
+        for n, (wx, wy, wz) in enumerate(axes):
+            cross[:, n] = [[0, wz, -wy], [-wz, 0, wx], [wy, -wx, 0]]
+        velocity = (positions @ cross.reshape(3, -1)).reshape(len(positions), -1, 3) + moments
+        J = np.empty((len(positions), 2, self.joint_count), np.float32)
+        scale = self.focal_length / positions[:, 2]
+        normal = positions[:, :2] / positions[:, 2:]
         moved_by = self.chain.moved_by[links] & self.learned
-        velocity = np.where(moved_by[..., None], np.cross(axes, positions[:, None]) + moments, 0.0)
-        normal = positions[:, None, :2] / positions[:, None, 2:]
-        J = self.focal_length * (velocity[..., :2] - normal * velocity[..., 2:]) / positions[:, None, 2:]
-        return J.transpose(0, 2, 1)
+        for row in range(2):
+            J[:, row] = (velocity[..., row] - normal[:, row, None] * velocity[..., 2]) * scale[:, None] * moved_by
+        return J
 
-    def _moved(self, places: np.ndarray, index: np.ndarray, there: BodyImage, q_seen: Any, q: Any) -> np.ndarray:
+    def _moved(self, places: np.ndarray, index: np.ndarray, q_seen: Any, q: Any) -> np.ndarray:
         """Places at ``q`` of pixels at ``q_seen``, each at its surface point's depth and on its link."""
         links = self.surface.links[index]
         both = np.stack([self._posture(q_seen, "q_seen"), self._posture(q, "q")])
@@ -286,3 +297,16 @@ class BodyModel:
         rays = np.column_stack([(places - self.center) / self.focal_length, np.ones(len(places))])
         home = np.einsum("pji,pj->pi", rotation[0, links], rays * seen[:, 2:] - translation[0, links])
         return self._project(np.einsum("pij,pj->pi", rotation[1, links], home) + translation[1, links])
+
+
+def _nearest_point(points: np.ndarray, places: np.ndarray) -> np.ndarray:
+    """Index of the surface point ``(K,)`` at or next to each place ``(K, 2)`` [px], -1 where none is near."""
+    height, width = points.shape
+    offsets = [(x, y) for x in range(-BESIDE, BESIDE + 1) for y in range(-BESIDE, BESIDE + 1)]
+    offsets = sorted((o for o in offsets if o[0] ** 2 + o[1] ** 2 <= BESIDE**2), key=lambda o: o[0] ** 2 + o[1] ** 2)
+    u, v = np.rint(np.clip(places, -2 * BESIDE, 2 * max(height, width))).astype(int).T
+    index = np.full(len(places), -1)
+    for x, y in offsets:
+        inside = (index < 0) & (u + x >= 0) & (u + x < width) & (v + y >= 0) & (v + y < height)
+        index[inside] = points[v[inside] + y, u[inside] + x]
+    return index

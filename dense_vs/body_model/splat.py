@@ -3,7 +3,8 @@
 import numpy as np
 
 _NEAREST = 1e-6
-_HOLE = ((0, 1), (0, -1), (1, 0), (-1, 0), (1, 1), (-1, -1), (1, -1), (-1, 1))
+_SIDES = 4
+_AROUND = ((0, 1), (0, -1), (1, 0), (-1, 0), (1, 1), (-1, -1), (1, -1), (-1, 1))
 
 
 def front_points(places: np.ndarray, depths: np.ndarray, size: tuple[int, int]) -> np.ndarray:
@@ -27,16 +28,21 @@ def front_points(places: np.ndarray, depths: np.ndarray, size: tuple[int, int]) 
 
 
 def _filled(front: np.ndarray, depths: np.ndarray) -> np.ndarray:
-    """Pixels with points on at least five sides take the most frequent depth side's; and so twice."""
+    """Pixels with points on at least four of eight sides take the nearest of these; and so twice."""
+    rows, columns = np.flatnonzero((front >= 0).any(axis=1)), np.flatnonzero((front >= 0).any(axis=0))
+    if not len(rows):
+        return front
+    part = front[rows[0] : rows[-1] + 1, columns[0] : columns[-1] + 1]
     for _ in range(2):
-        padded = np.pad(front, 1, constant_values=-1)
-        height, width = front.shape
-        around = np.stack([padded[1 + a : 1 + a + height, 1 + b : 1 + b + width] for a, b in _HOLE])
-        known = around >= 0
-        hole = (front < 0) & (known.sum(axis=0) >= 4)
-        if not hole.any():
+        height, width = part.shape
+        known = np.zeros((height + 2, width + 2), np.uint8)
+        known[1:-1, 1:-1] = part >= 0
+        sides = sum(known[1 + a : 1 + a + height, 1 + b : 1 + b + width] for a, b in _AROUND)
+        y, x = np.nonzero((part < 0) & (sides >= _SIDES))
+        if not len(y):
             break
-        near = np.where(known[:, hole], depths[around[:, hole]], np.inf).argmin(axis=0)
-        front = front.copy()
-        front[hole] = around[:, hole][near, np.arange(len(near))]
+        padded = np.pad(part, 1, constant_values=-1)
+        around = np.stack([padded[1 + a + y, 1 + b + x] for a, b in _AROUND])
+        near = np.where(around >= 0, depths[around], np.inf).argmin(axis=0)
+        part[y, x] = around[near, np.arange(len(y))]
     return front

@@ -16,6 +16,7 @@ from dense_vs.body_model.link_sweep import depth_hypotheses, link_costs
 from dense_vs.checks import check_number, check_whole
 
 _MARGIN = 4  # px around what moves
+_CUBE = 1.2  # px, side of the cubes that keep a point each
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -93,9 +94,20 @@ def find_surface(
     indices = np.unique(np.linspace(0, count - 1, options.keyframes + 2).round().astype(int)[1:-1])
     views = [_look(chain, focal, center, images, joints, moving, anchors, int(k), options) for k in indices]
     parts = [_vote(chain, focal, center, images, joints, view, views, options.same_depth) for view in views]
-    return Surface(
-        *(np.concatenate([getattr(p, name) for p in parts]) for name in ("points", "links", "support", "gray"))
-    )
+    names = ("points", "links", "support", "gray")
+    return _thinned(Surface(*(np.concatenate([getattr(p, name) for p in parts]) for name in names)), focal)
+
+
+def _thinned(surface: Surface, focal: float) -> Surface:
+    """One point, the best supported one, in every cube about as wide as a pixel at the median depth."""
+    if not len(surface.links):
+        return surface
+    side = _CUBE * float(np.median(surface.points[:, 2])) / focal
+    cells = np.column_stack([np.floor(surface.points / side).astype(np.int64), surface.links])
+    order = np.argsort(-surface.support, kind="stable")
+    _, first = np.unique(cells[order], axis=0, return_index=True)
+    kept = np.sort(order[first])
+    return Surface(surface.points[kept], surface.links[kept], surface.support[kept], surface.gray[kept])
 
 
 def _look(chain, focal, center, images, joints, moving, anchors, index, options: SurfaceOptions) -> _View:

@@ -110,7 +110,7 @@ def follow_points(
     q = real_vector(joints, "joints", (len(images), -1))
     _check_images(images)
     chosen = np.arange(0, len(images), options.stride)
-    looked = [np.ascontiguousarray(images[k]) for k in chosen]
+    looked = [np.ascontiguousarray(images[int(k)]) for k in chosen]
     moving = moving_pixels(looked)
     height, width = looked[0].shape
     columns, references = [], []
@@ -189,7 +189,7 @@ def _locate(
     start = points.reshape(-1, 1, 2)
     place, forward, _ = cv2.calcOpticalFlowPyrLK(first, second, start, guess.reshape(-1, 1, 2).copy(), **setup)
     # The way back starts off by some pixels, or it would end where it began for no other reason.
-    offset = np.float32([1.5, -1.5])
+    offset = np.array([1.5, -1.5], np.float32)
     back, backward, _ = cv2.calcOpticalFlowPyrLK(second, first, place, start + offset, **setup)
     flat = place.reshape(-1, 2)
     height, width = first.shape
@@ -205,12 +205,11 @@ def _correlation(first: np.ndarray, second: np.ndarray, a: np.ndarray, b: np.nda
     if not len(a):
         return np.zeros(0)
     half = window // 2
-    offset = np.stack(np.meshgrid(np.arange(-half, half + 1), np.arange(-half, half + 1)), axis=-1).astype(np.float32)
+    offset = np.stack(np.meshgrid(np.arange(-half, half + 1), np.arange(-half, half + 1)), axis=-1).reshape(-1, 2)
     patches = []
     for image, points in ((first, a), (second, b)):
-        maps = (points[:, None, None] + offset).astype(np.float32).reshape(-1, window, 2)
-        sampled = cv2.remap(image, maps, None, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
-        patch = sampled.reshape(len(points), -1).astype(np.float64)
+        x, y = np.moveaxis((points[:, None] + offset).astype(np.float32), 2, 0)
+        patch = cv2.remap(image, x, y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE).astype(np.float64)
         patch -= patch.mean(axis=1, keepdims=True)
         patches.append(patch / np.maximum(np.linalg.norm(patch, axis=1, keepdims=True), 1e-9))
     return np.sum(patches[0] * patches[1], axis=1)

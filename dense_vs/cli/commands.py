@@ -24,6 +24,7 @@ class Command(NamedTuple):
 
 
 COMMANDS = {
+    "body": Command("dense_vs.cli.body", "learn a body model from a recording: links, joints, surface"),
     "depth-eval": Command("dense_vs.cli.depth_eval", "score depth from masks on the sets of the ODMS benchmark"),
     "estimate": Command("dense_vs.cli.estimate", "estimate the dense image Jacobian from a recording"),
     "info": Command("dense_vs.cli.info", "show what is in a recording"),

@@ -12,12 +12,13 @@ from dense_vs.errors import DenseVSError
 from dense_vs.health.faults import Fault, FaultKind
 
 MOST_APART = 1.0  # s between the stamps of an image and of the joints at the start
-LEAST_SHIFT = 0.1  # s, change of that difference that is no jitter
+LEAST_SHIFT = 0.2  # s, change of that difference that no transport of images makes
 SHIFT_FRAMES = 2.5  # the same in frames
 FASTER = 2.0  # times the largest command that a joint may move a frame
 LAGGING = 0.15  # of the largest command: commanded way without a change of the reading that is looked into
 NOT_FOLLOWED = 0.25  # the same, that counts
 FOLLOWS = 0.1  # share of the commanded way that a reading has to change by
+FREED = 0.05  # of the largest command: change of a stuck joint's reading
 STUCK_SECONDS = 0.5
 RETRY_SECONDS = 2.0  # after which a stuck joint is tried again
 USUAL_FRAMES = 31
@@ -49,7 +50,7 @@ class JointWatch:
         count = len(self._names)
         self.positions: np.ndarray | None = None
         self.time = -np.inf
-        self.changed = False
+        self.changed = self._doubted = False
         self.stuck = np.zeros(count, dtype=bool)
         self._offsets: deque[float] = deque(maxlen=USUAL_FRAMES)
         self._frames: deque[float] = deque(maxlen=USUAL_FRAMES)
@@ -62,6 +63,8 @@ class JointWatch:
 
     def commanded(self, step: np.ndarray) -> None:
         """Note a step ``(n,)`` that was sent."""
+        if self._doubted:
+            return  # what the joint does is not known until a reading is believed
         self._commanded += step
         self._farthest = np.maximum(self._farthest, np.abs(self._commanded))
 
@@ -88,6 +91,7 @@ class JointWatch:
             self._frames.append(image_time - self._last_image)
         self._last_image = image_time
         fault = self._wrong_stamp(stamp, image_time) or self._wrong_step(q, stamp)
+        self._doubted = fault is not None
         if fault is not None:
             return [fault]
         self._offsets.append(image_time - stamp)
@@ -142,7 +146,8 @@ class JointWatch:
     def _follow(self, q: np.ndarray, now: float) -> list[Fault]:
         """Joints that were commanded to move and whose readings stay."""
         away = np.abs(q - self._unchanged)
-        moved = away > np.maximum(FOLLOWS * self._farthest, 1e-9)
+        # One that is stuck gets no commands: any motion says that it is free.
+        moved = away > np.where(self.stuck, FREED * self._max_step, np.maximum(FOLLOWS * self._farthest, 1e-9))
         self.changed = bool((moved & self.stuck).any())
         self.stuck &= ~moved
         self._unchanged = np.where(moved, q, self._unchanged)

@@ -5,59 +5,157 @@ together, 1 where one of them is missing or the two are strangers. Its median ov
 usual for this robot, so that a J that is known badly is no reason to stop learning it.
 """
 
+from collections import deque
+from collections.abc import Callable
+from dataclasses import dataclass
+
 import numpy as np
 
 from dense_vs.health.faults import Fault, FaultKind
 
-MOVING = 0.7  # px of flow or J s: places that move less say nothing
+MOVING = 1.0  # px of flow or J s: places that move less say nothing
 ON_ROBOT = 0.2  # of the largest |J| on the image: places with less are not looked at
 LEAST_PLACES = 12
-KNOWN = 20  # judgments until it is known what is usual
+KNOWN = 40  # judgments until it is known what is usual
 TRUSTED = 0.15  # usual share above which J is known too badly to judge by
-LEAST_SHARE = 0.35  # that counts
+LEAST_SHARE = 0.5  # that counts where J has to follow the robot to new postures
+BABBLING_SHARE = 0.12  # the same about a posture where J has been learned
 TIMES_USUAL = 4.0
 USUAL = 0.05  # weight of the newest judgment
-GIVEN_UP = 40  # judgments in a row, after which not the images but the robot or the camera has changed
+GIVEN_UP = (
+    60  # judgments since the first that was wrong, after which not the images but the robot or the camera has changed
+)
+KEPT = 16  # motions since they began not to be explained, for finding a delay
+SOUND = 6  # motions in a row that are explained, after which it is believed that nothing is wrong any more
+MOST_PLACES = 200  # of each
+TRIED_FRAMES = np.arange(-6.0, 3.01, 0.25)
+ENOUGH_LATE = 6  # motions that a delay is found from
+LATE_SHARE = 0.5  # of what is unexplained without the delay that may be left with it
+LATE_LEFT = 0.2  # the same of the motion itself
+
+
+@dataclass(frozen=True)
+class Motion:
+    """An image's motion against J.
+
+    Attributes:
+        begin, end: stamps of the two images [s].
+        flow: ``(K, 2)`` [px].
+        jacobian: ``(K, 2, N)`` there [px/rad].
+    """
+
+    begin: float
+    end: float
+    flow: np.ndarray
+    jacobian: np.ndarray
 
 
 class MotionCheck:
-    """Judges flow against J, an image at a time."""
+    """Judges flow against J, an image at a time.
+
+    Attributes:
+        least_share: share that counts, above what is usual.
+        usual: share that is usual; None before the first judgment.
+        recent: motions since they began not to be explained.
+    """
 
     def __init__(self) -> None:
+        self.least_share = LEAST_SHARE
         self.restart()
 
     def restart(self) -> None:
         """Forget what is usual, as after J was forgotten."""
         self.share = float("nan")
         self.usual: float | None = None
-        self._judged = self._wrong = 0
+        self._judged = 0
+        self.recent: deque[Motion] = deque(maxlen=KEPT)
+        self.forget_doubt()
 
-    def judge(self, flow: np.ndarray, jacobian: np.ndarray, span: np.ndarray) -> Fault | None:
+    def forget_doubt(self) -> None:
+        """Begin to judge anew, by what is usual, as after a delay was taken out."""
+        self.recent.clear()
+        self._since = self._sound = self._wrong = 0
+
+    def judge(
+        self, flow: np.ndarray, jacobian: np.ndarray, span: np.ndarray, begin: float = 0.0, end: float = 0.0
+    ) -> Fault | None:
         """What is wrong with an image's motion, where something is.
 
         Args:
             flow: ``(K, 2)`` at K places [px].
             jacobian: ``(K, 2, N)`` there [px/rad].
             span: ``(N,)`` joint displacement that the flow spans [rad].
+            begin, end: stamps of the two images [s].
         """
         size = np.linalg.norm(jacobian, axis=(1, 2))
         predicted = jacobian @ span
         energy = (flow**2).sum(axis=1) + (predicted**2).sum(axis=1)
         moving = np.maximum((flow**2).sum(axis=1), (predicted**2).sum(axis=1)) > MOVING**2
+        robot = np.flatnonzero((size > ON_ROBOT * size.max(initial=0.0)) & np.isfinite(energy))
+        some = robot[:: max(1, len(robot) // MOST_PLACES)]
+        motion = Motion(begin, end, flow[some], jacobian[some])
+        if self.recent:
+            self.recent.append(motion)
         chosen = (size > ON_ROBOT * size.max(initial=0.0)) & moving & np.isfinite(energy)
         if np.count_nonzero(chosen) < LEAST_PLACES:
             return None
         error = ((flow[chosen] - predicted[chosen]) ** 2).sum(axis=1)
         self.share = float(np.median(error / energy[chosen]))
         known = self.usual is not None and self._judged >= KNOWN and self.usual < TRUSTED
-        if known and self.usual is not None and self.share > max(LEAST_SHARE, TIMES_USUAL * self.usual):
-            self._wrong += 1
-            if self._wrong < GIVEN_UP:
-                text = f"a share of {self.share:.2f} of the motion is not the joints'; {self.usual:.2f} is usual"
-                return Fault(FaultKind.MISFIT, text)
-            self.restart()
-            return None
-        self._wrong = 0
+        wrong = known and self.usual is not None and self.share > max(self.least_share, TIMES_USUAL * self.usual)
+        if wrong and not self.recent:
+            self.recent.append(motion)
+        if self.recent:
+            return self._doubted(wrong)
         self._judged += 1
         self.usual = self.share if self.usual is None else self.usual + USUAL * (self.share - self.usual)
         return None
+
+    def _doubted(self, wrong: bool) -> Fault | None:
+        """After a motion that was not explained: where motion is steady, even one of other images may look right."""
+        self._since += 1
+        self._sound = 0 if wrong else self._sound + 1
+        self._wrong = self._wrong + 1 if wrong else 0
+        if self._since >= GIVEN_UP:
+            self.restart()
+            return None
+        if self._sound >= SOUND:
+            self.forget_doubt()
+            return None
+        if not wrong:
+            return Fault(FaultKind.MISFIT, "motion was not the joints' a moment ago", stops=False)
+        text = f"a share of {self.share:.2f} of the motion is not the joints'; {self.usual:.2f} is usual"
+        return Fault(FaultKind.MISFIT, text, stops=self._wrong > 1)  # the first may be chance
+
+
+def find_lateness(
+    recent: list[Motion], positions_at: Callable[[float], np.ndarray], now: float, frame_time: float
+) -> float | None:
+    """The delay of joint readings that explains motions which J does not explain with the present one.
+
+    Args:
+        recent: motions and J at them, J as it was learned before.
+        positions_at: joint positions ``(N,)`` [rad] by the clock of the readings.
+        now: the present delay [s].
+        frame_time: time between images [s].
+
+    Returns:
+        The delay [s], below 0 where images are late; None where no other explains them clearly better.
+    """
+    recent = recent[1:]  # the first may span the moment at which the delay changed
+    delays = TRIED_FRAMES * frame_time
+    unexplained = np.zeros(len(delays) + 1)
+    moved = 0
+    for number, delay in enumerate([*delays, now]):
+        for motion in recent:
+            span = positions_at(motion.end + delay) - positions_at(motion.begin + delay)
+            predicted = motion.jacobian @ span
+            unexplained[number] += float(((motion.flow - predicted) ** 2).mean())
+            moved += int(number == len(delays) and float((predicted**2).sum(axis=1).mean()) > MOVING**2)
+    best = int(np.argmin(unexplained[:-1]))
+    energy = sum(float((motion.flow**2).mean()) for motion in recent)
+    fits = unexplained[best] < min(LATE_SHARE * unexplained[-1], LATE_LEFT * energy)
+    if len(recent) < ENOUGH_LATE or moved < ENOUGH_LATE // 2 or not fits:
+        return None
+    # A quarter of a frame cannot be told from none.
+    return 0.0 if abs(TRIED_FRAMES[best]) < 0.5 else float(delays[best])

@@ -246,6 +246,28 @@ class DenseJacobian:
         joint_step = self._joint_step(dq)
         self._advance(joint_step, self._span(np.zeros(np.shape(dq))))
 
+    def blend(self, jacobian: Any, share: Any) -> None:
+        """Draw J to one that is known from elsewhere, as from a body model; the uncertainty stays. For one world.
+
+        Args:
+            jacobian: ``(H, W, 2, N)`` [px/rad].
+            share: ``(H, W)``, 0 leaves J as it is, 1 takes the other.
+
+        Raises:
+            DenseVSError: several worlds, another shape, values that are not finite, a share out of 0 to 1.
+        """
+        size = self.options.height, self.options.width
+        if self.options.worlds != 1:
+            raise DenseVSError(f"estimator has {self.options.worlds} worlds; expected one to blend J in")
+        other = real_vector(jacobian, "jacobian", (*size, 2, self.options.joints), np.float32)
+        weight = real_vector(share, "share", size, np.float32)
+        if weight.min() < 0 or weight.max() > 1:
+            raise DenseVSError(f"share is from {weight.min()} to {weight.max()}; expected 0 to 1")
+        stored = self.filter.stored()
+        state = np.array(stored["state"])
+        state[0, ..., : self.options.joints] += (other - self.to_numpy()) * weight[..., None, None]
+        self.filter.restore({**stored, "state": state})
+
     def predicted_flow(self, dq: Any) -> np.ndarray:
         """The flow J dq that a joint step would cause, float32 ``(H, W, 2)`` [px].
 

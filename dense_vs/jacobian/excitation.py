@@ -24,6 +24,7 @@ class Excitation:
         names: of the joints.
         scale: ``(N,)``, root mean square of a joint's steps between images, in its own unit; 0 where it is not to be
             learned. This is ``joint_scale`` of :class:`dense_vs.jacobian.JacobianOptions`.
+        spread: ``(N,)``, standard deviation of a joint's positions, in its own unit.
         range: ``(N,)``, farthest position less nearest, in the joint's own unit.
         own_share: ``(N,)``, share of the energy of a joint's steps that the learned joints before it do not predict.
         reasons: why a joint is not learned, by name.
@@ -31,6 +32,7 @@ class Excitation:
 
     names: tuple[str, ...]
     scale: np.ndarray
+    spread: np.ndarray
     range: np.ndarray
     own_share: np.ndarray
     reasons: dict[str, str]
@@ -77,7 +79,7 @@ def excitation(positions: np.ndarray, names: tuple[str, ...] | None = None) -> E
             scale[k] = 0.0
         else:
             learned.append(k)
-    return Excitation(labels, scale, span, own, reasons)
+    return Excitation(labels, scale, q.std(axis=0), span, own, reasons)
 
 
 def _noise(q: np.ndarray) -> float:

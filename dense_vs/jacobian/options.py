@@ -19,6 +19,7 @@ MAX_JOINTS_ORDER_2 = 8
 MAX_JOINTS_DEFAULT_ORDER_2 = 6
 MOST_JOINT_STEP = 1000.0  # rad; the covariance of order 2 holds fourth powers of a step
 STANDARD_STEP = 0.012  # rad a frame, that of the babbling which the variances were tuned on
+STANDARD_SPREAD = 0.12  # rad, standard deviation of the joints' positions in it
 
 
 @dataclass(frozen=True, kw_only=True)

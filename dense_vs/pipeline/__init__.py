@@ -4,8 +4,17 @@ May import: the ground, :mod:`dense_vs.health`, :mod:`dense_vs.recording`, :mod:
 :mod:`dense_vs.jacobian` and :mod:`dense_vs.body`.
 """
 
+from dense_vs.pipeline.body_prior import BodyPrior
 from dense_vs.pipeline.explained_motion import ExplainedMotion
 from dense_vs.pipeline.frame_pipeline import Frame, FramePipeline, scaled_size
 from dense_vs.pipeline.recorded import RecordedEstimate, estimate_recording
 
-__all__ = ["ExplainedMotion", "Frame", "FramePipeline", "RecordedEstimate", "estimate_recording", "scaled_size"]
+__all__ = [
+    "BodyPrior",
+    "ExplainedMotion",
+    "Frame",
+    "FramePipeline",
+    "RecordedEstimate",
+    "estimate_recording",
+    "scaled_size",
+]

@@ -22,6 +22,7 @@ from dense_vs.health.faults import Fault
 from dense_vs.health.image_watch import ImageWatch
 from dense_vs.health.motion_check import MotionCheck
 from dense_vs.jacobian.estimator import DenseJacobian
+from dense_vs.pipeline.body_prior import BodyPrior
 
 BASELINE = 3.0  # px, image motion by J dq at which J is corrected
 MAX_SPAN = 8  # frames after which it is corrected in any case
@@ -77,14 +78,18 @@ class FramePipeline:
         estimator: for one world; its size is the size of the images once scaled.
         flow: of the same size; the default method unless given.
         scale: factor on the image size, 0.5 in the paper.
-        body: is fed with every measured motion and J, where one is given; see :meth:`labels`. Its flow is that of
-            :data:`BODY_FLOW`, which is sharper at outlines than J's needs to be.
+        body: is fed with every measured motion, its image and J, where one is given; see :meth:`labels`. Its flow is
+            that of :data:`BODY_FLOW`, which is sharper at outlines than J's needs to be.
         baseline: image motion at which J is corrected [px]; with 0 it is in every frame, and always where the
             estimator takes no flow that spans several.
+        still: joint steps ``(N,)`` below which the robot stands still, noise of its readings; None for none. Such a
+            frame leaves the estimate as it is, and its step goes with the next one's, where the estimator takes flow
+            that spans several.
         before_update: called with each frame's time, flow and joint step while the estimator is still that of the frame
             before; a judge of its prediction.
         watched: whether images that say nothing, and motion that the joints do not explain, are left out; for a live
-            robot. A recording's repeated images are found by what reads it.
+            robot. A recording's repeated images are found by what reads it. ``check`` then judges the motion.
+        prior: what a body model knows of J from the first frame on.
 
     Raises:
         DenseVSError: sizes that differ, several worlds, a scale out of (0, 1], a baseline below 0.
@@ -98,15 +103,21 @@ class FramePipeline:
         scale: float = 1.0,
         body: SelfBody | None = None,
         baseline: float = BASELINE,
+        still: np.ndarray | None = None,
         before_update: Callable[[float, np.ndarray, np.ndarray], None] | None = None,
         watched: bool = False,
+        prior: BodyPrior | None = None,
     ):
         size = estimator.options.height, estimator.options.width
         if estimator.options.worlds != 1:
             raise DenseVSError(f"estimator has {estimator.options.worlds} worlds; a pipeline takes one")
         check_number("scale", scale, above=0, most=1)
         self.baseline = check_number("baseline", baseline, least=0) if estimator.takes_spans else 0.0
+        joints = estimator.options.joints
+        given = None if still is None else real_vector(still, "still", (joints,))
+        self.still = given if estimator.takes_spans else None
         self._corrected: Frame | None = None  # the frame that J was corrected by last
+        self._moved_to = np.zeros(joints)  # positions that J was moved to last
         self._span_frames = 0  # since then
         y, x = np.mgrid[_GRID_STEP // 2 : size[0] : _GRID_STEP, _GRID_STEP // 2 : size[1] : _GRID_STEP]
         self._grid = np.stack([x.ravel(), y.ravel()], axis=1).astype(np.float32)
@@ -120,9 +131,10 @@ class FramePipeline:
         self.body = body
         self._body_flow = self.flow if body is None else FlowEstimator(BODY_FLOW, *size)
         self.before_update = before_update
+        self.prior = prior
         self.frame: Frame | None = None
         self._watch = ImageWatch() if watched else None
-        self._check = MotionCheck() if watched else None
+        self.check = MotionCheck() if watched else None
         self._seen: tuple[float, np.ndarray | None] | None = None  # stamp and positions of the last image, used or not
 
     def process(self, image: Any, time: float, positions: Any, faults: tuple[Fault, ...] = ()) -> Frame:
@@ -162,7 +174,10 @@ class FramePipeline:
         if shown.held:
             return shown
         if last is None:
+            if self.prior is not None:
+                self.prior.begin(self.estimator, q)
             self.frame = self._corrected = shown
+            self._moved_to = q
         else:
             self.frame = self._follow(last, shown)
         return self.frame
@@ -177,10 +192,11 @@ class FramePipeline:
             self.estimator.reset()
         self.frame = self._corrected = self._seen = None
         self._span_frames = 0
-        if self._watch is not None and self._check is not None:
+        if self._watch is not None and self.check is not None:
             self._watch.restart()
+            self.check.forget_doubt()
             if forget:
-                self._check.restart()
+                self.check.restart()
 
     def motion(self, joint_step: np.ndarray) -> float:
         """How fast a joint step ``(N,)`` moves the robot in the image: 95 % of what moves by J dq is slower [px]."""
@@ -205,24 +221,31 @@ class FramePipeline:
         if self.before_update is not None:
             self.before_update(shown.time, calculate(), dq)
         self._span_frames += 1
-        if self._watch is not None and self._span_frames > 1 and self.motion(span) > MOST_BRIDGED:
-            self.estimator.predict(dq)
+        step = q - self._moved_to
+        if self.still is not None and (np.abs(step) < self.still).all():
+            return followed()
+        moved_since = not np.array_equal(self._moved_to, first.positions)
+        self._moved_to = q
+        spans = self.estimator.takes_spans
+        if self._watch is not None and spans and self._span_frames > 1 and self.motion(span) > MOST_BRIDGED:
+            self.estimator.predict(step)
             return self._begin_span(followed(_calculate=partial(self.estimator.predicted_flow, dq)))
         if not self._is_due(span):
-            self.estimator.predict(dq)
+            self.estimator.predict(step)
             return followed()
-        one_frame = self._span_frames == 1
-        flow = calculate() if one_frame else self.flow(first.gray, gray)
+        flow = calculate() if self._span_frames == 1 else self.flow(first.gray, gray)
         fault = None
-        if self._check is not None and self.estimator.updates > LEARNED_UPDATES:
+        if self.check is not None and spans and self.estimator.updates > LEARNED_UPDATES:
             columns, rows = self._grid.astype(int).T
-            fault = self._check.judge(flow[rows, columns], self.estimator.at(self._grid), span)
+            fault = self.check.judge(flow[rows, columns], self.estimator.at(self._grid), span, first.time, shown.time)
         if fault is not None:
-            self.estimator.predict(dq)
+            self.estimator.predict(step)
             return self._begin_span(followed(faults=(*shown.faults, fault)))
-        self.estimator.update(flow, dq, None if one_frame else span)
+        self.estimator.update(flow, step, span if moved_since else None)
+        if self.prior is not None:
+            self.prior.correct(self.estimator, q, flow, span)
         if self.body is not None:
-            self.body.observe(self._body_flow(first.gray, gray), span)
+            self.body.observe(self._body_flow(first.gray, gray), span, shown.image)
             self.body.submit(self.estimator.jacobian)
         return self._begin_span(followed(measured=(flow, span)))
 

@@ -5,20 +5,29 @@ from typing import Any, Unpack
 
 import numpy as np
 
-from dense_vs.checks import check_number
+from dense_vs.body.self_body import SelfBody
+from dense_vs.checks import check_flag, check_number
 from dense_vs.errors import DenseVSError
 from dense_vs.flow.estimator import FlowEstimator
 from dense_vs.jacobian.estimator import DenseJacobian
 from dense_vs.jacobian.excitation import Excitation, excitation
-from dense_vs.jacobian.options import MAX_JOINTS_DEFAULT_ORDER_2, STANDARD_STEP, EstimatorOptions, recorded_options
+from dense_vs.jacobian.options import (
+    MAX_JOINTS_DEFAULT_ORDER_2,
+    STANDARD_SPREAD,
+    STANDARD_STEP,
+    EstimatorOptions,
+    recorded_options,
+)
 from dense_vs.pipeline.explained_motion import ExplainedMotion
 from dense_vs.pipeline.frame_pipeline import Frame, FramePipeline, scaled_size
 from dense_vs.recording import ClockOffset, Episode, Recording
 from dense_vs.recording.distinct_images import DistinctImages
 from dense_vs.recording.prefetch import prefetch
+from dense_vs.recording.survey import joint_motions
 
 # Found on three reaches of a humanoid (``profiling/real_robot.py``): 0.03 to 0.07 s do alike.
 JOINT_SMOOTHING = 0.05  # s
+STILL_NOISES = 5.0  # standard deviations of its readings that a joint at rest stays within from image to image
 
 
 class RecordedEstimate:
@@ -35,9 +44,9 @@ class RecordedEstimate:
             are taken as logged.
         device, threads, estimator_options: of :class:`DenseJacobian`, whose help has their units and defaults; those of
             :func:`recorded_options` and ``joint_scale`` where they are not given. Joints that hardly move are left out;
-            the others' units do not matter from 7 joints on, and are rad (m) below unless ``joint_scale`` says
-            otherwise. ``on_bad_flow`` is ``"skip"`` unless given.
+            the others' units do not matter. ``on_bad_flow`` is ``"skip"`` unless given.
         start: an estimator to go on with, made here unless given.
+        label: whether to label the robot's own pixels, see :meth:`labels`.
         before_update: called with each frame's time, flow and joint step while ``estimator`` is still that of the frame
             before; a judge of its prediction beside ``explained``.
 
@@ -61,6 +70,7 @@ class RecordedEstimate:
         device: str = "auto",
         threads: int | None = None,
         start: DenseJacobian | None = None,
+        label: bool = False,
         before_update: Callable[[float, np.ndarray, np.ndarray], None] | None = None,
         **estimator_options: Unpack[EstimatorOptions],
     ):
@@ -87,13 +97,31 @@ class RecordedEstimate:
         self.last_frame: Frame | None = None
         self._squared_steps, self._steps = np.zeros(joints), 0
         self._before_update = before_update
+        body = None
+        if check_flag("label", label):
+            # By how far joints go, which repeated images do not change.
+            body = SelfBody(joint_scale=_scale_by_spread(self.excitation), device=device, threads=threads)
         self._pipeline = FramePipeline(
-            start, FlowEstimator(method, height, width), scale=scale, baseline=0.0, before_update=self._judge
+            start,
+            FlowEstimator(method, height, width),
+            scale=scale,
+            body=body,
+            baseline=0.0,
+            still=self._still_steps(),
+            before_update=self._judge,
         )
 
     def align(self, offset: float | ClockOffset) -> None:
         """Move the joint log onto the camera's clock, before the first frame; see :meth:`Episode.shifted`."""
         self.episode = self.episode.shifted(offset)
+
+    def labels(self) -> np.ndarray:
+        """Whether each pixel of the last frame is the robot's own body, bool ``(H, W)``.
+
+        Raises:
+            DenseVSError: made without ``label``.
+        """
+        return self._pipeline.labels()
 
     @property
     def images(self) -> int:
@@ -132,6 +160,11 @@ class RecordedEstimate:
             self.last_frame = self._pipeline.process(found.image, found.time, joints)
             yield self.last_frame, self.estimator
 
+    def _still_steps(self) -> np.ndarray:
+        """Joint steps ``(N,)`` that noise alone makes; joints that are left out may do what they like."""
+        noise = np.array([joint.noise for joint in joint_motions(self.episode.log)])
+        return np.where(self.excitation.learned, STILL_NOISES * noise, np.finfo(np.float64).max)
+
     def _judge(self, time: float, flow: Any, dq: Any) -> None:
         if self._before_update is not None:
             self._before_update(time, flow, dq)
@@ -152,6 +185,11 @@ def recorded_excitation(episode: Episode, fps: float) -> Excitation:
     return excitation(log.at(np.linspace(log.times[0], log.times[-1], count)), log.names)
 
 
+def _scale_by_spread(seen: Excitation) -> np.ndarray:
+    """Typical steps ``(N,)`` at the pace of the standard babbling, of joints that go as far as these; 0 if left out."""
+    return np.where(seen.learned, STANDARD_STEP / STANDARD_SPREAD * seen.spread, 0.0)
+
+
 def _recorded_defaults(joints: int, seen: Excitation, given: EstimatorOptions) -> EstimatorOptions:
     """Options of the estimator for a recording: those given, else what real recordings need."""
     options: EstimatorOptions = {"on_bad_flow": "skip", **given}
@@ -160,7 +198,8 @@ def _recorded_defaults(joints: int, seen: Excitation, given: EstimatorOptions) -
         if "joint_scale" not in options:
             typical = seen.scale
             if joints <= MAX_JOINTS_DEFAULT_ORDER_2:
-                # The Hessian's prior holds in rad: from a slow log's own steps it would be many times too wide.
-                typical = np.where(typical > 0, STANDARD_STEP, 0.0)
+                # The Hessian's prior says how much J changes over a posture's range, however fast that is gone through:
+                # from a slow log's own steps it would be many times too wide.
+                typical = _scale_by_spread(seen)
             options["joint_scale"] = tuple(typical)
     return options

@@ -2,8 +2,9 @@
 
 import numpy as np
 
-from dense_vs.health.faults import Fault
+from dense_vs.health.faults import Fault, FaultKind
 from dense_vs.health.joint_watch import JointWatch
+from dense_vs.health.motion_check import Motion, find_lateness
 from dense_vs.recording.joint_delay import joint_delay as found_joint_delay
 from dense_vs.recording.joint_log import JointBuffer
 from dense_vs.robot.joint_group import JointGroup
@@ -88,3 +89,15 @@ class JointStream:
         self._motion = []
         self.delay = found_joint_delay(flows, times, *self._buffer.readings())
         return self.delay != 0.0
+
+    def find_lateness(self, recent: list[Motion]) -> Fault | None:
+        """Take out a delay that motions which the joints do not explain are explained by; what it is, if one is."""
+        frame_time = self.watch.frame_time
+        found = find_lateness(recent, self._buffer.at, self.delay, frame_time)
+        if found is None or abs(found - self.delay) < 0.4 * frame_time:
+            return None
+        self.delay = found
+        text = f"joint readings are {self.delay:.3f} s behind the images now; taken out"
+        if self.delay <= 0:
+            text = f"images come {-self.delay:.3f} s later than their stamps say; taken out"
+        return Fault(FaultKind.LATE, text, stops=False, holds=False)

@@ -2,6 +2,7 @@
 
 from collections import deque
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -11,8 +12,9 @@ from dense_vs.body.self_body import SelfBody
 from dense_vs.checks import check_number, check_whole
 from dense_vs.errors import DenseVSError
 from dense_vs.flow.estimator import FlowEstimator
-from dense_vs.health.faults import Fault
+from dense_vs.health.faults import Fault, FaultKind
 from dense_vs.health.joint_watch import JointWatch
+from dense_vs.health.motion_check import BABBLING_SHARE, LEAST_SHARE
 from dense_vs.jacobian.estimator import DenseJacobian
 from dense_vs.pipeline.frame_pipeline import BODY_FLOW, LEARNED_UPDATES, MOST_BRIDGED, Frame, FramePipeline
 from dense_vs.point_servo.joint_stream import JointStream
@@ -110,8 +112,8 @@ class ServoLoop:
         pace = {} if command_period is None else {"frame_time": command_period}
         self.babbling = babbling or Babbling(count, seed=seed, **pace)
         self._next_command = time
-        servo_step = self.servo.options.max_step + 4 * self.servo.options.dither
-        largest = max(self.babbling.largest_step, servo_step) if max_step is None else max_step
+        steps = self.babbling.largest_step, self.servo.options.max_step + 4 * self.servo.options.dither
+        largest = max(steps) if max_step is None else max_step
         self.gate = CommandGate(robot, self.group, max_step=largest)
         watch = JointWatch(self.group.names, self.gate.max_step, max_speed)
         self.pipeline = FramePipeline(estimator, flow, scale=scale, body=body, watched=True)
@@ -174,8 +176,10 @@ class ServoLoop:
         )
         self.joints.watch.commanded(sent)
         frame = self._take(*self.camera.read())
-        if self.tracker is not None and not frame.held and frame is not self._followed:
+        seen = all(fault.kind not in (FaultKind.DARK, FaultKind.FROZEN) for fault in frame.faults)
+        if self.tracker is not None and seen and frame is not self._followed:
             self._follow_point(self.tracker, frame)
+            frame = self._frame
         if self.on_frame is not None:
             self.on_frame(self)
         return frame
@@ -184,17 +188,26 @@ class ServoLoop:
         """Begin anew with the next image and reading as they are, keeping J and the tracked point.
 
         For a robot that was moved by someone else, or whose encoders or clock were set: their step is no motion.
+
+        Raises:
+            DenseVSError: stamps of joints and camera that are not of one clock.
         """
+        self._restart()
+        self._take(*self.camera.read())
+
+    def _restart(self) -> None:
         self.joints.restart()
         self.gate.restart()
         self.pipeline.restart()
         self._held.clear()
+        self._newest = -np.inf
 
     def babble(self, seconds: float) -> None:
         """Move at random for that long on the camera's clock, learning J."""
         if not np.isfinite(seconds) or seconds <= 0:
             raise DenseVSError(f"babbling of {seconds!r} s; expected a finite number above 0")
         end = self.frame.time + seconds
+        self._judge_motion(BABBLING_SHARE)
         while self.frame.time < end:
             self.babble_once()
         while self._held:  # let what is known catch up with where the robot is
@@ -202,6 +215,7 @@ class ServoLoop:
             self.step(np.zeros(self.estimator.options.joints))
             if len(self._held) >= before:
                 break
+        self._judge_motion(LEAST_SHARE)
 
     def babble_once(self) -> Frame:
         """One frame of babbling, for a program that decides after every frame whether to go on."""
@@ -294,11 +308,14 @@ class ServoLoop:
         return self.group.clip_step(self.babbling.step(self._pacing_flow()), self.frame.positions)
 
     def _servo_step(self) -> np.ndarray:
-        J = self.estimator.at(self.point)[0]  # DIJE (16)
-        return self.servo(J, self.point, self.target, self.frame.positions, held=self.joints.watch.stuck)
+        J, q = self.estimator.at(self.point)[0], self.joints.newest  # DIJE (16)
+        point = self.point + J @ (q - self.frame.positions)  # where it is by now, as far as an image comes late
+        return self.servo(J, point, self.target, q, held=self.joints.watch.stuck)
 
     def _when_due(self, choose: Callable[[], np.ndarray]) -> np.ndarray:
-        """The chosen joint step where a command is due by now, else zero."""
+        """The chosen joint step where a command is due by now and nothing stops the robot, else zero."""
+        if any(fault.stops for fault in self.faults):
+            return np.zeros(self.estimator.options.joints)
         if self.command_period is None:
             return choose()
         late = self.frame.time - self._next_command
@@ -317,14 +334,18 @@ class ServoLoop:
         if tracker.options.min_correlation <= float(tracker.correlation[0]) < self.renew_patch:
             tracker.redefine(tracker.points, self.frame.gray, same_surface(self.estimator, tracker.points[0]))
 
+    def _judge_motion(self, least_share: float) -> None:
+        if self.pipeline.check is not None:
+            self.pipeline.check.least_share = least_share
+
     @property
     def _lost(self) -> bool:
-        return bool(self.tracker is not None and self.tracker.lost[0])
+        return self.tracker is not None and bool(self.tracker.lost[0])
 
     def _take(self, image: np.ndarray, time: float) -> Frame:
         """The last frame that this image lets be processed: itself, or an earlier one that waited for its readings."""
         if time - self._newest > MOST_GAP:
-            self.resume()
+            self._restart()
         faults = self.joints.read(time)
         self._newest = max(self._newest, time)
         if self.joints.delay <= 0:
@@ -335,8 +356,22 @@ class ServoLoop:
         return self._frame
 
     def _process(self, image: np.ndarray, time: float, faults: tuple[Fault, ...]) -> Frame:
-        self._frame = self.pipeline.process(image, time, self.joints.at(time), faults)
+        self._frame = frame = self.pipeline.process(image, time, self.joints.at(time), faults)
+        check = self.pipeline.check
+        if check is None or all(fault.kind is not FaultKind.MISFIT for fault in frame.faults):
+            return frame
+        late = self.joints.find_lateness(list(check.recent))
+        if late is not None:
+            self.pipeline.restart()
+            self._say(late)
         return self._frame
+
+    def _say(self, fault: Fault) -> None:
+        """Add what is wrong to the last frame."""
+        followed = self._followed is self._frame
+        self._frame = replace(self._frame, faults=(*self._frame.faults, fault))
+        if followed:
+            self._followed = self._frame
 
     def _waited_long(self) -> str:
         """Why nothing may be commanded where images wait for their readings."""
@@ -344,7 +379,7 @@ class ServoLoop:
         return f"the image is {late:.3f} s old" if late > MAX_AGE + max(self.joints.delay, 0.0) else ""
 
     def _follow_point(self, tracker: PointTracker, frame: Frame) -> None:
-        """Take the tracked point along from the last frame that it was followed in."""
+        """Take the tracked point along from the last frame that it was followed in, and say where it is not seen."""
         last, self._followed = self._followed, frame
         dq = frame.positions - last.positions
         if self.pipeline.motion(dq) > MOST_BRIDGED:
@@ -352,4 +387,8 @@ class ServoLoop:
         else:
             flow = self._tracking_flow(last.gray, frame.gray)
         tracker.update(flow, frame.gray)
+        correlation = float(tracker.correlation[0])
+        if correlation < tracker.options.min_correlation:
+            text = f"its surroundings correlate by {correlation:.2f} with how they were"
+            self._say(Fault(FaultKind.POINT, text, stops=False, holds=False))
         self._renew_patch(tracker)

@@ -57,7 +57,7 @@ class SyntheticBody:
         return PointTracks(joints, pixels, np.zeros(len(self.links), int), SIZE)
 
 
-def serial_body(joints=3, per_link=40, seed=0):
+def serial_body(joints=3, per_link=30, seed=0):
     """Links one behind the other, from the lower left to the upper right of the image."""
     rng = np.random.default_rng(seed)
     axes = rng.normal(size=(joints, 3))
@@ -72,7 +72,7 @@ def serial_body(joints=3, per_link=40, seed=0):
     return SyntheticBody(axes, ends[:joints], np.arange(joints) - 1, np.concatenate(points), np.array(links))
 
 
-def postures(joints, count=70, reach=0.3, seed=1):
+def postures(joints, count=50, reach=0.3, seed=1):
     """A smooth way through postures (count, joints) [rad]."""
     rng = np.random.default_rng(seed)
     t = np.linspace(0, 1, count)[:, None]

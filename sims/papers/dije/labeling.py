@@ -59,7 +59,7 @@ class Labeler:
     def take(self, view: View) -> None:
         """Learn from a frame."""
         self.estimator.update(view.flow, view.dq)
-        self.body.observe(view.flow, view.dq)
+        self.body.observe(view.flow, view.dq, view.rgb)
         if view.index % SUBMIT_EVERY == 0:
             self.body.submit(self.estimator.jacobian)
 

@@ -17,6 +17,7 @@ from dense_vs.point_servo.reach import Reach
 from dense_vs.point_servo.tracker import sample
 from dense_vs.robot.babbling import Babbling
 from dense_vs.sims.engine.adapters import SimCamera, SimRobot
+from dense_vs.sims.engine.faults import FaultInjector
 from dense_vs.sims.engine.surface_points import SurfacePoint
 from dense_vs.sims.engine.targets import reachable_targets
 from dense_vs.sims.engine.world import FRAME_SECONDS, SimWorld
@@ -65,6 +66,7 @@ class ReachingExperiment:
         command_seconds: time that the robot carries a command out in, see :class:`SimRobot`.
         scale: factor on the camera's images, as of :class:`ServoLoop`; one over a whole number.
         on_frame: called with the experiment after every frame.
+        injector: camera and robot of the world, one of which may be at fault; sound ones unless given.
         loop: options of :class:`ServoLoop`.
     """
 
@@ -78,6 +80,7 @@ class ReachingExperiment:
         command_seconds: float = 0.0,
         scale: float = 1.0,
         on_frame: Callable[["ReachingExperiment"], None] | None = None,
+        injector: FaultInjector | None = None,
         **loop: Any,
     ):
         self.world = world
@@ -93,8 +96,9 @@ class ReachingExperiment:
         joints = len(world.joint_names)
         pace = loop.get("command_period") or FRAME_SECONDS
         loop.setdefault("babbling", Babbling(joints, seed=seed, frame_time=pace))
-        robot = SimRobot(world, command_seconds=command_seconds)
-        self.loop = ServoLoop(SimCamera(world), robot, seed=seed, scale=scale, on_frame=self._after_frame, **loop)
+        camera = SimCamera(world) if injector is None else injector
+        robot = SimRobot(world, command_seconds=command_seconds) if injector is None else injector
+        self.loop = ServoLoop(camera, robot, seed=seed, scale=scale, on_frame=self._after_frame, **loop)
 
     def learn(self) -> JacobianError:
         """Babble, and return the error of J then."""

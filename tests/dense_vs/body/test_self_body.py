@@ -269,7 +269,8 @@ def test_a_pipeline_feeds_the_body(scene, postures):
     for k in range(30):
         frame = pipeline.process(scene.image(postures[k]), k / 30, postures[k])
         if frame.measured is not None:
-            by_hand.observe(flow(scene.image(postures[since]), frame.gray), postures[k] - postures[since])
+            motion = flow(scene.image(postures[since]), frame.gray)
+            by_hand.observe(motion, postures[k] - postures[since], frame.image)
             by_hand.submit(estimator.jacobian)
             since = k
         if k:

@@ -176,3 +176,38 @@ def test_refuses_a_baseline(scene, baseline):
     estimator = DenseJacobian(height=scene.height, width=scene.width, joints=4, device="cpu")
     with pytest.raises(DenseVSError, match="baseline"):
         FramePipeline(estimator, baseline=baseline)
+
+
+def learned_then_still(scene, postures, still):
+    """J after motion, and after the robot has stood still for 40 frames with noisy readings of images and joints."""
+    size = {"height": scene.height, "width": scene.width, "joints": 4}
+    estimator = DenseJacobian(**size, device="cpu", order=1, rest=0.2, process_noise=1e4)
+    pipeline, rng = FramePipeline(estimator, baseline=0.0, still=still), np.random.default_rng(0)
+    for k in range(25):
+        pipeline.process(scene.image(postures[k]), k / 30, postures[k])
+    learned = estimator.to_numpy().copy()
+    for k in range(25, 65):
+        pipeline.process(scene.image(postures[24]), k / 30, postures[24] + rng.normal(0, 1e-4, 4) * np.ptp(postures, 0))
+    rested = estimator.to_numpy().copy()
+    for k in range(24, 30):
+        pipeline.process(scene.image(postures[k]), (k + 42) / 30, postures[k])
+    return learned, rested, estimator.to_numpy()
+
+
+def test_a_robot_that_stands_still_keeps_its_jacobian(scene, postures):
+    noise = 1e-4 * np.ptp(postures, 0)
+    learned, rested, after = learned_then_still(scene, postures, 8 * noise)
+    assert np.linalg.norm(learned) > 0
+    np.testing.assert_array_equal(rested, learned)
+    inner = (slice(16, -16), slice(16, -16))
+    true = scene.jacobian(postures[29])[inner]
+    assert np.median(np.linalg.norm(after[inner] - true, axis=(2, 3)) / np.linalg.norm(true, axis=(2, 3))) < 0.5
+    _, faded, _ = learned_then_still(scene, postures, None)
+    assert np.linalg.norm(faded) < 0.5 * np.linalg.norm(learned)
+
+
+def test_refuses_a_bad_bound_of_stillness(scene):
+    estimator = DenseJacobian(height=scene.height, width=scene.width, joints=4, device="cpu")
+    for bad in (np.zeros(3), [1, 2], np.full(4, np.nan), "0.1"):
+        with pytest.raises(DenseVSError, match="still "):
+            FramePipeline(estimator, still=bad)

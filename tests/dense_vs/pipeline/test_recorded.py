@@ -1,5 +1,6 @@
 """The estimator on a recording: aligned clocks, chosen joints, and the same J as from the images themselves."""
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -10,6 +11,7 @@ from dense_vs.pipeline.recorded import estimate_recording
 from dense_vs.recording import open_recording
 
 FRAMES = 40
+UNITS = np.array([1e3, 1e-3, 180 / np.pi, 4096 / (2 * np.pi)])
 
 
 def estimate(recording, **options):
@@ -31,6 +33,31 @@ def test_learns_from_the_files(scene, recording, postures):
     for frame, q in zip(frames, postures, strict=False):
         np.testing.assert_allclose(frame.positions, q, atol=2e-3)
     assert median_error(scene, estimator, postures[FRAMES - 1]) < 0.3
+
+
+def test_units_of_joints_scale_their_columns_and_nothing_else(recording):
+    source = open_recording(recording / "video.mp4", recording / "joints.csv").episode()
+    scaled = replace(source.log, positions=source.log.positions * UNITS)
+    plain = estimate_recording(source, device="cpu", label=True)
+    other = estimate_recording(replace(source, log=scaled), device="cpu", label=True)
+    for _ in zip(plain, other, strict=True):
+        pass
+    assert plain.estimator.options.order == 2
+    J, J_other = plain.estimator.to_numpy(), other.estimator.to_numpy() * UNITS
+    size = np.sqrt(np.mean(J**2, axis=(0, 1, 2)))  # each column by itself
+    assert (size > 0).all()
+    np.testing.assert_allclose(J_other / size, J / size, atol=2e-3)
+    np.testing.assert_allclose(other.explained.settled(), plain.explained.settled(), rtol=1e-4)
+    assert plain.labels().any()
+    assert np.mean(plain.labels() == other.labels()) > 0.999
+
+
+def test_labels_are_drawn_only_where_asked_for(recording):
+    source = open_recording(recording / "video.mp4", recording / "joints.csv").episode()
+    with pytest.raises(DenseVSError, match="the pipeline has no body to label"):
+        estimate_recording(source, device="cpu").labels()
+    with pytest.raises(DenseVSError, match="label is 'yes'"):
+        estimate_recording(source, device="cpu", label="yes")
 
 
 def test_chosen_joints_come_in_their_order(recording):

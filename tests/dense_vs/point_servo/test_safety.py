@@ -66,6 +66,47 @@ def test_a_joint_clock_that_is_set_is_said_and_the_robot_stands(scene, offset):
     assert (np.abs(robot.q) <= 0.5).all()
 
 
+def test_a_loop_that_is_told_so_takes_a_jump_as_it_is(scene):
+    robot, _, loop = make(scene, limit=2.0)
+    loop.babble(3.0)
+    learned = np.array(loop.estimator.jacobian)
+    robot.reads = lambda q, time: (q + 0.7, time)
+    loop.babble(0.5)
+    assert [fault.kind for fault in loop.faults] == ["reading"]
+    loop.resume()
+    assert not loop.faults
+    flagged = []
+    loop.on_frame = lambda loop: flagged.append(bool(loop.faults))
+    loop.babble(0.5)
+    assert not any(flagged)
+    np.testing.assert_allclose(loop.frame.positions, robot.q + 0.7, atol=1e-9)
+    assert np.abs(np.array(loop.estimator.jacobian) - learned).mean() < 0.2 * np.abs(learned).mean()
+
+
+def test_after_a_pause_it_goes_on_where_the_robot_is_now(scene):
+    robot, _, loop = make(scene, limit=2.0)
+    loop.babble(3.0)
+    robot.q, robot.time = robot.q + np.array([0.3, -0.2, 0.1, 0.0]), robot.time + 60.0
+    flagged = []
+    loop.on_frame = lambda loop: flagged.append(bool(loop.faults))
+    loop.babble(61.0)
+    assert not any(flagged)
+    np.testing.assert_allclose(loop.frame.positions, robot.q, atol=1e-9)
+
+
+def test_a_joint_that_is_stuck_is_named_and_the_others_go_on(scene):
+    robot, _, loop = make(scene)
+    loop.babble(4.0)
+    robot.follows[0] = False
+    before = robot.q.copy()
+    loop.babble(2.0)
+    assert any("x stays at" in str(fault) for fault in loop.faults)
+    assert robot.q[0] == before[0]
+    assert np.abs(robot.q[1:] - before[1:]).min() > 0.005
+    loop.define_point([60.0, 50.0])
+    assert any(fault.kind == "stuck joint" for fault in loop.reach([62.0, 55.0], max_frames=20).faults)
+
+
 def test_joints_and_camera_on_clocks_of_their_own_are_refused(scene):
     robot = PlanarRobot()
     robot.reads = lambda q, time: (q, time + 1.7e9)

@@ -1,0 +1,65 @@
+"""How well a body learned from the first part of a recording predicts the rest: quality without a truth."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from dense_vs.body_model.fit import FitOptions, fit_body
+from dense_vs.body_model.link_assignment import place_points
+from dense_vs.body_model.track_jacobian import LEAST_SEEN
+from dense_vs.body_model.tracks import PointTracks
+from dense_vs.checks import check_number
+from dense_vs.errors import DenseVSError
+
+
+@dataclass(frozen=True)
+class HeldOutError:
+    """Distances between tracks and prediction in images that the fit has not seen.
+
+    Attributes:
+        median, p90: of the distances [px].
+        standing_still: median distance from where each point was last seen in the first part, for comparison [px].
+        observations: how many there are.
+    """
+
+    median: float
+    p90: float
+    standing_still: float
+    observations: int
+
+
+def held_out_error(tracks: PointTracks, share: float = 0.2, options: FitOptions | None = None) -> HeldOutError:
+    """Fit the first part of the images, predict the points that are seen in the last one as well.
+
+    Points that were not believed to be on the body in the first part do not count, gross errors of their tracks in the
+    last one do.
+
+    Args:
+        tracks: of the whole recording.
+        share: of the images that are held out, the last ones.
+        options: of the fit.
+
+    Raises:
+        DenseVSError: as :func:`fit_body`, or no point that is seen in both parts.
+    """
+    check_number("share", share, above=0, below=1)
+    options = options or FitOptions()
+    first = round((1 - share) * len(tracks.joints))
+    part = PointTracks(tracks.joints[:first], tracks.pixels[:first], tracks.references, tracks.size)
+    found = fit_body(part, options)
+    both = (found.all_links >= 0) & (part.seen.sum(axis=0) >= LEAST_SEEN) & tracks.seen[first:].any(axis=0)
+    if not both.any():
+        raise DenseVSError("no point of the body is seen in both parts; expected a longer recording")
+    some, links, chain, focal = tracks.select(both), found.all_links[both], found.state.chain, found.state.focal
+    rays = np.column_stack([(np.nanmean(some.pixels[:first], axis=0) - found.center) / focal, np.ones(len(links))])
+    before = some.pixels[:first]
+    placed = place_points(chain, focal, found.center, part.joints, before, links, rays, options.noise)
+    rotation, translation = chain.link_poses(tracks.joints[first:])
+    position = np.einsum("tmij,mj->tmi", rotation[:, links], placed.points) + translation[:, links]
+    predicted = focal * position[..., :2] / np.maximum(position[..., 2:], 1e-3) + found.center
+    after = some.pixels[first:]
+    seen = np.isfinite(after[..., 0])
+    off = np.linalg.norm(predicted - after, axis=2)[seen]
+    last = first - 1 - np.argmax(np.isfinite(before[::-1, :, 0]), axis=0)
+    stood = np.linalg.norm(before[last, np.arange(len(links))] - after, axis=2)[seen]
+    return HeldOutError(float(np.median(off)), float(np.quantile(off, 0.9)), float(np.median(stood)), int(seen.sum()))

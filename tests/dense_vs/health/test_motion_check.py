@@ -1,0 +1,99 @@
+"""Motion that the joints do not explain is told from motion that they do, and a delay is found in it."""
+
+import numpy as np
+import pytest
+
+from dense_vs.health import FaultKind
+from dense_vs.health.motion_check import BABBLING_SHARE, GIVEN_UP, KNOWN, MotionCheck, find_lateness
+
+K, N, FRAME = 150, 4, 1 / 30
+
+
+def path(seed=0, count=200):
+    rng = np.random.default_rng(seed)
+    noise = np.zeros(N)
+    steps = []
+    for _ in range(count):
+        noise = 0.85 * noise + rng.normal(0, 0.006, N)
+        steps.append(noise)
+    return np.cumsum(steps, axis=0)
+
+
+def case(seed=0, error=0.1):
+    """Positions, true J of a robot that half of the image shows, and J as it was learned."""
+    rng = np.random.default_rng([seed, 1])
+    true = rng.normal(0, 60, (K, 2, N))
+    true[K // 2 :] = 0.0
+    return path(seed), true, true * (1 + error * rng.normal(size=true.shape)), rng
+
+
+def flow_of(true, step, rng):
+    return true @ step + rng.normal(0, 0.15, (K, 2))
+
+
+def usual(check, q, true, learned, rng, frames):
+    for k in frames:
+        assert check.judge(flow_of(true, q[k + 1] - q[k], rng), learned, q[k + 1] - q[k]) is None
+
+
+@pytest.mark.parametrize("error", [0.0, 0.1, 0.2])
+def test_usual_motion_is_no_fault(error):
+    q, true, learned, rng = case(error=error)
+    check = MotionCheck()
+    usual(check, q, true, learned, rng, range(190))
+    assert check.usual < 0.15
+
+
+@pytest.mark.parametrize("wrong", ["frozen", "noise", "other step"])
+def test_motion_of_nothing_is_a_fault_at_once_until_it_lasts(wrong):
+    q, true, learned, rng = case()
+    check = MotionCheck()
+    usual(check, q, true, learned, rng, range(100))
+    faults = []
+    for k in range(100, 190):
+        step = q[k + 1] - q[k]
+        flow = {"frozen": np.zeros((K, 2)), "noise": rng.normal(0, 3, (K, 2)), "other step": true @ -step}[wrong]
+        faults.append(check.judge(flow, learned, step))
+    assert faults[0] is not None
+    assert faults[0].kind is FaultKind.MISFIT
+    assert sum(fault is not None for fault in faults) < GIVEN_UP + 1  # then it is the robot that has changed
+
+
+def test_nothing_is_judged_where_j_is_known_badly():
+    q, true, _, rng = case()
+    strange = rng.normal(0, 60, true.shape)
+    check = MotionCheck()
+    usual(check, q, true, strange, rng, range(KNOWN * 3))
+
+
+@pytest.mark.parametrize("seed", [2, 3, 4, 5])
+@pytest.mark.parametrize("frames", [-3.0, -2.0, -1.5, 2.0, 3.0])
+def test_a_delay_is_found(seed, frames):
+    q, true, learned, rng = case(seed=seed)
+    times = np.arange(len(q)) * FRAME
+
+    def at(time):
+        return np.array([np.interp(time, times, joint) for joint in q.T])
+
+    check, found = MotionCheck(), None
+    check.least_share = BABBLING_SHARE
+    usual(check, q, true, learned, rng, range(100))
+    for k in range(100, 130):
+        step = at(times[k + 1] + frames * FRAME) - at(times[k] + frames * FRAME)
+        if check.judge(flow_of(true, step, rng), learned, q[k + 1] - q[k], times[k], times[k + 1]) is not None:
+            found = found or find_lateness(list(check.recent), at, 0.0, FRAME)
+    assert found == pytest.approx(frames * FRAME, abs=0.3 * FRAME)
+
+
+def test_noise_has_no_delay():
+    q, true, learned, rng = case(seed=3)
+    times = np.arange(len(q)) * FRAME
+
+    def at(time):
+        return np.array([np.interp(time, times, joint) for joint in q.T])
+
+    check = MotionCheck()
+    usual(check, q, true, learned, rng, range(100))
+    for k in range(100, 120):
+        check.judge(rng.normal(0, 3, (K, 2)), learned, q[k + 1] - q[k], times[k], times[k + 1])
+    assert find_lateness(list(check.recent), at, 0.0, FRAME) is None
