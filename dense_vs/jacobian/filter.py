@@ -111,7 +111,7 @@ class JacobianFilter:
         stored = self.stored()
         joints = self.options.joints
         state, away = stored["state"], stored["displacement"].astype(np.float32)
-        for i, j in zip(*np.triu_indices(joints), strict=True):
+        for i, j in zip(*(side.tolist() for side in np.triu_indices(joints)), strict=True):
             hessian = state[..., hessian_place(i, j, joints)]
             state[..., i] += hessian * away[:, j, None, None, None]
             if i != j:

@@ -69,7 +69,10 @@ def test_object_that_is_not_there(world):
     result = locate(world, "Potted Meat", 0.125, Ids(world, "Potted Meat"), HIGH)
     assert not result.servo.centered
     assert result.cause == "not found in 9 looks"
-    np.testing.assert_allclose(world.joints(), before, atol=5e-3)  # though a bin stood in the way of some places
+    # A bin stood in the way of some places, and turned the base, which a search moves straight alone.
+    turned = np.array([name == "base_roll" for name in world.joint_names])
+    np.testing.assert_allclose(world.joints()[~turned], before[~turned], atol=5e-3)
+    np.testing.assert_allclose(world.joints()[turned], before[turned], atol=0.03)
 
 
 @pytest.mark.slow
