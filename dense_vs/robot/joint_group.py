@@ -108,12 +108,12 @@ class JointGroup:
         chosen = every if names is None else names
         indices = np.array(joint_indices(chosen, every, owner))
         bounds = checked_limits(limits, len(every))
-        all_units: tuple[str, ...] = ("rad",) * len(every)
+        all_units: tuple[Any, ...] = ("rad",) * len(every)
         if units is not None:
             all_units = tuple(units) if isinstance(units, (list, tuple, str)) else ()
         if len(all_units) != len(every) or not all(isinstance(one, str) and one in UNITS for one in all_units):
             raise DenseVSError(f"units are {units!r}; expected {len(every)}, each one of {', '.join(UNITS)}")
-        return cls(tuple(chosen), indices, bounds[indices], tuple(all_units[i] for i in indices), len(every))
+        return cls(tuple(chosen), indices, bounds[indices], tuple(str(all_units[i]) for i in indices), len(every))
 
     @classmethod
     def of_robot(cls, robot: Robot, names: Sequence[str] | None = None) -> "JointGroup":
