@@ -18,6 +18,7 @@ class SimulatedSource:
             metavar="NAME|FILE",
             help="as of 'dense-vs reach': arm, planar, upper-body, panda, ... or an MJCF file (default: arm)",
         )
+        group.add_argument("--geom-groups", metavar="A,B", help="groups of the MJCF file's geoms that are drawn")
         group.add_argument("--height", type=int, default=240, metavar="PX", help="image height (default: 240)")
         group.add_argument("--width", type=int, default=320, metavar="PX", help="image width (default: 320)")
         group.add_argument("--distractor", default="none", metavar="NAME", help="what else moves (default: none)")
