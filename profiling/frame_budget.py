@@ -17,7 +17,7 @@ from recorded_frames import Recording, Replay, image_size, record
 from stage_clock import StageClock
 
 import dense_vs.pipeline.frame_pipeline
-from dense_vs import DenseJacobian, FlowEstimator, ServoLoop
+from dense_vs import DenseJacobian, FlowEstimator, ServoLoop, VisualServo
 from dense_vs.device import resolve_device
 from dense_vs.flow.estimator import METHODS
 from dense_vs.view.tables import table
@@ -78,8 +78,13 @@ def stage_times(
         height=height, width=width, joints=joints, device=device.alias, threads=threads, on_bad_flow="skip"
     )
     replay = Replay(recording)
+    # Commands are not followed here; ones that a robot is to be seen to follow would be named as a fault.
     loop = ServoLoop(
-        replay, replay, estimator=estimator, flow=FlowEstimator(method, height, width, device=device.alias)
+        replay,
+        replay,
+        estimator=estimator,
+        flow=FlowEstimator(method, height, width, device=device.alias),
+        servo=VisualServo(joints, gain=1e-6, joint_limits=recording.joint_limits),
     )
     for _ in range(LEARNING):
         loop.step(np.zeros(joints))
