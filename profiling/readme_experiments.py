@@ -34,9 +34,15 @@ EXPERIMENTS = (
     ("grasps with an inaccurate arm, of 20", "grasp", "baxter: grasped of 20", {}),
     ("pegs inserted with 1 mm clearance, of 20", "insertion", "baxter: inserted of 20", {}),
     (
-        "J+ of 7 configurations learned by VOS-VS (11), denominator held away from zero",
+        "J+ of 7 configurations learned by VOS-VS (11) as printed",
         "learn",
-        "converged of 7, (11)",
+        "converged of 7, (11) as printed",
+        {},
+    ),
+    (
+        "the same with the denominator held away from zero",
+        "learn",
+        "converged of 7, (11), denominator guarded",
         {},
     ),
     (
