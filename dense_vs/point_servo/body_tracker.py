@@ -26,12 +26,14 @@ KEYFRAME_MOTION = 4.0  # px that a feature moves by between keyframes
 GATE = 2.0  # px from where its link's features are, at which one is given up
 WIDE = 28.0  # px, standard deviation of the weight by which the link's features correct the point
 LEAST_SEEN = 3  # features of the link that have to be in sight
-OWN_SHARE, OWN_GATE = 0.5, 1.5  # of the point's own place, if it is so near [px] to what the link says
-OWN_DRIFT = 0.5  # px, standard deviation of the point's own place at least
+LIKE, ALIKE = 0.8, 0.87  # correlations between which the point's own look comes to count alone
+OWN_GATE = 3.0  # px from what its link says, within which it counts
+OWN_DRIFT = 0.5  # px, standard deviation of the place by the own look at least
 MOST_UNCERTAIN = 0.8  # px, standard deviation of the point's place up to which it is certain
 DOUBT = 1.5  # times the depth's standard deviation: places of features around share their errors
 BASIC = 0.3  # px, of any place
-ALIKE, REALIGNED = 0.9, 1.0  # correlation with the first look, and px, for a place to be corrected by that look
+BACK_WINDOW = 15  # px, side of the patches by which features are compared while looking back
+SURE, REALIGNED = 0.9, 1.0  # correlation with the first look, and px, for a place to be corrected by that look
 UNLIKE = 0.5  # correlation at which a feature is given up while looking back
 VOTES = 7  # features around, which say what link the point is on where its own places do not
 
@@ -44,7 +46,8 @@ class BodyTracker:
         history: gray images uint8 ``(H, W)`` with joint positions ``(N,)`` [rad], oldest first, up to the present one.
         point: ``(2,)`` [px], its place in the last image.
         body: bool ``(H, W)``, pixels of the body in the last image.
-        window: side of the patches by which features are compared while looking back [px], odd.
+        same: bool ``(H, W)``, pixels of the last image that move as the point does; others do not count in its look.
+        window: side of the patch that is the point's own look [px], odd.
         lost_after: images without enough features in sight after which the point counts as lost.
 
     Attributes:
@@ -53,6 +56,7 @@ class BodyTracker:
         seen: features of its link that were in sight in the last image.
         unseen: images since at least :data:`LEAST_SEEN` were.
         uncertainty: standard deviation of the point's place [px].
+        correlation: float32 ``(1,)``, of the point's own look with its first one; -1 where it is not found.
     """
 
     def __init__(
@@ -65,7 +69,8 @@ class BodyTracker:
         point: np.ndarray,
         body: np.ndarray,
         *,
-        window: int = 19,
+        same: np.ndarray | None = None,
+        window: int = 25,
         lost_after: int = 15,
     ):
         self.features = BodyFeatures(chain, focal, center, learned)
@@ -77,7 +82,11 @@ class BodyTracker:
         self._offset = np.zeros(2)
         self.seen, self.unseen, self._spread = 0, 0, 1.0
         self._by_own = np.inf
-        self._look_back(history, body, window)
+        self._look = SurfacePatches(window)
+        self._own_pixels = self._look.taken(self._gray, self.point[None], same)
+        self._own_map = np.eye(2)[None]
+        self.correlation = np.ones(1, np.float32)
+        self._look_back(history, body)
         self._depth: PointDepth | None = None
         self._place_point()
         self.uncertainty = self._uncertainty(self._positions)
@@ -121,7 +130,7 @@ class BodyTracker:
                 far = np.linalg.norm(off - np.median(off[on], axis=0), axis=1) > GATE
                 believed &= ~(on & far)
         self._live, self._places = self._live[believed], places[believed]
-        self._correct(q, link)
+        self._correct(q, link, gray)
         self._gray, self._positions = gray, q
         self.uncertainty = self._uncertainty(q)
         on = self._on_link(link)
@@ -154,8 +163,8 @@ class BodyTracker:
                 step[k] = np.median(step[known][near], axis=0)
         return self._places + step
 
-    def _correct(self, q: np.ndarray, link: int) -> None:
-        """The point's place: as the chain says, less what the features of its link are off around it."""
+    def _correct(self, q: np.ndarray, link: int, gray: np.ndarray) -> None:
+        """The point's place: as the chain says, less what the features of its link are off around it, and its look."""
         features = self.features
         expected = features.project(np.array([POINT]), q)[0]
         on = self._on_link(link)
@@ -175,11 +184,17 @@ class BodyTracker:
         if not np.isfinite(place).all() or np.abs(place).max() > 1e5:  # behind the camera, by a chain that is wrong
             self.unseen = max(self.unseen, 1)
             return
-        own = self._places[self._live == POINT]
-        apart = float(np.linalg.norm(own[0] - place)) if len(own) else np.inf
-        self._by_own = max(apart, OWN_DRIFT)
-        if apart < OWN_GATE:
-            place = place + OWN_SHARE * (own[0] - place)
+        found, turned, self.correlation = self._look.align(self._own_pixels, gray, place[None], self._own_map)
+        share = float(np.clip((self.correlation[0] - LIKE) / (ALIKE - LIKE), 0, 1))
+        apart = float(np.linalg.norm(found[0] - place))
+        self._by_own = max(apart, OWN_DRIFT) if share == 1 else np.inf
+        if apart < OWN_GATE and share > 0:
+            place = place + share * (found[0] - place)
+            self._own_map = turned
+        if apart < OWN_GATE and share == 1:
+            others = self._live != POINT
+            self._live = np.append(POINT, self._live[others])
+            self._places = np.vstack([place, self._places[others]])
         self.point = place
 
     def _uncertainty(self, q: np.ndarray) -> float:
@@ -268,12 +283,12 @@ class BodyTracker:
             last.positions, np.append(last.features, numbers), np.vstack([last.places, found])
         )
 
-    def _look_back(self, history: Sequence[tuple[np.ndarray, np.ndarray]], body: np.ndarray, window: int) -> None:
+    def _look_back(self, history: Sequence[tuple[np.ndarray, np.ndarray]], body: np.ndarray) -> None:
         """Features of the last image, followed back to the first one, and their links."""
         features, gray = self.features, self._gray
         begun = np.vstack([self.point, new_features(gray, body, [self.point], FIRST_FEATURES, APART + 1)])
         self._first = numbers = features.added(len(begun))
-        patches = SurfacePatches(window)
+        patches = SurfacePatches(BACK_WINDOW)
         pixels = patches.taken(gray, begun)
         maps = np.tile(np.eye(2), (len(begun), 1, 1))
         live, places, later = numbers, begun.copy(), gray
@@ -284,7 +299,7 @@ class BodyTracker:
             if not len(live):
                 break
             aligned, turned, correlation = patches.align(pixels[live], image, places, maps[live])
-            sure = (correlation > ALIKE) & (np.linalg.norm(aligned - places, axis=1) < REALIGNED)
+            sure = (correlation > SURE) & (np.linalg.norm(aligned - places, axis=1) < REALIGNED)
             places = np.where(sure[:, None], aligned, places)
             maps[live[sure]] = turned[sure]
             alike = correlation > UNLIKE

@@ -13,6 +13,7 @@ from dense_vs.flow.estimator import FlowEstimator
 from dense_vs.pipeline.body_prior import BodyPrior
 from dense_vs.pipeline.frame_pipeline import Frame, FramePipeline
 from dense_vs.point_servo.body_tracker import BodyTracker
+from dense_vs.point_servo.same_surface import same_surface
 from dense_vs.robot.joint_group import JointGroup
 
 HISTORY = 300  # images that J was corrected by, that are kept
@@ -118,7 +119,7 @@ class LearnedBody:
         near = cv2.dilate(pixels, np.ones((2 * BESIDE + 1,) * 2, np.uint8)) > 0
         tracker = BodyTracker(
             model.chain, model.focal_length, np.asarray(model.center), model.learned, thinned(history, LOOKED_BACK),
-            point, near, window=window, lost_after=lost_after,
+            point, near, same=same_surface(self._pipeline.estimator, point), window=window, lost_after=lost_after,
         )  # fmt: skip
         return tracker if tracker.known else None
 

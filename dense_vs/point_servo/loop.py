@@ -234,7 +234,7 @@ class ServoLoop:
             self.learn_body()
 
     def learn_body(self) -> bool:
-        """Learn the body model from the images so far, in some seconds, as :meth:`babble` does; whether they show one."""
+        """Learn the body model from the images so far, as :meth:`babble` does, in some seconds; whether it can be."""
         return self._body.learn(self.frame.positions)
 
     def babble_once(self) -> Frame:
