@@ -32,13 +32,13 @@ ROOMS = {
     "jacobian": set(),
     "body": {"jacobian"},
     "pipeline": {"health", "recording", "flow", "jacobian", "body"},
-    "point_servo": {"robot", "health", "recording", "flow", "jacobian", "body", "pipeline"},
+    "generative": set(),
+    "body_model": {"generative"},
+    "point_servo": {"robot", "health", "recording", "flow", "jacobian", "body", "body_model", "pipeline"},
     "segmentation": set(),
     "mask_servo": {"robot", "segmentation"},
     "depth": {"robot", "segmentation"},
     "grasp": {"robot", "segmentation", "mask_servo"},
-    "generative": set(),
-    "body_model": {"generative"},
 }
 ALGORITHMS = set(ROOMS)
 ROOMS["view"] = ALGORITHMS

@@ -51,10 +51,10 @@ class BodyPrior:
         """Whether the model has a say."""
         return self.agreement >= self.least_agreement
 
-    def begin(self, estimator: DenseJacobian, positions: np.ndarray) -> None:
-        """Start from the model's J at a posture ``(N,)`` [rad]."""
+    def begin(self, estimator: DenseJacobian, positions: np.ndarray, share: float = 1.0) -> None:
+        """Start from the model's J at a posture ``(N,)`` [rad], or draw what is there to it by a share."""
         J, body = self.known(positions)
-        estimator.blend(J, body.astype(np.float32))
+        estimator.blend(J, np.float32(share) * body.astype(np.float32))
 
     def correct(self, estimator: DenseJacobian, positions: np.ndarray, flow: np.ndarray, span: np.ndarray) -> None:
         """After a measured motion: judge the model by it, and draw J to the model's if it agrees.

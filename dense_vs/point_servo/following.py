@@ -4,15 +4,15 @@ import numpy as np
 
 from dense_vs.flow.estimator import FlowEstimator
 from dense_vs.pipeline.frame_pipeline import LEARNED_UPDATES, MOST_BRIDGED, Frame, FramePipeline
-from dense_vs.point_servo.link_tracker import LinkTracker
-from dense_vs.point_servo.same_surface import same_surface, unlikeness
+from dense_vs.point_servo.body_tracker import BodyTracker
+from dense_vs.point_servo.same_surface import same_surface
 from dense_vs.point_servo.tracker import PointTracker
 
 LEAST_BODY = 0.01  # share of the image that makes the robot's own pixels count as known
 
 
 def follow(
-    tracker: PointTracker | LinkTracker,
+    tracker: PointTracker | BodyTracker,
     pipeline: FramePipeline,
     tracking_flow: FlowEstimator,
     last: Frame,
@@ -21,9 +21,9 @@ def follow(
 ) -> str:
     """Take a point along from one frame to another; why it is not seen, empty where it is."""
     estimator = pipeline.estimator
-    if isinstance(tracker, LinkTracker):
-        tracker.update(frame.gray, frame.positions, lambda: unlikeness(estimator, tracker.point))
-        return "too few corners of its link are seen where they are expected" if tracker.unseen else ""
+    if isinstance(tracker, BodyTracker):
+        tracker.update(frame.gray, frame.positions)
+        return "too few features of its link are seen where they are expected" if tracker.unseen else ""
     dq = frame.positions - last.positions
     if pipeline.motion(dq) > MOST_BRIDGED:
         flow = estimator.predicted_flow(dq)

@@ -9,6 +9,7 @@ import numpy as np
 
 from dense_vs.arrays import point_array
 from dense_vs.body.self_body import SelfBody
+from dense_vs.body_model import BodyModel
 from dense_vs.checks import check_number, check_whole
 from dense_vs.errors import DenseVSError
 from dense_vs.flow.estimator import FlowEstimator
@@ -17,11 +18,11 @@ from dense_vs.health.joint_watch import JointWatch
 from dense_vs.health.motion_check import BABBLING_SHARE, LEAST_SHARE
 from dense_vs.jacobian.estimator import DenseJacobian
 from dense_vs.pipeline.frame_pipeline import BODY_FLOW, Frame, FramePipeline
+from dense_vs.point_servo.body_tracker import BodyTracker
 from dense_vs.point_servo.following import follow, pacing_flow
 from dense_vs.point_servo.joint_stream import JointStream
 from dense_vs.point_servo.law import VisualServo
-from dense_vs.point_servo.link_of_point import HISTORY, link_tracker
-from dense_vs.point_servo.link_tracker import LinkTracker
+from dense_vs.point_servo.learned_body import LearnedBody
 from dense_vs.point_servo.reach import Reach, ReachEnd
 from dense_vs.point_servo.same_surface import same_surface
 from dense_vs.point_servo.tracker import Method, PointTracker
@@ -52,6 +53,8 @@ class ServoLoop:
             them J is learned and the commanded step is zero. A command every frame unless given.
         body: labels the robot's own pixels, see :meth:`FramePipeline.labels`; once it knows some, what else moves no
             longer slows the babbling down.
+        body_model: from an earlier run; with True one is learned after babbling where all joints turn, with False none
+            is used. It is J's prior, see :class:`BodyPrior`, and what points are followed by.
         renew_patch: correlation below which the patch of a point that is followed as "aligned" is taken anew as it
             looks now, where it still aligns. A surface that rotates in depth is lost otherwise; every renewal may add
             some hundredths of a pixel of drift. The first patch is kept unless given.
@@ -86,6 +89,7 @@ class ServoLoop:
         seed: int = 0,
         command_period: float | None = None,
         body: SelfBody | None = None,
+        body_model: BodyModel | bool = True,
         renew_patch: float | None = None,
         joint_delay: float | None = None,
         max_step: Any = None,
@@ -123,8 +127,8 @@ class ServoLoop:
         size = estimator.options.height, estimator.options.width
         shared = self.pipeline.flow.method == BODY_FLOW
         self._tracking_flow = self.pipeline.flow if shared else FlowEstimator(BODY_FLOW, *size)
-        self.tracker: PointTracker | LinkTracker | None = None
-        self._history: deque[tuple[np.ndarray, np.ndarray]] = deque(maxlen=HISTORY)
+        self.tracker: PointTracker | BodyTracker | None = None
+        self._body = LearnedBody(self.pipeline, self.group, body_model)
         self.target: np.ndarray | None = None
         self.on_frame = on_frame
         delay = None if joint_delay is None else check_number("joint_delay", joint_delay)
@@ -138,6 +142,11 @@ class ServoLoop:
     def frame(self) -> Frame:
         """The last frame; with late joint readings, the last one that they have reached."""
         return self._frame
+
+    @property
+    def body_model(self) -> BodyModel | None:
+        """What is known of the robot's body; None where nothing is."""
+        return self._body.model
 
     @property
     def faults(self) -> tuple[Fault, ...]:
@@ -183,8 +192,8 @@ class ServoLoop:
         if self.tracker is not None and seen and frame is not self._followed:
             self._follow_point(self.tracker, frame)
             frame = self._frame
-        if seen and frame.measured is not None and (not self._history or self._history[-1][0] is not frame.gray):
-            self._history.append((frame.gray, frame.positions))
+        if seen:
+            self._body.see(frame)
         if self.on_frame is not None:
             self.on_frame(self)
         return frame
@@ -221,13 +230,19 @@ class ServoLoop:
             if len(self._held) >= before:
                 break
         self._judge_motion(LEAST_SHARE)
+        if self._body.wanted:
+            self.learn_body()
+
+    def learn_body(self) -> bool:
+        """Learn the body model from the images so far, as :meth:`babble` does, in some seconds; whether it can be."""
+        return self._body.learn(self.frame.positions)
 
     def babble_once(self) -> Frame:
         """One frame of babbling, for a program that decides after every frame whether to go on."""
         frame = self.step(self._when_due(self._babbling_step))
         if self.joints.finding and self.joints.find_delay(self.frame.time, self.frame.flow):
             self.pipeline.restart(forget=True)
-            self._history.clear()
+            self._body.forget_images()
         return frame
 
     def define_point(
@@ -247,18 +262,15 @@ class ServoLoop:
 
         Args:
             point: ``(2,)`` [px].
-            method: ``"link"``, by the motion of its whole link, see :class:`LinkTracker`, where the images so far
-                show such a link, else as ``"aligned"``; or one of :class:`PointTracker`.
+            method: ``"link"``, by the motion of its whole link, see :class:`BodyTracker`, where there is a body
+                model, else as ``"aligned"``; or one of :class:`PointTracker`.
             window, lost_after, min_correlation, max_jump: see :class:`PointTracker`.
         """
+        link = None
         if method == "link":
             method = "aligned"
-            place = point_array(point, "point")
-            settings = {"window": window, "lost_after": lost_after}
-            link = link_tracker(self.estimator, self._history, self.frame, place, **settings)
-        else:
-            link = None
-        self.tracker = PointTracker(
+            link = self._body.tracker(point_array(point, "point"), self.frame, window=window, lost_after=lost_after)
+        self.tracker = link or PointTracker(
             point,
             self.frame.gray,
             weights=same_surface(self.estimator, point),
@@ -268,8 +280,6 @@ class ServoLoop:
             max_jump=max_jump,
             lost_after=lost_after,
         )
-        if link is not None:
-            self.tracker = link
         self._followed = self._frame
 
     def reach(self, target: Any, *, tolerance: float = 1.0, settle_frames: int = 5, max_frames: int = 150) -> Reach:
@@ -337,7 +347,7 @@ class ServoLoop:
     @property
     def _certain(self) -> bool:
         """Whether it is known where the point is."""
-        return self.tracker.certain if isinstance(self.tracker, LinkTracker) else not self._given_up
+        return self.tracker.certain if isinstance(self.tracker, BodyTracker) else not self._given_up
 
     @property
     def _given_up(self) -> bool:
@@ -365,7 +375,7 @@ class ServoLoop:
         late = self.joints.find_lateness(list(check.recent))
         if late is not None:
             self.pipeline.restart()
-            self._history.clear()
+            self._body.forget_images()
             self._say(late)
         return self._frame
 
@@ -381,7 +391,7 @@ class ServoLoop:
         late = self._newest - self.frame.time
         return f"the image is {late:.3f} s old" if late > MAX_AGE + max(self.joints.delay, 0.0) else ""
 
-    def _follow_point(self, tracker: PointTracker | LinkTracker, frame: Frame) -> None:
+    def _follow_point(self, tracker: PointTracker | BodyTracker, frame: Frame) -> None:
         """Take the tracked point along from the last frame that it was followed in, and say where it is not seen."""
         last, self._followed = self._followed, frame
         unseen = follow(tracker, self.pipeline, self._tracking_flow, last, frame, self.renew_patch)

@@ -12,7 +12,8 @@ MOST = 0.1  # rad a command; babbling and servo stay well below
 def make(scene, limit=0.5, **options):
     robot = PlanarRobot(limit)
     camera = PlaneCamera(robot, scene)
-    return robot, camera, ServoLoop(camera, robot, device="cpu", seed=2, **options)
+    # Its joints shift a plane: no body whose joints turn.
+    return robot, camera, ServoLoop(camera, robot, **{"device": "cpu", "seed": 2, "body_model": False} | options)
 
 
 def largest(robot):

@@ -1,0 +1,184 @@
+"""Features on a body's links, seen in keyframes, and the body's chain, which they refine while the robot moves.
+
+The chain comes from a fit to the babbling (:mod:`dense_vs.body_model`), whose postures are few. As the robot moves on,
+every keyframe adds places of features; chain, focal length and features are adjusted to all of them together, so that
+what is learned far away holds back where it began. A new feature goes to the link whose motion explains its places.
+"""
+
+from dataclasses import dataclass
+from enum import IntEnum
+
+import numpy as np
+
+from dense_vs.body_model.chain import Chain
+from dense_vs.body_model.fit import adjust
+from dense_vs.body_model.link_assignment import place_points
+from dense_vs.body_model.track_problem import BodyState
+
+NOISE = 0.5  # px, of a feature's place
+BELIEVED = 0.35  # mean robust error, 0 to 1, up to which a link explains a feature's places
+LEAST_SEEN = 5  # keyframes from which a feature's link is decided, and it takes part in the adjustment
+LEAST_TRAVEL = 3.0  # px
+STILL_TRAVEL, STILL_SEEN = 1.0, 4  # px and keyframes: what moves less is the background
+MOST_KEYFRAMES = 110
+MOST_ADJUSTED = 160  # features in an adjustment
+KEYFRAMES_ADJUSTED = 80
+LATEST = 8  # keyframes that are always adjusted
+ITERATIONS = 3
+FOCAL_DEVIATION = 0.02  # of its logarithm, from one adjustment to the next
+
+
+class State(IntEnum):
+    """What is known of a feature."""
+
+    YOUNG = 0
+    """Its link is not decided."""
+    KNOWN = 1
+    """It has a link and a place there."""
+    DROPPED = 2
+    """No link explains it."""
+
+
+@dataclass(frozen=True)
+class Keyframe:
+    """A posture ``(N,)`` [rad] and what was seen in it: indices ``(K,)`` of features, places ``(K, 2)`` [px]."""
+
+    positions: np.ndarray
+    features: np.ndarray
+    places: np.ndarray
+
+
+class BodyFeatures:
+    """Features and chain.
+
+    Args:
+        chain: lines of the N joints.
+        focal: focal length [px].
+        center: principal point ``(2,)`` [px].
+        learned: bool ``(N,)``, joints whose lines are known.
+
+    Attributes:
+        links: ``(M,)`` of every feature.
+        points: ``(M, 3)`` in the home posture, in the chain's unit of length.
+        states: ``(M,)`` of :class:`State`.
+        keyframes: oldest first.
+    """
+
+    def __init__(self, chain: Chain, focal: float, center: np.ndarray, learned: np.ndarray):
+        self.chain, self.focal = chain, focal
+        self.center, self.learned = np.asarray(center, dtype=np.float64), np.asarray(learned, dtype=bool)
+        self.links = np.zeros(0, int)
+        self.points = np.zeros((0, 3))
+        self.states = np.zeros(0, int)
+        self.keyframes: list[Keyframe] = []
+
+    def __len__(self) -> int:
+        return len(self.links)
+
+    def added(self, count: int) -> np.ndarray:
+        """Indices ``(count,)`` of new, young features."""
+        first = len(self)
+        self.links = np.append(self.links, np.full(count, -1))
+        self.points = np.vstack([self.points, np.zeros((count, 3))])
+        self.states = np.append(self.states, np.full(count, State.YOUNG))
+        return np.arange(first, first + count)
+
+    def keep(self, keyframe: Keyframe) -> None:
+        """Take a keyframe; of too many, some of the oldest go."""
+        self.keyframes.append(keyframe)
+        if len(self.keyframes) > MOST_KEYFRAMES:
+            del self.keyframes[1 : MOST_KEYFRAMES // 2 : 6]
+
+    def seen_on(self, link: int, features: np.ndarray) -> np.ndarray:
+        """Which of some features are known to be on a link, bool."""
+        return (self.states[features] == State.KNOWN) & (self.links[features] == link)
+
+    def positions(self, features: np.ndarray, q: np.ndarray) -> np.ndarray:
+        """Where features are in a posture ``(N,)`` [rad], ``(K, 3)`` in the camera frame."""
+        rotation, translation = self.chain.link_poses(np.asarray(q, dtype=np.float64)[None])
+        links = self.links[features]
+        return np.einsum("kij,kj->ki", rotation[0, links], self.points[features]) + translation[0, links]
+
+    def project(self, features: np.ndarray, q: np.ndarray) -> np.ndarray:
+        """Where features are seen in a posture ``(N,)`` [rad], ``(K, 2)`` [px]; far outside behind the camera."""
+        return self.pixels(self.positions(features, q))
+
+    def pixels(self, positions: np.ndarray) -> np.ndarray:
+        """Places ``(K, 2)`` [px] of positions ``(K, 3)`` in the camera frame; far outside behind the camera."""
+        depth = np.where(positions[:, 2:] > 1e-3, positions[:, 2:], np.nan)
+        return np.nan_to_num(self.focal * positions[:, :2] / depth + self.center, nan=-1e6)
+
+    def tracks(self, features: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Postures ``(T, N)`` of the keyframes and places ``(T, K, 2)`` of some features, NaN where not seen."""
+        column = np.full(len(self), -1)
+        column[features] = np.arange(len(features))
+        places = np.full((len(self.keyframes), len(features), 2), np.nan)
+        for row, keyframe in enumerate(self.keyframes):
+            at = column[keyframe.features]
+            places[row, at[at >= 0]] = keyframe.places[at >= 0]
+        return np.array([keyframe.positions for keyframe in self.keyframes]), places
+
+    def assign(self, features: np.ndarray) -> None:
+        """Give young features that were seen often enough to the link that explains them; drop what none explains."""
+        if not len(features):
+            return
+        postures, places = self.tracks(features)
+        seen = np.isfinite(places[..., 0])
+        counts = seen.sum(axis=0)
+        low = np.where(seen[..., None], places, np.inf).min(axis=0)
+        high = np.where(seen[..., None], places, -np.inf).max(axis=0)
+        travel = np.where(counts > 0, (high - low).max(axis=1), 0.0)
+        still = (counts >= STILL_SEEN) & (travel < STILL_TRAVEL)
+        self.states[features[still]] = State.DROPPED
+        ready = (counts >= LEAST_SEEN) & (travel > LEAST_TRAVEL)
+        if ready.any():
+            self._decide(features[ready], postures, places[:, ready])
+
+    def _decide(self, features: np.ndarray, postures: np.ndarray, places: np.ndarray) -> None:
+        count = len(features)
+        last = np.array([np.flatnonzero(np.isfinite(places[:, k, 0]))[-1] for k in range(count)])
+        rotation, translation = self.chain.link_poses(postures[last])
+        rays = np.column_stack([(places[last, range(count)] - self.center) / self.focal, np.ones(count)])
+        candidates = np.flatnonzero(self.learned)
+        tried = []
+        for link in candidates:
+            here = rays * self._usual_depths(link, rotation[:, link], translation[:, link])[:, None]
+            start = np.einsum("kji,kj->ki", rotation[:, link], here - translation[:, link])
+            on_link = np.full(count, link)
+            center = float(self.center[0]), float(self.center[1])
+            tried.append(place_points(self.chain, self.focal, center, postures, places, on_link, start, NOISE))
+        costs = np.array([one.cost for one in tried])
+        best = costs.argmin(axis=0)
+        explained = costs.min(axis=0) < BELIEVED
+        self.links[features] = candidates[best]
+        self.points[features] = [tried[b].points[k] for k, b in enumerate(best)]
+        self.states[features] = np.where(explained, State.KNOWN, State.DROPPED)
+
+    def _usual_depths(self, link: int, rotation: np.ndarray, translation: np.ndarray) -> np.ndarray:
+        """Median depth of the link's known features at each of some poses ``(K, 3, 3)``, ``(K, 3)``."""
+        on = (self.states == State.KNOWN) & (self.links == link)
+        if not on.any():
+            known = self.points[self.states == State.KNOWN]
+            return np.full(len(rotation), float(np.median(known[:, 2])) if len(known) else 1.0)
+        depths = self.points[on] @ rotation[:, 2].T + translation[:, 2]
+        return np.maximum(np.median(depths, axis=0), 0.1)
+
+    def refine(self, preferred: np.ndarray) -> None:
+        """Adjust chain, focal length and features to the keyframes; ``preferred`` features take part first."""
+        counts = np.bincount(np.concatenate([one.features for one in self.keyframes]), minlength=len(self))
+        used = np.flatnonzero((self.states == State.KNOWN) & (counts >= LEAST_SEEN))
+        if len(used) < 2 * LEAST_SEEN:
+            return
+        rank = counts[used] + MOST_KEYFRAMES * np.isin(used, preferred)
+        used = np.sort(used[np.argsort(-rank, kind="stable")[:MOST_ADJUSTED]])
+        postures, places = self.tracks(used)
+        count = len(postures)
+        spread = np.linspace(0, count - 1, min(KEYFRAMES_ADJUSTED, count)).round().astype(int)
+        rows = np.unique(np.append(spread, np.arange(max(0, count - LATEST), count)))
+        center = float(self.center[0]), float(self.center[1])
+        state, _, _ = adjust(
+            BodyState(self.chain, self.points[used], self.focal), postures[rows], places[rows], self.links[used],
+            center, (self.focal, FOCAL_DEVIATION), NOISE, 1, ITERATIONS,
+        )  # fmt: skip
+        self.chain, self.focal = state.chain, state.focal
+        self.points[used] = state.points

@@ -1,0 +1,318 @@
+"""A point of the body followed by how its whole link moves, where its own look says too little (beyond DIJE).
+
+On plain links a patch slides along outlines and shading, turns out of sight, or is covered. But links are rigid and the
+joint readings are exact: with the chain that a body model has, the link's features say where the point is, and while
+the robot moves on they refine the chain. Features are followed from image to image; those that turn out of sight are
+replaced by new ones, each on the link whose motion explains it. The point itself is known by its pixel when it was
+defined and a depth, which follows from its own places and from the features around it.
+"""
+
+from collections.abc import Sequence
+
+import cv2
+import numpy as np
+
+from dense_vs.body_model.chain import Chain
+from dense_vs.point_servo.body_features import BodyFeatures, Keyframe, State
+from dense_vs.point_servo.feature_flow import carried, new_features
+from dense_vs.point_servo.point_depth import UNKNOWN, PointDepth, depth_of_features, point_depth, tried_depths
+from dense_vs.point_servo.surface_patches import SurfacePatches
+
+POINT = 0  # index of the point among the features
+FIRST_FEATURES = 180  # in the image in which the point is defined
+ON_LINK, ON_OTHERS = 70, 25  # features that are kept in sight, of the point's link and of each other one
+APART, MARGIN = 4, 9  # px between features; px about those of a link in which new ones are sought
+KEYFRAME_MOTION = 4.0  # px that a feature moves by between keyframes
+GATE = 2.0  # px from where its link's features are, at which one is given up
+WIDE = 28.0  # px, standard deviation of the weight by which the link's features correct the point
+LEAST_SEEN = 3  # features of the link that have to be in sight
+LIKE, ALIKE = 0.8, 0.87  # correlations between which the point's own look comes to count alone
+OWN_GATE = 3.0  # px from what its link says, within which it counts
+OWN_DRIFT = 0.5  # px, standard deviation of the place by the own look at least
+MOST_UNCERTAIN = 0.8  # px, standard deviation of the point's place up to which it is certain
+DOUBT = 1.5  # times the depth's standard deviation: places of features around share their errors
+BASIC = 0.3  # px, of any place
+BACK_WINDOW = 15  # px, side of the patches by which features are compared while looking back
+SURE, REALIGNED = 0.9, 1.0  # correlation with the first look, and px, for a place to be corrected by that look
+UNLIKE = 0.5  # correlation at which a feature is given up while looking back
+VOTES = 7  # features around, which say what link the point is on where its own places do not
+
+
+class BodyTracker:
+    """Follows one point of a body.
+
+    Args:
+        chain, focal, center, learned: of the body, as :class:`BodyFeatures`.
+        history: gray images uint8 ``(H, W)`` with joint positions ``(N,)`` [rad], oldest first, up to the present one.
+        point: ``(2,)`` [px], its place in the last image.
+        body: bool ``(H, W)``, pixels of the body in the last image.
+        same: bool ``(H, W)``, pixels of the last image that move as the point does; others do not count in its look.
+        window: side of the patch that is the point's own look [px], odd.
+        lost_after: images without enough features in sight after which the point counts as lost.
+
+    Attributes:
+        features: of the body; index 0 is the point.
+        point: ``(2,)`` [px], where the point is now.
+        seen: features of its link that were in sight in the last image.
+        unseen: images since at least :data:`LEAST_SEEN` were.
+        uncertainty: standard deviation of the point's place [px].
+        correlation: float32 ``(1,)``, of the point's own look with its first one; -1 where it is not found.
+    """
+
+    def __init__(
+        self,
+        chain: Chain,
+        focal: float,
+        center: np.ndarray,
+        learned: np.ndarray,
+        history: Sequence[tuple[np.ndarray, np.ndarray]],
+        point: np.ndarray,
+        body: np.ndarray,
+        *,
+        same: np.ndarray | None = None,
+        window: int = 25,
+        lost_after: int = 15,
+    ):
+        self.features = BodyFeatures(chain, focal, center, learned)
+        self._lost_after = lost_after
+        self._gray, positions = history[-1]
+        self._positions = self._defined_at = self._kept_at = np.array(positions, dtype=np.float64)
+        self.point = np.array(point, dtype=np.float64)
+        self._pixel = self.point.copy()
+        self._offset = np.zeros(2)
+        self.seen, self.unseen, self._spread = 0, 0, 1.0
+        self._by_own = np.inf
+        self._look = SurfacePatches(window)
+        self._own_pixels = self._look.taken(self._gray, self.point[None], same)
+        self._own_map = np.eye(2)[None]
+        self.correlation = np.ones(1, np.float32)
+        self._look_back(history, body)
+        self._depth: PointDepth | None = None
+        self._place_point()
+        self.uncertainty = self._uncertainty(self._positions)
+
+    @property
+    def known(self) -> bool:
+        """Whether the body has a link that the point is on."""
+        return bool(self.features.states[POINT] == State.KNOWN)
+
+    @property
+    def points(self) -> np.ndarray:
+        """Where the point is, ``(1, 2)`` [px], as :attr:`PointTracker.points`."""
+        return self.point[None].copy()
+
+    @property
+    def lost(self) -> np.ndarray:
+        """Bool ``(1,)``: whether its link has not been seen for ``lost_after`` images. It is still sought."""
+        return np.array([self.unseen >= self._lost_after])
+
+    @property
+    def certain(self) -> bool:
+        """Whether it is known to about 2 px where the point is."""
+        return self.unseen == 0 and self.uncertainty <= MOST_UNCERTAIN
+
+    def update(self, gray: np.ndarray, positions: np.ndarray) -> np.ndarray:
+        """Find the point in the present image; its place ``(2,)`` [px].
+
+        Args:
+            gray: uint8 ``(H, W)``.
+            positions: joint positions ``(N,)`` [rad].
+        """
+        q = np.asarray(positions, dtype=np.float64)
+        features, link = self.features, self._link
+        places, believed = carried(self._gray, gray, self._places, self._expected(q))
+        expected = features.project(self._live, q)
+        known = features.states[self._live] == State.KNOWN
+        for one in np.unique(features.links[self._live[known]]):
+            on = believed & known & (features.links[self._live] == one)
+            if on.sum() >= LEAST_SEEN:
+                off = places - expected
+                far = np.linalg.norm(off - np.median(off[on], axis=0), axis=1) > GATE
+                believed &= ~(on & far)
+        self._live, self._places = self._live[believed], places[believed]
+        self._correct(q, link, gray)
+        self._gray, self._positions = gray, q
+        self.uncertainty = self._uncertainty(q)
+        on = self._on_link(link)
+        if len(on) and self._moved(on, q) > KEYFRAME_MOTION:
+            self._keep(gray, q)
+        return self.point
+
+    @property
+    def _link(self) -> int:
+        return int(self.features.links[POINT])
+
+    def _on_link(self, link: int) -> np.ndarray:
+        """Features in sight that are on a link, the point aside."""
+        return self._live[self.features.seen_on(link, self._live) & (self._live != POINT)]
+
+    def _moved(self, features: np.ndarray, q: np.ndarray) -> float:
+        """How far some features moved since the last keyframe at most [px]."""
+        before, now = self.features.project(features, self._kept_at), self.features.project(features, q)
+        return float(np.linalg.norm(now - before, axis=1).max())
+
+    def _expected(self, q: np.ndarray) -> np.ndarray:
+        """Where the features in sight should be by now [px]; young ones move as those around them do."""
+        features = self.features
+        step = features.project(self._live, q) - features.project(self._live, self._positions)
+        known = features.states[self._live] == State.KNOWN
+        step[~known | (np.abs(step).max(axis=1, initial=0) > 1e4)] = 0.0
+        if known.any():
+            for k in np.flatnonzero(~known):
+                near = np.argsort(np.linalg.norm(self._places[known] - self._places[k], axis=1))[:3]
+                step[k] = np.median(step[known][near], axis=0)
+        return self._places + step
+
+    def _correct(self, q: np.ndarray, link: int, gray: np.ndarray) -> None:
+        """The point's place: as the chain says, less what the features of its link are off around it, and its look."""
+        features = self.features
+        expected = features.project(np.array([POINT]), q)[0]
+        on = self._on_link(link)
+        self.seen = len(on)
+        if self.seen >= LEAST_SEEN:
+            there = features.project(on, q)
+            off = self._places[np.isin(self._live, on)] - there
+            weights = np.exp(-np.sum((there - expected) ** 2, axis=1) / (2 * WIDE**2)) + 1e-3
+            mean = np.average(off, axis=0, weights=weights)
+            weights = weights / (1 + np.sum((off - mean) ** 2, axis=1))
+            self._offset = np.average(off, axis=0, weights=weights)
+            self._spread = float(np.sqrt(np.average(np.sum((off - self._offset) ** 2, axis=1), weights=weights)))
+            self.unseen = 0
+        else:
+            self.unseen += 1
+        place = expected + self._offset
+        if not np.isfinite(place).all() or np.abs(place).max() > 1e5:  # behind the camera, by a chain that is wrong
+            self.unseen = max(self.unseen, 1)
+            return
+        found, turned, self.correlation = self._look.align(self._own_pixels, gray, place[None], self._own_map)
+        share = float(np.clip((self.correlation[0] - LIKE) / (ALIKE - LIKE), 0, 1))
+        apart = float(np.linalg.norm(found[0] - place))
+        self._by_own = max(apart, OWN_DRIFT) if share == 1 else np.inf
+        if apart < OWN_GATE and share > 0:
+            place = place + share * (found[0] - place)
+            self._own_map = turned
+        if apart < OWN_GATE and share == 1:
+            others = self._live != POINT
+            self._live = np.append(POINT, self._live[others])
+            self._places = np.vstack([place, self._places[others]])
+        self.point = place
+
+    def _uncertainty(self, q: np.ndarray) -> float:
+        """Standard deviation [px]: by the depth, whose error shows as the link turns, and by the link's features.
+
+        The point's own place and its link are wrong in different ways: where they agree, so far can they be wrong.
+        """
+        if self._depth is None:
+            return np.inf
+        features, small = self.features, 0.01
+        before = features.points[POINT].copy()
+        here = features.project(np.array([POINT]), q)[0]
+        features.points[POINT] = self._at_depth(self._depth.depth * (1 + small))
+        there = features.project(np.array([POINT]), q)[0]
+        features.points[POINT] = before
+        by_depth = DOUBT * float(np.linalg.norm(there - here)) / small * self._depth.deviation
+        return float(np.hypot(min(by_depth, self._by_own), BASIC + self._spread / np.sqrt(max(self.seen, 1))))
+
+    def _at_depth(self, depth: float | np.ndarray) -> np.ndarray:
+        """The point in the home posture ``(..., 3)``, if it has that depth where it was defined."""
+        features = self.features
+        rotation, translation = features.chain.link_poses(self._defined_at[None])
+        ray = np.append((self._pixel - features.center) / features.focal, 1.0)
+        here = np.multiply.outer(depth, ray)
+        return (here - translation[0, self._link]) @ rotation[0, self._link]
+
+    def _place_point(self) -> None:
+        """Where the point is on its link, by what is known now."""
+        features = self.features
+        first = self._first[features.seen_on(self._link, self._first) & (self._first != POINT)]
+        there = features.positions(first, self._defined_at)
+        front = there[:, 2] > 1e-3
+        around = depth_of_features(features.pixels(there[front]), there[front, 2], self._pixel)
+        if around is None:
+            if features.states[POINT] != State.KNOWN:
+                return
+            depth = features.positions(np.array([POINT]), self._defined_at)[0, 2]
+            around = PointDepth(float(max(depth, 1e-2)), UNKNOWN)
+        postures, places = features.tracks(np.array([POINT]))
+        seen = np.isfinite(places[:, 0, 0])
+        rotation, translation = features.chain.link_poses(postures[seen])
+        tried = self._at_depth(tried_depths(around))
+        there = np.einsum("tij,dj->dti", rotation[:, self._link], tried) + translation[None, :, self._link]
+        expected = features.pixels(there.reshape(-1, 3)).reshape(*there.shape[:2], 2)
+        self._depth = point_depth(around, np.linalg.norm(expected - places[seen, 0], axis=2))
+        features.points[POINT] = self._at_depth(self._depth.depth)
+        features.states[POINT] = State.KNOWN
+
+    def _keep(self, gray: np.ndarray, q: np.ndarray) -> None:
+        """A keyframe: learn from it, and look for new features."""
+        features = self.features
+        features.keep(Keyframe(q.copy(), self._live.copy(), self._places.copy()))
+        self._kept_at = q
+        young = (features.states[self._live] == State.YOUNG) & (self._live != POINT)
+        features.assign(self._live[young])
+        features.refine(self._live)
+        self._place_point()
+        kept = features.states[self._live] != State.DROPPED
+        self._live, self._places = self._live[kept], self._places[kept]
+        self._look_for_more(gray)
+
+    def _look_for_more(self, gray: np.ndarray) -> None:
+        """New features on and about what is in sight of each link."""
+        features, link = self.features, self._link
+        taken = [*self._places]
+        found = []
+        for one in [link, *(k for k in np.flatnonzero(features.learned) if k != link)]:
+            on = features.seen_on(int(one), self._live)
+            outline = [*self._places[on], *([self.point] if one == link else [])]
+            wanted = (ON_LINK if one == link else ON_OTHERS) - int(on.sum())
+            if len(outline) < LEAST_SEEN or wanted <= 0:
+                continue
+            mask = np.zeros(gray.shape, np.uint8)
+            hull = cv2.convexHull(np.clip(outline, -1e4, 1e4).astype(np.float32))
+            cv2.fillConvexPoly(mask, hull.round().astype(np.int32), (1,))
+            disc = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * MARGIN + 1, 2 * MARGIN + 1))
+            new = new_features(gray, cv2.dilate(mask, disc), taken, wanted, APART)
+            taken += [*new]
+            found += [*new]
+        if not found:
+            return
+        numbers = features.added(len(found))
+        self._live, self._places = np.append(self._live, numbers), np.vstack([self._places, found])
+        last = features.keyframes[-1]
+        features.keyframes[-1] = Keyframe(
+            last.positions, np.append(last.features, numbers), np.vstack([last.places, found])
+        )
+
+    def _look_back(self, history: Sequence[tuple[np.ndarray, np.ndarray]], body: np.ndarray) -> None:
+        """Features of the last image, followed back to the first one, and their links."""
+        features, gray = self.features, self._gray
+        begun = np.vstack([self.point, new_features(gray, body, [self.point], FIRST_FEATURES, APART + 1)])
+        self._first = numbers = features.added(len(begun))
+        patches = SurfacePatches(BACK_WINDOW)
+        pixels = patches.taken(gray, begun)
+        maps = np.tile(np.eye(2), (len(begun), 1, 1))
+        live, places, later = numbers, begun.copy(), gray
+        kept = [Keyframe(self._defined_at.copy(), live, places)]
+        for image, q in [*history[:-1]][::-1]:
+            found, believed = carried(later, image, places, places)
+            live, places = live[believed], found[believed]
+            if not len(live):
+                break
+            aligned, turned, correlation = patches.align(pixels[live], image, places, maps[live])
+            sure = (correlation > SURE) & (np.linalg.norm(aligned - places, axis=1) < REALIGNED)
+            places = np.where(sure[:, None], aligned, places)
+            maps[live[sure]] = turned[sure]
+            alike = correlation > UNLIKE
+            live, places, later = live[alike], places[alike], image
+            kept.append(Keyframe(np.array(q, dtype=np.float64), live, places))
+        features.keyframes = kept[::-1]
+        self._live, self._places = numbers, begun.copy()
+        features.assign(numbers)
+        if features.states[POINT] != State.KNOWN:
+            known = numbers[features.states == State.KNOWN]
+            if len(known):
+                near = np.argsort(np.linalg.norm(begun[known] - self._pixel, axis=1))[:VOTES]
+                features.links[POINT] = int(np.bincount(features.links[known[near]]).argmax())
+        kept_on = features.states != State.DROPPED
+        kept_on[POINT] = True
+        self._live, self._places = numbers[kept_on], begun[kept_on]

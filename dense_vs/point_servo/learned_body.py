@@ -1,0 +1,152 @@
+"""The body model of a robot that has babbled: from the images and joint readings that a loop has kept."""
+
+from collections import deque
+from collections.abc import Sequence
+from itertools import pairwise
+
+import cv2
+import numpy as np
+
+from dense_vs.body_model import BodyModel, TrackOptions
+from dense_vs.errors import DenseVSError
+from dense_vs.flow.estimator import FlowEstimator
+from dense_vs.pipeline.body_prior import BodyPrior
+from dense_vs.pipeline.frame_pipeline import Frame, FramePipeline
+from dense_vs.point_servo.body_tracker import BodyTracker
+from dense_vs.point_servo.same_surface import same_surface
+from dense_vs.robot.joint_group import JointGroup
+
+HISTORY = 300  # images that J was corrected by, that are kept
+FITTED, LOOKED_BACK = 150, 60  # of these, that a body is fitted to, and that a point's features are followed through
+LEAST_IMAGES = 40
+LEAST_JOINTS = 2  # one joint's axis alone leaves the rest of the camera open
+PRIOR_AT_FIRST, PRIOR_SHARE = 0.7, 0.1  # by which J is drawn to the body model's, once and at every measured motion
+JUDGED, MOVING = 12, 0.5  # pairs of images by which a model is judged, and px of motion that count
+LEAST_EXPLAINED = 0.5  # of the motion, by a model that is believed
+MOST_ERROR = 0.53  # px, median distance of its tracks from it
+BESIDE = 2  # px by which the model's outline may be off
+
+
+class LearnedBody:
+    """What a loop knows of its robot's body: the images it was seen in, and the model that follows from them.
+
+    Args:
+        pipeline: whose J the model is the prior of.
+        group: the robot's joints; a model is learned where all of them turn.
+        given: a model, or whether one is to be learned.
+
+    Attributes:
+        model: of the robot; None where none is known.
+
+    Raises:
+        DenseVSError: a model of another number of joints or image size.
+    """
+
+    def __init__(self, pipeline: FramePipeline, group: JointGroup, given: BodyModel | bool):
+        self._pipeline = pipeline
+        self._learns = given is True and all(unit == "rad" for unit in group.units)
+        self._history: deque[tuple[np.ndarray, np.ndarray]] = deque(maxlen=HISTORY)
+        self.model: BodyModel | None = None
+        if isinstance(given, BodyModel):
+            self.use(given, None)
+
+    @property
+    def wanted(self) -> bool:
+        """Whether one is to be learned, and there is none, or one that no longer explains what moves."""
+        prior = self._pipeline.prior
+        if not self._learns:
+            return False
+        return self.model is None or prior is None or not prior.agrees
+
+    def see(self, frame: Frame) -> None:
+        """Keep a frame that J was corrected by."""
+        if frame.measured is not None and (not self._history or self._history[-1][0] is not frame.gray):
+            self._history.append((frame.gray, frame.positions))
+
+    def forget_images(self) -> None:
+        """After a change of the clock their joint positions are wrong."""
+        self._history.clear()
+
+    def learn(self, positions: np.ndarray) -> bool:
+        """Fit a model to the images so far; whether they show one."""
+        if len(self._history) < LEAST_IMAGES or len(positions) < LEAST_JOINTS:
+            return False
+        chosen = thinned(self._history, FITTED)
+        images, joints = [image for image, _ in chosen], [q for _, q in chosen]
+        try:
+            model = BodyModel.fit(images, joints, track_options=TrackOptions(stride=1))
+        except DenseVSError:
+            return False
+        if model.error > MOST_ERROR:
+            return False
+        if explained_share(model, self._pipeline.flow, [*self._history]) < LEAST_EXPLAINED:
+            return False
+        self.use(model, positions)
+        return True
+
+    def use(self, model: BodyModel, positions: np.ndarray | None) -> None:
+        """Take a model as it is, and draw J to it at a posture ``(N,)`` [rad]; None before the first frame.
+
+        Raises:
+            DenseVSError: a model of another number of joints or image size.
+        """
+        estimator = self._pipeline.estimator
+        size = estimator.options.height, estimator.options.width
+        if (model.joint_count, tuple(model.size)) != (estimator.options.joints, size):
+            raise DenseVSError(
+                f"body model has {model.joint_count} joints and images of {tuple(model.size)}; "
+                f"expected {estimator.options.joints} and {size}"
+            )
+        self.model = model
+        self._pipeline.prior = prior = BodyPrior(model.known, share=PRIOR_SHARE)
+        if positions is not None:
+            prior.begin(estimator, positions, PRIOR_AT_FIRST)
+
+    def tracker(self, point: np.ndarray, frame: Frame, *, window: int, lost_after: int) -> BodyTracker | None:
+        """A tracker of the point ``(2,)`` [px] in a frame by its link; None where it is on none that is known.
+
+        Args:
+            point, window, lost_after: as in :class:`BodyTracker`.
+            frame: the last one.
+        """
+        model = self.model
+        if model is None:
+            return None
+        history = [*self._history]
+        if not history or history[-1][0] is not frame.gray:
+            history.append((frame.gray, frame.positions))
+        pixels = model.image(frame.positions).body.astype(np.uint8)
+        near = cv2.dilate(pixels, np.ones((2 * BESIDE + 1,) * 2, np.uint8)) > 0
+        tracker = BodyTracker(
+            model.chain, model.focal_length, np.asarray(model.center), model.learned, thinned(history, LOOKED_BACK),
+            point, near, same=same_surface(self._pipeline.estimator, point), window=window, lost_after=lost_after,
+        )  # fmt: skip
+        return tracker if tracker.known else None
+
+
+def explained_share(model: BodyModel, flow: FlowEstimator, history: Sequence[tuple[np.ndarray, np.ndarray]]) -> float:
+    """Share of the motion between some of the latest images that a model explains on the body; 0 where none is seen.
+
+    Absolute values, not squares: where the flow fails it fails grossly.
+
+    Args:
+        model: to be judged.
+        flow: by which it is judged.
+        history: gray images uint8 ``(H, W)`` with joint positions ``(N,)`` [rad], the oldest first.
+    """
+    off = moved = 0.0
+    latest = history[-JUDGED - 1 :]
+    for (before, q_before), (now, q) in pairwise(latest):
+        expected = model.flow(q, np.asarray(q) - q_before)
+        measured = flow(before, now)
+        size = np.linalg.norm(expected, axis=2)
+        counted = (size > MOVING) & np.isfinite(measured).all(axis=2)
+        off += float(np.linalg.norm(measured - expected, axis=2)[counted].sum())
+        moved += float(np.maximum(np.linalg.norm(measured, axis=2), size)[counted].sum())
+    return 1 - off / moved if moved else 0.0
+
+
+def thinned(history: Sequence[tuple[np.ndarray, np.ndarray]], most: int) -> list[tuple[np.ndarray, np.ndarray]]:
+    """At most so many of the images, evenly spread, the last among them."""
+    count = len(history)
+    return [history[k] for k in np.unique(np.linspace(0, count - 1, min(most, count)).round().astype(int))]

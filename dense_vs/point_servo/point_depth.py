@@ -1,0 +1,60 @@
+"""At what depth a point of a link is, from its own places and from the link's features around it."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+NEAR = 14.0  # px, standard deviation of the weight by which features around count
+LEAST_SPREAD = 0.02  # of the logarithm of the depth by the features around
+LEAST_NEAR = 3  # features on the link
+OWN_WEIGHT = 0.3  # of the point's own places, which slide along plain surfaces
+OWN_PLACES = 20  # as many places of their own count, however many there are
+NOISE = 0.5  # px, of its own places
+RANGE, STEPS = 0.25, 51  # of the logarithm of the depth about that of the features around
+UNKNOWN = 0.25  # standard deviation of the logarithm where nothing tells
+
+
+@dataclass(frozen=True)
+class PointDepth:
+    """Depth, in the unit of the chain, and the standard deviation of its logarithm."""
+
+    depth: float
+    deviation: float
+
+
+def depth_of_features(places: np.ndarray, depths: np.ndarray, point: np.ndarray) -> PointDepth | None:
+    """Robust mean depth of features ``(K, 2)`` [px], ``(K,)`` about a point ``(2,)`` [px]; None for too few."""
+    if len(depths) < LEAST_NEAR:
+        return None
+    weights = np.exp(-np.sum((places - point) ** 2, axis=1) / (2 * NEAR**2)) + 1e-4
+    inverse = 1 / depths
+    mean, heavy = float(np.average(inverse, weights=weights)), weights
+    for _ in range(4):
+        spread = np.sqrt(np.average((inverse - mean) ** 2, weights=heavy))
+        heavy = weights / (1 + ((inverse - mean) / max(1.5 * spread, 1e-4 * mean)) ** 2)
+        mean = float(np.average(inverse, weights=heavy))
+    spread = float(np.sqrt(np.average((inverse - mean) ** 2, weights=heavy)))
+    return PointDepth(1 / mean, max(spread / mean, LEAST_SPREAD))
+
+
+def point_depth(around: PointDepth, errors: np.ndarray) -> PointDepth:
+    """The most likely depth.
+
+    Args:
+        around: by the features around.
+        errors: ``(STEPS, T)`` distances of the point's own T places from the expected ones [px], at each of
+            :func:`tried_depths`.
+    """
+    steps = np.linspace(-RANGE, RANGE, STEPS)
+    counted = max(1.0, errors.shape[1] / OWN_PLACES)
+    cost = OWN_WEIGHT * np.log1p((errors / NOISE) ** 2).sum(axis=1) / counted + (steps / around.deviation) ** 2
+    best = int(np.argmin(cost))
+    middle = min(max(best, 2), STEPS - 3)
+    curvature = (cost[middle - 2] - 2 * cost[middle] + cost[middle + 2]) / (2 * (steps[1] - steps[0])) ** 2
+    deviation = 1 / np.sqrt(max(curvature / 2, 1 / UNKNOWN**2))
+    return PointDepth(around.depth * float(np.exp(steps[best])), float(deviation))
+
+
+def tried_depths(around: PointDepth) -> np.ndarray:
+    """``(STEPS,)`` depths about that of the features around."""
+    return around.depth * np.exp(np.linspace(-RANGE, RANGE, STEPS))

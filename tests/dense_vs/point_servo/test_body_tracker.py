@@ -1,0 +1,138 @@
+"""A point of a textured plate that three joints turn in space: followed, covered, found again, never taken for sure."""
+
+import numpy as np
+import pytest
+from planar_scene import PlanarScene
+
+from dense_vs.body_model.chain import Chain
+from dense_vs.point_servo.body_tracker import BodyTracker
+
+START = np.array([60.0, 50.0])
+HIDDEN = np.full((96, 128), 90, np.uint8)
+EVERYWHERE = np.ones(HIDDEN.shape, bool)
+LEARNED = np.ones(3, bool)
+
+
+class Plate:
+    """The plane Z = 1 of the reference posture, carried by a chain of three joints, before a camera."""
+
+    focal = 115.0
+
+    def __init__(self):
+        self.scene = PlanarScene()
+        axes = np.array([[0.2, 0.1, -0.97], [0.9, 0.3, 0.3], [-0.2, 0.95, 0.2]])
+        axes /= np.linalg.norm(axes, axis=1, keepdims=True)
+        places = np.array([[-0.15, 0.1, 1.1], [0.05, 0.2, 1.2], [0.2, 0.0, 1.15]])
+        self.center = self.scene.center
+        self.chain = Chain(axes, places, np.zeros(3), np.array([-1, 0, 1]))
+
+    def image(self, q):
+        rotation, shift = (value[0, 2] for value in self.chain.link_poses(np.atleast_2d(q)))
+        rays = np.dstack([(self.scene.pixels - self.center) / self.focal, np.ones(self.scene.pixels.shape[:2])])
+        normal = rotation[:, 2]
+        depth = normal @ (normal + shift) / (rays @ normal)
+        local = (depth[..., None] * rays - shift) @ rotation
+        return np.rint(self.scene.texture(self.center + self.focal * local[..., :2])).astype(np.uint8)
+
+    def place(self, q):
+        rotation, shift = (value[0, 2] for value in self.chain.link_poses(np.atleast_2d(q)))
+        here = rotation @ np.append((START - self.center) / self.focal, 1.0) + shift
+        return self.center + self.focal * here[:2] / here[2]
+
+
+@pytest.fixture(scope="module")
+def plate():
+    return Plate()
+
+
+def babbled(plate, seed=0, count=50):
+    """Images and joints of a random walk that ends in the reference posture."""
+    steps = np.cumsum(np.random.default_rng(seed).normal(0, 0.03, (count, 3)), axis=0)
+    return [(plate.image(q), q) for q in np.clip(steps - steps[-1], -0.3, 0.3)]
+
+
+def make(plate, history=None, chain=None, learned=LEARNED):
+    return BodyTracker(
+        chain or plate.chain,
+        plate.focal,
+        plate.center,
+        learned,
+        history or babbled(plate),
+        START,
+        EVERYWHERE,
+        lost_after=5,
+    )
+
+
+def follow(tracker, plate, end, frames=30):
+    """Errors [px] on the way to a posture."""
+    errors = []
+    for share in np.linspace(0, 1, frames + 1)[1:]:
+        tracker.update(plate.image(share * end), share * end)
+        errors.append(float(np.linalg.norm(tracker.point - plate.place(share * end))))
+    return errors
+
+
+END = np.array([0.5, -0.35, 0.3])
+
+
+def test_it_follows_beyond_the_postures_it_has_seen(plate):
+    tracker = make(plate)
+    assert tracker.known
+    assert tracker.features.links[0] == 2
+    assert np.max(follow(tracker, plate, 0.4 * END)) < 0.5
+    assert tracker.certain
+    for share in np.linspace(0.4, 1.0, 20):
+        tracker.update(plate.image(share * END), share * END)
+    assert np.linalg.norm(tracker.point - plate.place(END)) < 1.0
+    assert not tracker.lost[0]
+    np.testing.assert_array_equal(tracker.points, tracker.point[None])
+
+
+def test_a_chain_that_is_somewhat_wrong_is_refined_on_the_way(plate):
+    wrong = plate.chain.moved(np.random.default_rng(1).normal(0, 0.02, (3, 4)))
+    tracker, far = make(plate, chain=wrong), np.array([0.4, 0.3, -0.3])
+
+    def off():
+        return np.linalg.norm(tracker.features.project(np.array([0]), far)[0] - plate.place(far))
+
+    before = off()
+    assert np.max(follow(tracker, plate, END)) < 1.0
+    assert off() < 0.5 * before
+
+
+def test_a_covered_point_is_predicted_flagged_and_found_again(plate):
+    tracker = make(plate)
+    path = np.linspace(0, 1, 21)[1:, None] * np.array([0.25, -0.2, 0.2])
+    for q in path[:10]:
+        tracker.update(plate.image(q), q)
+    for q in path[10:]:
+        tracker.update(HIDDEN, q)
+        assert not tracker.certain
+    assert tracker.lost[0]
+    assert np.linalg.norm(tracker.point - plate.place(path[-1])) < 1.5
+
+
+def test_what_moves_otherwise_than_by_the_joints_is_on_no_link(plate):
+    rng = np.random.default_rng(5)
+    history = [(gray, rng.normal(0, 0.1, 3)) for gray, _ in babbled(plate)]
+    tracker = make(plate, history)
+    assert not tracker.known
+    assert not tracker.certain
+
+
+def test_a_posture_that_the_chain_cannot_show_leaves_the_point_where_it_was(plate):
+    tracker = make(plate)
+    before = tracker.point.copy()
+    tracker.features.points = tracker.features.points * [1, 1, -1]
+    tracker.update(HIDDEN, np.zeros(3))
+    np.testing.assert_array_equal(tracker.point, before)
+    assert tracker.unseen == 1
+    assert not tracker.certain
+
+
+def test_it_is_less_certain_the_farther_it_turns_from_what_it_has_seen(plate):
+    tracker = make(plate, babbled(plate)[-12:])
+    first = tracker.uncertainty
+    tracker._by_own = np.inf
+    assert tracker._uncertainty(np.array([0.9, -0.9, 0.9])) > first
