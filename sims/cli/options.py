@@ -45,10 +45,22 @@ def add_world_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--seed", type=int, default=0, metavar="N", help="of textures, posture, motion and targets (default: 0)"
     )
-    parser.add_argument(
-        "--realism", action="store_true", help="images with noise, flicker and compression, joint readings a frame late"
-    )
+    add_realism_argument(parser)
     add_device_arguments(parser)
+
+
+def add_realism_argument(parser: argparse._ActionsContainer) -> None:
+    """Declare ``--realism``."""
+    parser.add_argument(
+        "--realism",
+        nargs="?",
+        const="realistic",
+        default=False,
+        metavar="NAME",
+        help="what real cameras and encoders do: realistic (blur, rolling exposure, lens, shadows, sway, noise, "
+        "flicker, vignette, compression, joint readings late, noisy and rounded) or sensor (noise, flicker, "
+        "compression, late readings); realistic where no name follows (default: exact images)",
+    )
 
 
 def make_world(arguments: argparse.Namespace) -> "SimWorld":

@@ -100,10 +100,10 @@ def _targets_of_world(
         mujoco.mj_kinematics(model, data)
         mujoco.mj_comPos(model, data)
         mujoco.mj_camlight(model, data)
-        pose = surface_points.camera_pose(data, scene.camera)
+        pose = world.viewpoint.pose(data, number)
         geom = int(point.geoms[number])
         position = surface_points.world_point(data, geom, point.local[number])
-        pixel = surface_points.project(position, world.intrinsics, pose)
+        pixel = world.viewpoint.project(position, pose)
         inside = np.all(pixel >= border) and np.all(pixel <= (width - 1 - border, height - 1 - border))
         near = np.hypot(*(pixel - previous)) < least_distance
         if not inside or near or not surface_points.is_seen(model, data, pose, geom, position):
