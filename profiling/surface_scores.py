@@ -10,7 +10,7 @@ from metrics import Metric
 REACHED_PX = 2.0  # by the truth
 ASTRAY_PX = 3.0  # of the tracked from the true point: farther, it is not followed any more
 
-OURS = ("arm", "painted")  # beside the commercial arms, in no mean
+OURS = ("arm", "painted", "planar", "upper-body")  # in no mean; other names and files are commercial arms
 
 
 @dataclass(frozen=True)

@@ -6,14 +6,13 @@ from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
-from surface_scores import ReachScore, ViewScore, label_quality
+from surface_scores import OURS, ReachScore, ViewScore, label_quality
 
 from dense_vs.body import SelfBody
 from dense_vs.errors import DenseVSError
 from dense_vs.jacobian import DenseJacobian
 from dense_vs.jacobian.error import jacobian_error
 from dense_vs.sims import SimWorld
-from dense_vs.sims.engine.built_scenes import ARM_NAMES
 from dense_vs.sims.papers.dije.reaching import ReachingExperiment
 
 
@@ -104,7 +103,7 @@ def make_world(view: ViewScore, options: argparse.Namespace) -> SimWorld:
     """The view's world; a commercial arm uses its first joints, ours have one camera and all of theirs."""
     realism = False if view.images == "clean" else view.images
     common = {"seed": view.seed, "realism": realism, "device": options.device}
-    if view.arm not in ARM_NAMES:
+    if view.arm in OURS:
         return SimWorld(view.arm, **common)
     names = SimWorld(view.arm, camera=view.camera, device=options.device, height=8, width=8).joint_names
     return SimWorld(view.arm, joints=names[: view.joints], camera=view.camera, **common)

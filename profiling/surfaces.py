@@ -26,7 +26,7 @@ from typing import Any
 sys.path.append(str(Path(__file__).parent))  # python -P leaves it out
 
 from metrics import add_report_arguments, report
-from surface_scores import ViewScore, metrics_of
+from surface_scores import OURS, ViewScore, metrics_of
 from surface_table import table_lines
 
 from dense_vs.files import write_json
@@ -70,7 +70,7 @@ def main() -> int:
 def _arguments() -> argparse.Namespace:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     arms = ",".join([*ARM_NAMES, "painted", "arm"])
-    parser.add_argument("--arms", default=arms, help=f"by comma (default: {arms})")
+    parser.add_argument("--arms", default=arms, help=f"names or MJCF files, by comma (default: {arms})")
     parser.add_argument("--cameras", default="A,B", help="of the commercial arms, by comma (default: A,B)")
     parser.add_argument(
         "--images", default="clean,realistic", help=f"some of {', '.join(IMAGES)}, by comma (default: clean,realistic)"
@@ -104,7 +104,7 @@ def _views(options: argparse.Namespace) -> list[ViewScore]:
         for images in sorted(options.images.split(","), key=IMAGES.index, reverse=True)
         for seed in options.seeds.split(",")
         for arm in options.arms.split(",")
-        for camera in (options.cameras.split(",") if arm in ARM_NAMES else [""])
+        for camera in ([""] if arm in OURS else options.cameras.split(","))
     ]
 
 

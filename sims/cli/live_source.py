@@ -17,7 +17,7 @@ class SimulatedSource:
         group.add_argument(
             "--robot",
             metavar="NAME|FILE",
-            help="as of 'dense-vs reach': arm, planar, upper-body, panda, ... or an MJCF file (default: arm)",
+            help="as of 'dense-vs reach': arm, painted, planar, upper-body, panda, ... or an MJCF file (default: arm)",
         )
         group.add_argument("--geom-groups", metavar="A,B", help="groups of the MJCF file's geoms that are drawn")
         group.add_argument("--height", type=int, default=240, metavar="PX", help="image height (default: 240)")

@@ -17,7 +17,8 @@ def add_world_arguments(parser: argparse.ArgumentParser) -> None:
         "--robot",
         default="arm",
         metavar="NAME|FILE",
-        help="arm (4 joints in 3D), planar (3 joints), upper-body (two arms of 7 joints), upper-body-rake, "
+        help="arm (4 joints in 3D), painted (the same in plain painted links, in a room), planar (3 joints), "
+        "upper-body (two arms of 7 joints), upper-body-rake, "
         "upper-body-vacuum (with a tool), panda, ur5e, baxter, fetch (built by dense-vs arms), or the path of an MJCF "
         "file (default: arm)",
     )

@@ -148,6 +148,7 @@ def make_renderer(
     realism: Realism,
     poses: PoseMemory,
     seeds: np.ndarray,
+    shadows: bool,
 ) -> Renderer | ExposedRenderer:
     """The renderer that the realism asks for.
 
@@ -158,13 +159,14 @@ def make_renderer(
         realism: what the camera does.
         poses: that are rendered.
         seeds: (worlds,) of noise and flicker.
+        shadows: whether lights cast them.
     """
-    options: dict[str, Any] = {"lens": lens if lens.distorts else None, "shadows": realism.shadows}
+    options: dict[str, Any] = {"lens": lens if lens.distorts else None, "shadows": shadows}
     if not realism.changes_exposure:
         return Renderer(*traced, samples=samples, **options)
     exact = Renderer(*traced, samples=0, **options)
     squares = lens.rays(samples).reshape(traced[4][1], samples, traced[4][2], samples, 3)
     rays = [squares[:, i, :, j].reshape(-1, 3) for i in range(samples) for j in range(samples)]
-    tracer = color_tracer(*traced, rays=rays, shadows=realism.shadows)
+    tracer = color_tracer(*traced, rays=rays, shadows=shadows)
     *_, data, _, _, device, threads = traced
     return ExposedRenderer(exact, tracer, samples, realism, poses, data.time, seeds, device, threads)

@@ -44,7 +44,8 @@ class SimWorld:
     Arrays come without the leading B for a single world. "rad" stands for m too where a joint is a slide.
 
     Args:
-        robot: ``"arm"`` (4 joints in 3D), ``"planar"`` (3 joints, a plane that faces the camera),
+        robot: ``"arm"`` (4 joints in 3D), ``"painted"`` (the same joints in plain painted links, in a room with
+            shadows), ``"planar"`` (3 joints, a plane that faces the camera),
             ``"upper-body"`` (two arms of 7 joints before the robot's own eyes), ``"upper-body-rake"`` and
             ``"upper-body-vacuum"`` (holding a tool, which counts as part of the robot), ``"panda"``, ``"ur5e"``,
             ``"baxter"`` or ``"fetch"`` once ``dense-vs arms`` has built their scenes, or the path of an MJCF file with
@@ -64,7 +65,7 @@ class SimWorld:
             the arm, covering parts of it); ``"walker-behind"``, ``"walker-next"``, ``"walker-across"`` and the same
             with ``chair`` for the upper body, see :mod:`.distractor`; our robots only.
         samples: rays for a pixel's color along either side of it, see :mod:`.renderer`; unless given 2 where the model
-            has meshes, whose detail aliases with one, else 1.
+            has meshes or is painted, whose detail aliases with one, else 1.
         realism: True or ``"realistic"``, another preset, or a :class:`.realism.Realism`: what sets images and joint
             readings of real cameras and robots apart, and what the truth is then, see :mod:`.realism`.
         compliance: True, or a :class:`.compliance.Compliance`, for joints that are soft, late and read with noise, as a
@@ -316,7 +317,7 @@ class SimWorld:
         scene = load_scene(**self._choice, seed=seed)
         rngs = [_world_rng(seed, world, 2) for world in range(worlds)]
         models = WorldModels(scene.model, scene.camera, rngs, self._randomization)
-        samples = self._samples or (2 if scene.model.nmesh else 1)
+        samples = self._samples or scene.samples
         realism = self._realism or Realism()
         lens = Lens(camera_intrinsics(scene.model, scene.camera, height, width), (height, width), realism.distortion)
         if realism.shadows:
@@ -333,6 +334,7 @@ class SimWorld:
                 realism,
                 self._poses,
                 seeds,
+                realism.shadows or scene.shadows,
             )
         self._sway = CameraSway.of(
             realism.sway, worlds, lambda world: _world_rng(seed, world, 5), scene.camera, self._device

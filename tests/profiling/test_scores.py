@@ -147,10 +147,25 @@ def test_views_run_side_by_side_and_the_file_holds_what_is_known(tmp_path):
     """Two views in processes of their own, started by python -P; the one that cannot run says so."""
     file = tmp_path / "surfaces.json"
     script = Path(surfaces.__file__)
-    options = ["--arms", "planar,nobody", "--images", "clean", "--seconds", "1", "--targets", "0", "--jobs", "2"]
+    options = [
+        "--arms",
+        "planar,nobody",
+        "--images",
+        "clean",
+        "--seconds",
+        "1",
+        "--targets",
+        "0",
+        "--jobs",
+        "2",
+        "--cameras",
+        "A",
+    ]
     command = [sys.executable, "-P", str(script), *options, "--no-exact", "--json", str(file)]
     done = subprocess.run(command, capture_output=True, text=True, check=False, timeout=300)
     assert done.returncode == 1, done.stderr
+    assert "Traceback" not in done.stderr
+    assert "| planar | clean |" in done.stdout
     content = json.loads(file.read_text())
     rows = {row["arm"]: row for row in content["rows"]}
     assert rows["planar"]["finished"]
