@@ -2,11 +2,12 @@
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 from metrics import Metric
 
+Better = Literal["higher", "lower"]
 REACHED_PX = 2.0  # by the truth
 ASTRAY_PX = 3.0  # of the tracked from the true point: farther, it is not followed any more
 
@@ -175,7 +176,7 @@ def metrics_of(views: Sequence[ViewScore]) -> list[Metric]:
 
 
 def _of_group(name: str, views: Sequence[ViewScore]) -> list[Metric]:
-    figures = (
+    figures: tuple[tuple[str, str, Better], ...] = (
         ("J error", "j_median", "lower"),
         ("J error at 90 %", "j_p90", "lower"),
         ("J error with exact flow", "exact_median", "lower"),
@@ -184,7 +185,7 @@ def _of_group(name: str, views: Sequence[ViewScore]) -> list[Metric]:
     metrics = [Metric(f"{name}: {text}", mean_of(views, field), "1", better) for text, field, better in figures]
     tally = Tally.of(views)
     if tally.asked:
-        counts = (
+        counts: tuple[tuple[str, int, Better], ...] = (
             ("reaches", tally.asked, "higher"),
             (f"reaches below {REACHED_PX:g} px", tally.good, "higher"),
             ("said reached", tally.said, "higher"),

@@ -89,7 +89,7 @@ class ExactFlow:
         self._world = world
         _, height, width = world.shape
         joints = len(world.joint_names)
-        self.estimator = DenseJacobian(height=height, width=width, joints=joints, device=world.device)
+        self.estimator = DenseJacobian(height=height, width=width, joints=joints, device=str(world.device))
         self._last = world.physics.joint_positions()[0]
 
     def update(self) -> None:

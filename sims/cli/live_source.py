@@ -3,7 +3,7 @@
 import argparse
 
 from dense_vs.live.source import LiveSource
-from dense_vs.sims.cli.options import add_realism_argument
+from dense_vs.sims.cli.options import add_image_arguments
 
 DEFAULT = "arm"
 
@@ -24,7 +24,7 @@ class SimulatedSource:
         group.add_argument("--width", type=int, default=320, metavar="PX", help="image width (default: 320)")
         group.add_argument("--distractor", default="none", metavar="NAME", help="what else moves (default: none)")
         group.add_argument("--compliance", action="store_true", help="soft, late joints that are read with noise")
-        add_realism_argument(group)
+        add_image_arguments(group)
 
     def make(self, arguments: argparse.Namespace, *, needed: bool) -> LiveSource | None:
         """The robot that the arguments choose; the arm where one is needed and none is chosen."""

@@ -46,12 +46,19 @@ def add_world_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--seed", type=int, default=0, metavar="N", help="of textures, posture, motion and targets (default: 0)"
     )
-    add_realism_argument(parser)
+    add_image_arguments(parser)
     add_device_arguments(parser)
 
 
-def add_realism_argument(parser: argparse._ActionsContainer) -> None:
-    """Declare ``--realism``."""
+def add_image_arguments(parser: argparse._ActionsContainer) -> None:
+    """Declare ``--realism`` and ``--samples``."""
+    parser.add_argument(
+        "--samples",
+        type=int,
+        metavar="N",
+        help="rays for a pixel's color along either side of it, more where detail aliases (default: 2 where the model "
+        "has meshes or is painted, else 1)",
+    )
     parser.add_argument(
         "--realism",
         nargs="?",
@@ -71,6 +78,7 @@ def make_world(arguments: argparse.Namespace) -> "SimWorld":
         DenseVSError: the ``sims`` extra is not installed, or an argument cannot be used.
     """
     try:
+        from dense_vs.sims.engine.image_advice import aliasing_advice
         from dense_vs.sims.engine.model_advice import advice
         from dense_vs.sims.engine.robots import ROBOTS
         from dense_vs.sims.engine.world import SimWorld
@@ -90,10 +98,11 @@ def make_world(arguments: argparse.Namespace) -> "SimWorld":
         distractor=arguments.distractor,
         compliance=arguments.compliance,
         realism=arguments.realism,
+        samples=arguments.samples,
         geom_groups=_whole_numbers(arguments.geom_groups),
     )
     if arguments.robot not in ROBOTS:
-        for sentence in advice(world.scene):
+        for sentence in (*advice(world.scene), *aliasing_advice(world)):
             print(f"note: {sentence}", file=sys.stderr)
     return world
 

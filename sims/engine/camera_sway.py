@@ -1,7 +1,5 @@
 """A camera that sways by itself, as one on a tripod on a wooden floor or on a robot's neck does."""
 
-from collections.abc import Callable
-
 import mujoco
 import numpy as np
 import warp as wp
@@ -30,13 +28,6 @@ class CameraSway:
             self._arrays = [
                 wp.array(values.astype(np.float32), dtype=wp.vec3) for values in (FREQUENCIES, self._phases)
             ]
-
-    @classmethod
-    def of(
-        cls, amount: float, worlds: int, random: Callable[[int], np.random.Generator], camera: int, device: wp.Device
-    ) -> "CameraSway | None":
-        """One for so many worlds; none where the camera stands still."""
-        return cls(amount, [random(world) for world in range(worlds)], camera, device) if amount else None
 
     def turn(self, time: wp.array, rotation: wp.array) -> None:
         """Turn the camera in ``rotation`` (worlds, cameras), which holds it at rest, as at ``time`` (worlds,) [s]."""

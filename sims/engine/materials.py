@@ -45,7 +45,7 @@ def plate(rng: np.random.Generator) -> Texture:
     for x in np.flatnonzero(rng.random(36) < 0.5):
         image[50:86, 84 + x : 85 + x] = 0.1
     image[[0, 1, -2, -1]], image[:, [0, 1, -2, -1]] = 0.3, 0.3
-    return _bytes(image)
+    return _smaller(image)
 
 
 def logo(rng: np.random.Generator) -> Texture:
@@ -53,7 +53,7 @@ def logo(rng: np.random.Generator) -> Texture:
     image = np.full((64, 128, 3), 0.16) + 0.02 * rng.uniform(-1, 1, 3)
     _print(image, MODEL, (12, 46), 1.25, 3, (0.9, 0.9, 0.88))
     image[54:58, 12:116] = (0.85, 0.42, 0.12)
-    return _bytes(image)
+    return _smaller(image)
 
 
 def poster(rng: np.random.Generator) -> Texture:
@@ -138,6 +138,11 @@ def _print(
     cv2.putText(ink, text, place, cv2.FONT_HERSHEY_SIMPLEX, size, 255, thickness, cv2.LINE_AA)
     share = ink[..., None] / 255
     image[...] = image * (1 - share) + np.array(color) * share
+
+
+def _smaller(image: np.ndarray) -> Texture:
+    """Half as fine, each texel the mean of what it covers: drawn as fine as this, it would alias on a small label."""
+    return _bytes(cv2.resize(image, None, fx=0.5, fy=0.5, interpolation=cv2.INTER_AREA))
 
 
 def _bytes(image: np.ndarray) -> Texture:

@@ -64,11 +64,12 @@ class Viewpoint:
             DenseVSError: outside the image, or no surface there.
         """
         height, width = size
+        told = pixels.tolist() if len(pixels) > 1 else pixels[0].tolist()
         if np.any(pixels < -0.5) or np.any(pixels > (width - 0.5, height - 0.5)):
-            raise DenseVSError(f"pixel is {pixels.tolist()}; expected inside the image of {width}x{height}")
+            raise DenseVSError(f"pixel is {told}; expected inside the image of {width}x{height}")
         geoms, local = zip(*(self.shown(pixel, world) for world, pixel in enumerate(pixels)), strict=True)
         if min(geoms) < 0:
-            raise DenseVSError(f"pixel {pixels.tolist()} shows no surface; expected one that does")
+            raise DenseVSError(f"pixel {told} shows no surface; expected one that does")
         return SurfacePoint(np.array(geoms), np.array(local))
 
     def sees(self, point: SurfacePoint, world: int, size: tuple[int, int]) -> bool:

@@ -72,6 +72,9 @@ class SimWorld:
             tendon-driven robot's; our robots only. The truth stays exact.
         geom_groups: of an MJCF file's geoms, those drawn; 0, 1 and 2 unless given.
 
+    Attributes:
+        samples, viewpoint: rays along a side of a pixel; the camera's pose and lens in float64.
+
     Raises:
         DenseVSError: any argument that cannot be used; the message lists the valid ones.
     """
@@ -162,8 +165,7 @@ class SimWorld:
         """The present image, rendered when first asked for."""
         seen = self.frame_device()
         rgb = seen.rgb.numpy().copy()
-        if self._realism is not None:
-            rgb = self._realism.compressed(rgb)
+        rgb = rgb if self._realism is None else self._realism.compressed(rgb)
         depth, ids = (array.numpy().copy() for array in (seen.depth, seen.ids))
         return Frame(self._out(rgb), self._out(depth), self._out(ids), self.time)
 
@@ -248,8 +250,8 @@ class SimWorld:
         """Whether the surface point is inside the image and nothing covers it; (B,) for several worlds."""
         worlds = self._shape[0]
         surface_points.check_point(point, worlds, self._scene.model.ngeom)
-        seen = np.array([self.viewpoint.sees(point, world, self._shape[1:]) for world in range(worlds)])
-        return bool(seen[0]) if worlds == 1 else seen
+        seen = [self.viewpoint.sees(point, world, self._shape[1:]) for world in range(worlds)]
+        return seen[0] if worlds == 1 else np.array(seen)
 
     @property
     def time(self) -> float:
@@ -317,7 +319,7 @@ class SimWorld:
         scene = load_scene(**self._choice, seed=seed)
         rngs = [_world_rng(seed, world, 2) for world in range(worlds)]
         models = WorldModels(scene.model, scene.camera, rngs, self._randomization)
-        samples = self._samples or scene.samples
+        self.samples = samples = self._samples or scene.samples
         realism = self._realism or Realism()
         lens = Lens(camera_intrinsics(scene.model, scene.camera, height, width), (height, width), realism.distortion)
         if realism.shadows:
@@ -336,9 +338,8 @@ class SimWorld:
                 seeds,
                 realism.shadows or scene.shadows,
             )
-        self._sway = CameraSway.of(
-            realism.sway, worlds, lambda world: _world_rng(seed, world, 5), scene.camera, self._device
-        )
+        rngs = [_world_rng(seed, world, 5) for world in range(worlds)]
+        self._sway = CameraSway(realism.sway, rngs, scene.camera, self._device) if realism.sway else None
         self.viewpoint = Viewpoint(physics, lens, self._sway)
         self._truth = GroundTruth(scene, physics.data, self._poses, renderer, lens, self._device, self._threads)
         self._scene, self._physics, self._renderer, self._seed = scene, physics, renderer, seed
