@@ -2,7 +2,7 @@
 # Measure the committed results anew, each with its origin beside it, and write the tables from them.
 #     profiling/measure_again.sh timings       # 2 cores with nothing else on them, about 25 minutes
 #     profiling/measure_again.sh experiments   # one core, about 3 hours; accuracy only, so other work may run beside
-#     profiling/measure_again.sh surfaces      # as many cores as there are; about 5 core hours, after dense-vs arms
+#     profiling/measure_again.sh surfaces      # as many cores as there are; some 10 core hours, after dense-vs arms
 #     profiling/measure_again.sh gpu           # one NVIDIA GPU, about 10 minutes
 # Numbers after a command are minutes on one free core of a 2026 server.
 set -euo pipefail
