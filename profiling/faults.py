@@ -21,7 +21,6 @@ import numpy as np
 import warp as wp
 
 from dense_vs.files import write_json
-from dense_vs.point_servo import ServoLoop
 from dense_vs.sims import SimWorld
 from dense_vs.sims.engine.faults import FAULTS, FaultInjector
 from dense_vs.sims.papers.dije.reaching import ReachingExperiment
@@ -65,14 +64,6 @@ class Row:
     after_px: list[float]
 
 
-class QuietExperiment(ReachingExperiment):
-    """Without the trace, whose truth takes longer than the loop."""
-
-    def _after_frame(self, loop: ServoLoop) -> None:
-        if self._on_frame is not None:
-            self._on_frame(self)
-
-
 class FaultTrial:
     """One robot with one seed, fault after fault."""
 
@@ -84,8 +75,8 @@ class FaultTrial:
         self.frames: list[tuple[bool, bool, float]] = []  # off, flagged, distance
         self.due: str | None = None  # fault that begins in the reach
         self.places: dict[float, np.ndarray] = {}  # where the true point was, by time
-        self.run = QuietExperiment(
-            self.world, point=POINTS[arm], seed=seed, injector=self.injector, on_frame=self._after_frame
+        self.run = ReachingExperiment(
+            self.world, traced=False, point=POINTS[arm], seed=seed, injector=self.injector, on_frame=self._after_frame
         )
         self.run.learn()
 

@@ -2,6 +2,7 @@
 # Measure the committed results anew, each with its origin beside it, and write the tables from them.
 #     profiling/measure_again.sh timings       # 2 cores with nothing else on them, about 25 minutes
 #     profiling/measure_again.sh experiments   # one core, about 3 hours; accuracy only, so other work may run beside
+#     profiling/measure_again.sh surfaces      # as many cores as there are; some 10 core hours, after dense-vs arms
 #     profiling/measure_again.sh gpu           # one NVIDIA GPU, about 10 minutes
 # Numbers after a command are minutes on one free core of a 2026 server.
 set -euo pipefail
@@ -9,8 +10,8 @@ cd "$(dirname "$0")/.."
 results=profiling/results
 out=${OUT:-out/measured}
 case "${1:-}" in
-timings | experiments | gpu) ;;
-*) sed -n '2,6s/^# *//p' "$0" >&2 && exit 2 ;;
+timings | experiments | surfaces | gpu) ;;
+*) sed -n '2,7s/^# *//p' "$0" >&2 && exit 2 ;;
 esac
 [ -z "$(git status --porcelain --untracked-files=no)" ] || { echo "commit first: results name the commit" >&2; exit 1; }
 mkdir -p "$out"
@@ -45,6 +46,12 @@ experiments)
     for seed in 501 502 503; do reproduce generative insertion --seed $seed; done         # 12 each
     reproduce generative servo --seed 500 501                                             # 2
     python profiling/experiments.py "$out"/*-*.json
+    ;;
+surfaces)
+    # A view that fails is a result too, so its exit code ends nothing.
+    measure surfaces surfaces --jobs "$(nproc)" --seeds 0,1,2 || true
+    measure surfaces surfaces_7 --jobs "$(nproc)" --joints 7 --seconds 20 --arms panda,ur5e,baxter,fetch || true
+    cp "$out"/{surfaces,surfaces_7}.json "$results"
     ;;
 gpu)
     measure closed_loop closed_loop_h200 --device cuda:0 --randomize

@@ -45,8 +45,13 @@ def add_report_arguments(parser: argparse.ArgumentParser) -> None:
     )
 
 
-def report(metrics: Sequence[Metric], arguments: argparse.Namespace) -> int:
+def report(metrics: Sequence[Metric], arguments: argparse.Namespace, **beside: Any) -> int:
     """Print the metrics, write them where ``--json`` says with what they were made by and on, hold them to ``--gate``.
+
+    Args:
+        metrics: the figures.
+        arguments: of the command.
+        beside: what else the file is to hold.
 
     Returns:
         the exit code: 1 where the gate is not passed.
@@ -55,7 +60,7 @@ def report(metrics: Sequence[Metric], arguments: argparse.Namespace) -> int:
     print("\n" + table(("metric", "value", "unit", "better"), rows))
     if arguments.json is not None:
         origin = provenance(arguments, leave_out=("json", "gate"))
-        write_json(arguments.json, {**origin, "metrics": [asdict(metric) for metric in metrics]})
+        write_json(arguments.json, {**origin, **beside, "metrics": [asdict(metric) for metric in metrics]})
     if arguments.gate is None:
         return 0
     baseline = {metric["name"]: metric for metric in json.loads(arguments.gate.read_text())["metrics"]}

@@ -14,6 +14,7 @@ if TYPE_CHECKING:
     from dense_vs.sims.engine.frames import Frame as Frame
     from dense_vs.sims.engine.id_segmenter import IdSegmenter as IdSegmenter
     from dense_vs.sims.engine.randomization import DomainRandomization as DomainRandomization
+    from dense_vs.sims.engine.realism import Realism as Realism
     from dense_vs.sims.engine.robots import ROBOTS as ROBOTS
     from dense_vs.sims.engine.scene import FRAME_SECONDS as FRAME_SECONDS
     from dense_vs.sims.engine.surface_points import SurfacePoint as SurfacePoint
@@ -24,6 +25,7 @@ _HOMES = {
     "DomainRandomization": "engine.randomization",
     "FRAME_SECONDS": "engine.scene",
     "ROBOTS": "engine.robots",
+    "Realism": "engine.realism",
     "IdSegmenter": "engine.id_segmenter",
     "DeviceFrame": "engine.frames",
     "Frame": "engine.frames",

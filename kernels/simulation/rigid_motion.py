@@ -1,11 +1,12 @@
 """Exact image motion of rigid bodies: image Jacobian, optical flow and robot mask from geom ids, depth and poses.
 
-A pixel x with depth Z shows the point X = Z ((x - cx)/fx, (y - cy)/fy, 1) of the geom named by its id. Velocity
-V = (Vx, Vy, Vz) of that point in camera axes moves its image by
+A pixel in direction n with depth Z shows the point (X, Y, Z) = Z (n, 1) of the geom named by its id. Velocity
+V = (Vx, Vy, Vz) of that point in camera axes changes its direction by
 
-    u = fx (Vx Z - X Vz) / Z^2,    v = fy (Vy Z - Y Vz) / Z^2,
+    (Vx Z - X Vz) / Z^2,    (Vy Z - Y Vz) / Z^2,
 
-and a displacement D between two frames by the same with Z (Z - Dz) below the line. A joint gives V = axis x (p -
+and a displacement D between two frames by the same with Z (Z - Dz) below the line. Focal lengths and the lens
+(:mod:`.lens`) make pixels of it. A joint gives V = axis x (p -
 anchor) (hinge) or axis (slide) to what it moves. When it moves the camera too, the point appears to stand
 still; when it moves only the camera, the point appears to move the other way: hence ``influence``.
 
@@ -16,17 +17,15 @@ surface (id -1) have zero Jacobian and flow.
 
 import warp as wp
 
+from dense_vs.kernels.simulation.lens import lens_displacement, lens_velocity
+
 wp.set_module_options({"enable_backward": False})
 
 
 @wp.func
-def camera_point(intrinsics: wp.vec4, x: int, y: int, depth: float) -> wp.vec3:
-    """Point at a pixel in camera axes (x right, y down, z forward); intrinsics (fx, fy, cx, cy)."""
-    return wp.vec3(
-        (float(x) - intrinsics[2]) / intrinsics[0] * depth,
-        (float(y) - intrinsics[3]) / intrinsics[1] * depth,
-        depth,
-    )
+def camera_point(direction: wp.vec2, depth: float) -> wp.vec3:
+    """Point in a direction (X/Z, Y/Z) in camera axes (x right, y down, z forward)."""
+    return wp.vec3(direction[0] * depth, direction[1] * depth, depth)
 
 
 @wp.func
@@ -42,7 +41,9 @@ def image_jacobian_kernel(
     # In:
     ids_in: wp.array3d[int],
     depth_in: wp.array3d[float],
-    intrinsics: wp.vec4,
+    directions_in: wp.array2d[wp.vec2],  # (height, width) X/Z, Y/Z of every pixel
+    focal: wp.vec2,  # fx, fy [px]
+    lens: wp.vec2,  # k1, k2
     camera: int,
     camera_position_in: wp.array2d[wp.vec3],  # (worlds, cameras) [m]
     camera_rotation_in: wp.array2d[wp.mat33],
@@ -63,7 +64,8 @@ def image_jacobian_kernel(
     origin = camera_position_in[world, camera]
     for x in range(column, width, column_step):
         geom = ids_in[world, y, x]
-        p = camera_point(intrinsics, x, y, depth_in[world, y, x])
+        direction = directions_in[y, x]
+        p = camera_point(direction, depth_in[world, y, x])
         offset = flip_y_z(p) @ rotation  # rotation holds the inverse: row vector times it rotates to the world
         for n in range(joints):
             u = float(0.0)
@@ -76,8 +78,13 @@ def image_jacobian_kernel(
                         velocity = wp.cross(velocity, offset + (origin - joint_anchor_in[world, joint_in[n]]))
                     velocity = flip_y_z(rotation @ velocity) * influence
                     scale = 1.0 / (p[2] * p[2])
-                    u = intrinsics[0] * (velocity[0] * p[2] - p[0] * velocity[2]) * scale
-                    v = intrinsics[1] * (velocity[1] * p[2] - p[1] * velocity[2]) * scale
+                    turning = wp.vec2(
+                        (velocity[0] * p[2] - p[0] * velocity[2]) * scale,
+                        (velocity[1] * p[2] - p[1] * velocity[2]) * scale,
+                    )
+                    turning = lens_velocity(lens, direction, turning)
+                    u = focal[0] * turning[0]
+                    v = focal[1] * turning[1]
             jacobian_out[world, y, x, n] = u
             jacobian_out[world, y, x, joints + n] = v
 
@@ -89,7 +96,9 @@ def flow_kernel(
     # In:
     ids_in: wp.array3d[int],
     depth_in: wp.array3d[float],
-    intrinsics: wp.vec4,
+    directions_in: wp.array2d[wp.vec2],  # (height, width) X/Z, Y/Z of every pixel
+    focal: wp.vec2,  # fx, fy [px]
+    lens: wp.vec2,  # k1, k2
     camera: int,
     camera_position_in: wp.array2d[wp.vec3],  # (worlds, cameras) [m]
     camera_rotation_in: wp.array2d[wp.mat33],
@@ -115,7 +124,8 @@ def flow_kernel(
         flow = wp.vec2(0.0, 0.0)
         geom = ids_in[world, y, x]
         if geom >= 0:
-            p = camera_point(intrinsics, x, y, depth_in[world, y, x])
+            direction = directions_in[y, x]
+            p = camera_point(direction, depth_in[world, y, x])
             offset = rotation @ flip_y_z(p)  # from the camera to the point, in world axes
             position = geom_position_in[world, geom]
             orientation = geom_rotation_in[world, geom]
@@ -126,8 +136,10 @@ def flow_kernel(
             d = flip_y_z(previous_rotation @ (moved - shift) + turn @ offset)
             before = p[2] + d[2]
             if before > 0.0:
-                flow[0] = intrinsics[0] * (p[0] * d[2] - d[0] * p[2]) / (p[2] * before)
-                flow[1] = intrinsics[1] * (p[1] * d[2] - d[1] * p[2]) / (p[2] * before)
+                turned = wp.vec2(
+                    (p[0] * d[2] - d[0] * p[2]) / (p[2] * before), (p[1] * d[2] - d[1] * p[2]) / (p[2] * before)
+                )
+                flow = wp.cw_mul(focal, lens_displacement(lens, direction, turned))
         flow_out[world, y, x] = flow
 
 

@@ -86,6 +86,8 @@ class BatchServo:
             raise DenseVSError(
                 "the world is stepped by MuJoCo's C engine; expected SimWorld(..., physics_on_device=True)"
             )
+        if world.realism is not None:
+            raise DenseVSError("the world has realism; expected one without, as a batch renders its own images")
         self.world, self.device = world, world.device
         self.frames = 0
         self._physics = world.physics

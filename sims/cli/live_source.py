@@ -3,6 +3,7 @@
 import argparse
 
 from dense_vs.live.source import LiveSource
+from dense_vs.sims.cli.options import add_image_arguments
 
 DEFAULT = "arm"
 
@@ -16,14 +17,14 @@ class SimulatedSource:
         group.add_argument(
             "--robot",
             metavar="NAME|FILE",
-            help="as of 'dense-vs reach': arm, planar, upper-body, panda, ... or an MJCF file (default: arm)",
+            help="as of 'dense-vs reach': arm, painted, planar, upper-body, panda, ... or an MJCF file (default: arm)",
         )
         group.add_argument("--geom-groups", metavar="A,B", help="groups of the MJCF file's geoms that are drawn")
         group.add_argument("--height", type=int, default=240, metavar="PX", help="image height (default: 240)")
         group.add_argument("--width", type=int, default=320, metavar="PX", help="image width (default: 320)")
         group.add_argument("--distractor", default="none", metavar="NAME", help="what else moves (default: none)")
         group.add_argument("--compliance", action="store_true", help="soft, late joints that are read with noise")
-        group.add_argument("--realism", action="store_true", help="noise, flicker, compression, late joint readings")
+        add_image_arguments(group)
 
     def make(self, arguments: argparse.Namespace, *, needed: bool) -> LiveSource | None:
         """The robot that the arguments choose; the arm where one is needed and none is chosen."""

@@ -17,7 +17,8 @@ def add_world_arguments(parser: argparse.ArgumentParser) -> None:
         "--robot",
         default="arm",
         metavar="NAME|FILE",
-        help="arm (4 joints in 3D), planar (3 joints), upper-body (two arms of 7 joints), upper-body-rake, "
+        help="arm (4 joints in 3D), painted (the same in plain painted links, in a room), planar (3 joints), "
+        "upper-body (two arms of 7 joints), upper-body-rake, "
         "upper-body-vacuum (with a tool), panda, ur5e, baxter, fetch (built by dense-vs arms), or the path of an MJCF "
         "file (default: arm)",
     )
@@ -45,10 +46,29 @@ def add_world_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--seed", type=int, default=0, metavar="N", help="of textures, posture, motion and targets (default: 0)"
     )
-    parser.add_argument(
-        "--realism", action="store_true", help="images with noise, flicker and compression, joint readings a frame late"
-    )
+    add_image_arguments(parser)
     add_device_arguments(parser)
+
+
+def add_image_arguments(parser: argparse._ActionsContainer) -> None:
+    """Declare ``--realism`` and ``--samples``."""
+    parser.add_argument(
+        "--samples",
+        type=int,
+        metavar="N",
+        help="rays for a pixel's color along either side of it, more where detail aliases (default: 2 where the model "
+        "has meshes or is painted, else 1)",
+    )
+    parser.add_argument(
+        "--realism",
+        nargs="?",
+        const="realistic",
+        default=False,
+        metavar="NAME",
+        help="what real cameras and encoders do: realistic (blur, rolling exposure, lens, shadows, sway, noise, "
+        "flicker, vignette, compression, joint readings late, noisy and rounded) or sensor (noise, flicker, "
+        "compression, late readings); realistic where no name follows (default: exact images)",
+    )
 
 
 def make_world(arguments: argparse.Namespace) -> "SimWorld":
@@ -58,6 +78,7 @@ def make_world(arguments: argparse.Namespace) -> "SimWorld":
         DenseVSError: the ``sims`` extra is not installed, or an argument cannot be used.
     """
     try:
+        from dense_vs.sims.engine.image_advice import aliasing_advice
         from dense_vs.sims.engine.model_advice import advice
         from dense_vs.sims.engine.robots import ROBOTS
         from dense_vs.sims.engine.world import SimWorld
@@ -77,10 +98,11 @@ def make_world(arguments: argparse.Namespace) -> "SimWorld":
         distractor=arguments.distractor,
         compliance=arguments.compliance,
         realism=arguments.realism,
+        samples=arguments.samples,
         geom_groups=_whole_numbers(arguments.geom_groups),
     )
     if arguments.robot not in ROBOTS:
-        for sentence in advice(world.scene):
+        for sentence in (*advice(world.scene), *aliasing_advice(world)):
             print(f"note: {sentence}", file=sys.stderr)
     return world
 

@@ -1,6 +1,7 @@
 """``dense-vs reach``: a simulated robot babbles, learns its dense image Jacobian and reaches image targets."""
 
 import argparse
+import sys
 import time
 from collections.abc import Sequence
 from contextlib import nullcontext
@@ -26,6 +27,7 @@ from dense_vs.view.provenance import versions
 from dense_vs.view.tables import table
 
 if TYPE_CHECKING:
+    from dense_vs.sims.engine.world import SimWorld
     from dense_vs.sims.papers.dije.reaching import MeasuredReach
 
 REACHED_PX = 2.0
@@ -116,7 +118,7 @@ def run(arguments: argparse.Namespace) -> None:
     started = time.perf_counter()
     world = make_world(arguments)
     if isinstance(point, str):
-        world.project(point)
+        _check_point(world, point)
     height, width = scaled_size((arguments.height, arguments.width), arguments.scale)
     size: dict[str, Any] = {"height": height, "width": width}
     joints = len(world.joint_names)
@@ -176,6 +178,23 @@ def run(arguments: argparse.Namespace) -> None:
         f"{close} of {len(measured)} targets within {REACHED_PX:g} px (true error); "
         f"{len(experiment.trace.times)} frames in {seconds:.1f} s, simulation included; results in {out}"
     )
+
+
+def _check_point(world: "SimWorld", name: str) -> None:
+    """Say what is wrong with a named point before the babbling rather than after it.
+
+    Raises:
+        DenseVSError: the model has no such point, or the camera does not see it.
+    """
+    from dense_vs.sims.engine.image_advice import point_advice
+
+    try:
+        pixel = world.project(name)
+        seen = world.track_point(pixel)
+    except DenseVSError as error:
+        raise DenseVSError(f"{error}; --point takes a name or X,Y in pixels, the default is a site 'tip'") from error
+    for sentence in point_advice(world, name, seen):
+        print(f"note: {sentence}", file=sys.stderr)
 
 
 def _tracker_options(arguments: argparse.Namespace) -> dict[str, Any]:

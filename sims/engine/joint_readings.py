@@ -13,7 +13,7 @@ class JointReadings:
 
     Args:
         compliance: with its noise of the readings.
-        realism: how late and how coarse they are.
+        realism: how late, noisy and coarse they are.
         random: a world's generator, the same whenever the present frame's readings are asked for.
     """
 
@@ -23,7 +23,9 @@ class JointReadings:
         realism: Realism | None,
         random: Callable[[int], np.random.Generator],
     ):
-        self._noise = compliance.reading_noise if compliance is not None else 0.0
+        of_compliance = compliance.reading_noise if compliance is not None else 0.0
+        self._noise = float(np.hypot(of_compliance, realism.joint_noise if realism is not None else 0.0))
+        self._resolution = 0.0 if realism is None else realism.joint_resolution
         self._realism, self._random = realism, random
         self.begin()
 
@@ -44,10 +46,8 @@ class JointReadings:
         if self._earlier:
             first = self._earlier[0]  # of one position before the first step
             read = first[:, -count:].copy() if first.shape[1] >= count else np.repeat(first[:, -1:], count, axis=1)
-        if self._realism is not None:
-            read = self._realism.readings(read)
-        if not self._noise:
-            return read
-        # The last reading first, so that it is the same alone.
-        noise = [self._random(world).normal(0.0, self._noise, (count, joints))[::-1] for world in range(worlds)]
-        return read + np.stack(noise)
+        if self._noise:
+            # The last reading first, so that it is the same alone.
+            noise = [self._random(world).normal(0.0, self._noise, (count, joints))[::-1] for world in range(worlds)]
+            read += np.stack(noise)
+        return np.rint(read / self._resolution) * self._resolution if self._resolution else read

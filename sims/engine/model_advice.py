@@ -14,6 +14,9 @@ if TYPE_CHECKING:
 DRAWN_GROUPS = 3  # the renderer and the ray caster draw geoms of the groups below
 HIDDEN_GROUP = 5
 HELD_SECONDS = 1.0
+STEP = 0.1  # rad or m, that a joint is told to go
+LEAST_ROOM = 1e-4  # rad or m
+FOLLOWED = 0.5  # share of it that the joint has to have gone by then
 SAG = 0.05  # rad or m, that a joint moves by while its target stands still
 
 
@@ -52,25 +55,54 @@ def draw_groups(model: mujoco.MjModel, groups: Sequence[int]) -> None:
 
 def advice(scene: "Scene") -> list[str]:
     """A sentence for everything about an MJCF scene that would spoil its images or its motion unnoticed."""
-    return [*_sagging(scene), *_drawn_collision(scene.model)]
+    return [*_sagging(scene), *_not_following(scene), *_drawn_collision(scene.model)]
 
 
 def _sagging(scene: "Scene") -> list[str]:
     """Joints that leave their place while their target stands still."""
-    model, state = scene.model, mujoco.MjData(scene.model)
-    state.qpos[:], state.ctrl[:] = scene.home_qpos, scene.home_ctrl
-    places = model.jnt_qposadr[scene.joint_ids]
-    moved = np.zeros(len(places))
-    for _ in range(round(HELD_SECONDS / model.opt.timestep)):
-        mujoco.mj_step(model, state)
-        change = state.qpos[places] - scene.home_qpos[places]
-        moved = np.where(np.abs(change) > np.abs(moved), change, moved)
+    moved = _motion(scene)
+    farthest = np.take_along_axis(moved, np.abs(moved).argmax(axis=0)[None], axis=0)[0]
     return [
         f"joint {name!r} moves by {change:+.2f} within {HELD_SECONDS:g} s while its target stands still; "
         "expected a stiffer position actuator (kp), gravcomp on its bodies, or a posture without contact"
-        for name, change in zip(scene.joint_names, moved, strict=True)
+        for name, change in zip(scene.joint_names, farthest, strict=True)
         if not abs(change) <= SAG
     ]
+
+
+def _not_following(scene: "Scene") -> list[str]:
+    """Joints that do not go where they are told."""
+    held, said = _motion(scene), []
+    for number, name in enumerate(scene.joint_names):
+        if not np.abs(held[:, number]).max() <= SAG:
+            continue  # said already
+        home = scene.home_qpos[scene.model.jnt_qposadr[scene.joint_ids[number]]]
+        room = scene.joint_limits[number] - home  # below and above
+        step = float(np.clip(STEP, 0.0, room[1])) if room[1] >= -room[0] else float(np.clip(-STEP, room[0], 0.0))
+        if abs(step) < LEAST_ROOM:
+            said.append(f"joint {name!r} has no room to move at the home posture; expected a wider range")
+            continue
+        gone = _motion(scene, number, step)[-1, number] - held[-1, number]
+        if not FOLLOWED <= gone / step <= 2.0:
+            said.append(
+                f"joint {name!r}, told to go {step:+.2f}, has gone {gone:+.2f} after {HELD_SECONDS:g} s; expected a "
+                "position actuator with a higher kp or forcerange, or less damping and friction"
+            )
+    return said
+
+
+def _motion(scene: "Scene", joint: int | None = None, step: float = 0.0) -> np.ndarray:
+    """How far the chosen joints are from home (steps, N) while all targets stand still but that of ``joint``."""
+    model, state = scene.model, mujoco.MjData(scene.model)
+    state.qpos[:], state.ctrl[:] = scene.home_qpos, scene.home_ctrl
+    if joint is not None:
+        state.ctrl[scene.actuators[joint]] += scene.ctrl_per_position[joint] * step
+    places = model.jnt_qposadr[scene.joint_ids]
+    moved = np.zeros((max(1, round(HELD_SECONDS / model.opt.timestep)), len(places)))
+    for row in moved:
+        mujoco.mj_step(model, state)
+        row[:] = state.qpos[places] - scene.home_qpos[places]
+    return moved
 
 
 def _drawn_collision(model: mujoco.MjModel) -> list[str]:

@@ -9,6 +9,7 @@ So color can be the mean of several rays a pixel; depth and ids are always those
 
 import copy
 import itertools
+from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from typing import Any
 
@@ -24,6 +25,7 @@ from dense_vs.kernels.simulation.packed_image import (
     unpack_ids_kernel,
     unpack_image_kernel,
 )
+from dense_vs.sims.engine.lens import Lens
 
 
 class RayTracer:
@@ -36,6 +38,8 @@ class RayTracer:
         shape: (worlds, height, width).
         device: Warp device.
         threads: row bands traced at once on a CPU.
+        rays: sets of (height width, 3) unit vectors in MuJoCo's camera axes, one of which is traced at a time; a
+            pinhole's unless given.
         options: of :func:`mujoco_warp.create_render_context`.
     """
 
@@ -48,6 +52,7 @@ class RayTracer:
         shape: tuple[int, int, int],
         device: wp.Device,
         threads: int,
+        rays: Sequence[np.ndarray] | None = None,
         **options: Any,
     ):
         worlds, height, width = shape
@@ -66,25 +71,44 @@ class RayTracer:
                 enable_per_light_ambient=bool(np.any(model.light_ambient > 0)),
                 **options,
             )
-            self._bands = _row_bands(self.context, height, width, threads if device.is_cpu else 1)
-        self._pool = ThreadPoolExecutor(len(self._bands) - 1) if len(self._bands) > 1 else None
+            self._rays = [self.context.ray]
+            if rays is not None:
+                self._rays = [wp.array(some.astype(np.float32), dtype=wp.vec3) for some in rays]
+        self._size = height, width
+        self._threads = threads if device.is_cpu else 1
+        self._bands: dict[tuple[int, int, int], list[mjw.RenderContext]] = {}
+        self._pool = ThreadPoolExecutor(self._threads - 1) if self._threads > 1 else None
+        self._kernel: Any = None
 
-    def trace(self) -> None:
-        """Render the present poses of all worlds."""
+    def trace(self, rows: tuple[int, int] | None = None, rays: int = 0) -> None:
+        """Render the present poses of all worlds.
+
+        Args:
+            rows: from the first to before the last; all unless given.
+            rays: which set of them.
+        """
+        first_row, end = rows or (0, self._size[0])
+        key = (first_row, end, rays)
         # The current device is global to the process, so it is set here and not in the bands' threads.
         with wp.ScopedDevice(self._device):
+            bands = self._bands.get(key)
+            if bands is None:
+                bands = _row_bands(self.context, self._rays[rays], (first_row, end), self._size[1], self._threads)
+                self._bands[key] = bands
             mjw.refit_bvh(self._model, self._data, self.context)
-            first, *others = self._bands
-            if self._pool is None or first._megakernel is None:
+            first, *others = bands
+            if self._kernel is None:  # compiled alone, as it is for all bands
                 self._trace_band(first)
-                for band in others:
-                    band._megakernel = first._megakernel  # one kernel serves all bands
-                    self._trace_band(band)
+                self._kernel = first._megakernel
             else:
-                futures = [self._pool.submit(self._trace_band, band) for band in others]
-                self._trace_band(first)
-                for future in futures:
-                    future.result()
+                others.append(first)
+            for band in others:
+                band._megakernel = self._kernel
+            futures = [self._pool.submit(self._trace_band, band) for band in others[:-1]] if self._pool else []
+            for band in others[-1:]:
+                self._trace_band(band)
+            for future in futures:
+                future.result()
 
     def _trace_band(self, band: mjw.RenderContext) -> None:
         mjw.render(self._model, self._data, band)
@@ -101,7 +125,8 @@ class Renderer:
         device: Warp device.
         threads: row bands rendered at once on a CPU.
         shadows: whether lights cast them; another ray for every light and pixel.
-        samples: rays for a pixel's color along either side of it, 1 or more.
+        samples: rays for a pixel's color along either side of it, 1 or more; 0 for no color, as another renderer's.
+        lens: of a camera that is no pinhole.
     """
 
     def __init__(
@@ -115,6 +140,7 @@ class Renderer:
         threads: int,
         shadows: bool = False,
         samples: int = 1,
+        lens: Lens | None = None,
     ):
         traced = (model, device_model, data, camera)
         on = (device, threads)
@@ -122,6 +148,7 @@ class Renderer:
             *traced,
             shape,
             *on,
+            rays=None if lens is None else [lens.rays()],
             render_rgb=samples == 1,
             render_depth=True,
             render_seg=True,
@@ -138,16 +165,14 @@ class Renderer:
             arguments = [context.rgb_data, context.seg_data, geom, self.rgb, self.ids]
             self._unpack = [PixelLaunch(unpack_image_kernel, shape, arguments, *on)]
         else:
+            self._unpack = [PixelLaunch(unpack_ids_kernel, shape, [context.seg_data, geom, self.ids], *on)]
+        if samples > 1:
             worlds, height, width = shape
             size = (worlds, samples * height, samples * width)
-            self._fine = RayTracer(
-                *traced, size, *on, render_rgb=True, render_depth=False, render_seg=False, use_shadows=shadows
-            )
+            rays = None if lens is None else [lens.rays(samples)]
+            self._fine = color_tracer(*traced, size, *on, rays=rays, shadows=shadows)
             colors = [self._fine.context.rgb_data, samples, self.rgb]
-            self._unpack = [
-                PixelLaunch(mean_color_kernel, shape, colors, *on),
-                PixelLaunch(unpack_ids_kernel, shape, [context.seg_data, geom, self.ids], *on),
-            ]
+            self._unpack.append(PixelLaunch(mean_color_kernel, shape, colors, *on))
 
     def render(self) -> None:
         """Render the present poses of all worlds."""
@@ -156,6 +181,23 @@ class Renderer:
             self._fine.trace()
         for unpack in self._unpack:
             unpack()
+
+
+def color_tracer(
+    model: mujoco.MjModel,
+    device_model: mjw.Model,
+    data: mjw.Data,
+    camera: int,
+    shape: tuple[int, int, int],
+    device: wp.Device,
+    threads: int,
+    *,
+    rays: Sequence[np.ndarray] | None = None,
+    shadows: bool = False,
+) -> RayTracer:
+    """Tracer of colors alone, of ``shape``; arguments of :class:`RayTracer` and :class:`Renderer`."""
+    colors = {"render_rgb": True, "render_depth": False, "render_seg": False, "use_shadows": shadows}
+    return RayTracer(model, device_model, data, camera, shape, device, threads, rays, **colors)
 
 
 class GrayRenderer:
@@ -176,18 +218,7 @@ class GrayRenderer:
         threads: int,
     ):
         device: Any = gray.device
-        self._tracer = RayTracer(
-            model,
-            device_model,
-            data,
-            camera,
-            gray.shape,
-            device,
-            threads,
-            render_rgb=True,
-            render_depth=False,
-            render_seg=False,
-        )
+        self._tracer = color_tracer(model, device_model, data, camera, gray.shape, device, threads)
         self._to_gray = PixelLaunch(
             packed_to_gray_kernel, gray.shape, [self._tracer.context.rgb_data, gray], device, threads
         )
@@ -204,26 +235,30 @@ def _shines(model: mujoco.MjModel) -> bool:
     return surfaces and bool(np.any(model.light_specular > 0) or np.any(model.vis.headlight.specular > 0))
 
 
-def _row_bands(context: mjw.RenderContext, height: int, width: int, count: int) -> list[mjw.RenderContext]:
-    """The render context as that many cameras, each seeing a band of rows and writing it in place.
+def _row_bands(
+    context: mjw.RenderContext, rays: wp.array, rows: tuple[int, int], width: int, count: int
+) -> list[mjw.RenderContext]:
+    """Rows of the render context as that many cameras, each seeing a band of them and writing it in place.
 
     A Warp launch runs on one core of a CPU, and the ray tracer takes its rays from an array: a band is a
     context whose rays and outputs are views of the whole one's.
     """
+    begin, height = rows[0], rows[1] - rows[0]
+    pixels = context.ray.shape[0]
     count = min(count, height)
-    edges = [height * band // count for band in range(count + 1)]
+    edges = [begin + height * band // count for band in range(count + 1)]
     bands = []
     for first, last in itertools.pairwise(edges):
-        rows = slice(first * width, last * width)
+        part = slice(first * width, last * width)
         band = copy.copy(context)
         band.cam_res = wp.array([(width, last - first)], dtype=wp.vec2i)
         band.total_rays = (last - first) * width
-        band.ray = context.ray[rows]
-        band.ray_offset = context.ray_offset[rows]
+        band.ray = rays[part]
+        band.ray_offset = context.ray_offset[part]
         for name in ("rgb_data", "depth_data", "seg_data"):
-            pixels = getattr(context, name)
-            if pixels.shape[1] == height * width:  # else it is not rendered
-                setattr(band, name, pixels[:, rows])
+            whole = getattr(context, name)
+            if whole.shape[1] == pixels:  # else it is not rendered
+                setattr(band, name, whole[:, part])
         bands.append(band)
     return bands
 

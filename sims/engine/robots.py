@@ -43,6 +43,8 @@ class RobotModel:
         home: home posture by joint [rad]; zero for the others.
         looks_at: site that the camera is turned to at home; None leaves the camera as it is in the file.
         tool: of :data:`TOOLS`, what it holds; None for empty hands.
+        plain: wears the materials of its file and casts shadows, in place of noise on every surface; ``texel`` is of no
+            use then.
     """
 
     file: str
@@ -51,6 +53,7 @@ class RobotModel:
     home: Mapping[str, float] = field(default_factory=dict)
     looks_at: str | None = None
     tool: str | None = None
+    plain: bool = False
 
 
 # Elbow out and bent: the arm comes into the image from below and crosses its middle.
@@ -87,6 +90,7 @@ _VACUUMING = {
 }
 ROBOTS = {
     "arm": RobotModel("arm.xml", texel=0.0038, posture_range=0.08),
+    "painted": RobotModel("painted.xml", texel=0.0038, posture_range=0.08, plain=True),
     "planar": RobotModel("planar.xml", texel=0.0038, posture_range=0.08),
     "upper-body": RobotModel(
         "upper_body.xml", texel=0.002, posture_range=0.08, home=_REACHING, looks_at="left-forearm"

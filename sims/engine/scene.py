@@ -20,6 +20,7 @@ from dense_vs.sims.engine.built_scenes import ARM_NAMES, scene_file
 from dense_vs.sims.engine.closed_chain import ClosedChain
 from dense_vs.sims.engine.compliance import Compliance, soften
 from dense_vs.sims.engine.distractor import DISTRACTORS
+from dense_vs.sims.engine.materials import dress
 from dense_vs.sims.engine.model_advice import draw_groups, other_drives
 from dense_vs.sims.engine.robots import ROBOTS, TOOLS, RobotModel, hold_tool, home_posture, turn_camera
 from dense_vs.sims.engine.textures import paint_geoms
@@ -50,6 +51,8 @@ class Scene:
     moved: np.ndarray  # (G, N + P) bool: the joint moves the geom
     camera_moved: np.ndarray  # (N + P,) bool: the joint moves the camera
     distractor: int  # mocap id, -1 when there is none
+    samples: int  # rays for a pixel's color along either side of it, unless told otherwise
+    shadows: bool  # whether lights cast them, as a model of ours may ask for
 
 
 def load_scene(
@@ -130,6 +133,8 @@ def resolve_scene(
         moved=moved_bodies[model.geom_bodyid],
         camera_moved=moved_bodies[model.cam_bodyid[camera_id]],
         distractor=distractor,
+        samples=2 if model.nmesh or (robot and robot.plain) else 1,
+        shadows=bool(robot and robot.plain),
     )
 
 
@@ -141,7 +146,11 @@ def _our_model(
     kinds = {name: kind.body for name, kind in DISTRACTORS.items() if spec.body(kind.body) is not None}
     if distractor != "none" and distractor not in kinds:
         raise DenseVSError(f"distractor is {distractor!r}; expected one of {_listed(['none', *kinds])}")
-    paint_geoms(spec, np.random.default_rng([seed, 0]), robot.texel, texture_sets)
+    rng = np.random.default_rng([seed, 0])
+    if robot.plain:
+        dress(spec, rng, texture_sets)
+    else:
+        paint_geoms(spec, rng, robot.texel, texture_sets)
     hold_tool(spec, robot.tool)
     if compliance is not None:
         soften(spec, compliance, TOOLS[robot.tool].bodies if robot.tool else ())

@@ -48,28 +48,19 @@ def camera_pose(state: mujoco.MjData, camera: int) -> np.ndarray:
     return pose
 
 
-def project(point: np.ndarray, intrinsics: np.ndarray, pose: np.ndarray) -> np.ndarray:
-    """Pixel (2,) of a world point (3,); nan behind the camera."""
-    ray = pose[:3, :3].T @ (point - pose[:3, 3])
-    if ray[2] <= 0.0:
-        return np.full(2, np.nan)
-    return (intrinsics @ (ray / ray[2]))[:2]
-
-
 def world_point(state: mujoco.MjData, geom: int, local: np.ndarray) -> np.ndarray:
     """World position (3,) of a point given in a geom's frame."""
     return state.geom_xpos[geom] + state.geom_xmat[geom].reshape(3, 3) @ local
 
 
 def surface_point(
-    model: mujoco.MjModel, state: mujoco.MjData, intrinsics: np.ndarray, pose: np.ndarray, pixel: np.ndarray
+    model: mujoco.MjModel, state: mujoco.MjData, origin: np.ndarray, ray: np.ndarray
 ) -> tuple[int, np.ndarray]:
-    """Geom and point in its frame that a pixel (2,) shows; geom -1 when it shows none."""
-    ray = pose[:3, :3] @ np.linalg.solve(intrinsics, np.append(pixel, 1.0))
-    geom, distance = _first_hit(model, state, pose[:3, 3], ray)
+    """Geom that a ray (3,) from a point (3,) meets first, and where, in the geom's frame; geom -1 for none."""
+    geom, distance = _first_hit(model, state, origin, ray)
     if geom < 0:
         return -1, np.zeros(3)
-    hit = pose[:3, 3] + distance * ray
+    hit = origin + distance * ray
     return geom, state.geom_xmat[geom].reshape(3, 3).T @ (hit - state.geom_xpos[geom])
 
 

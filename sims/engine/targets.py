@@ -17,6 +17,13 @@ _CRITERIA = {
     "hidden": "in {0} something covers it, or it is turned away",
 }
 
+_REMEDIES = {
+    "loop": "expected joint ranges in which the chain closes",
+    "outside": "expected a camera that sees more of where the point goes, or a smaller share of the joints' range",
+    "near": "expected a point that the chosen joints move",
+    "hidden": "expected a point on a side that stays in sight, or a smaller share of the joints' range",
+}
+
 
 def reachable_targets(
     world: SimWorld,
@@ -100,10 +107,10 @@ def _targets_of_world(
         mujoco.mj_kinematics(model, data)
         mujoco.mj_comPos(model, data)
         mujoco.mj_camlight(model, data)
-        pose = surface_points.camera_pose(data, scene.camera)
+        pose = world.viewpoint.pose(data, number)
         geom = int(point.geoms[number])
         position = surface_points.world_point(data, geom, point.local[number])
-        pixel = surface_points.project(position, world.intrinsics, pose)
+        pixel = world.viewpoint.project(position, pose)
         inside = np.all(pixel >= border) and np.all(pixel <= (width - 1 - border, height - 1 - border))
         near = np.hypot(*(pixel - previous)) < least_distance
         if not inside or near or not surface_points.is_seen(model, data, pose, geom, position):
@@ -115,5 +122,6 @@ def _targets_of_world(
         raise DenseVSError(
             f"found {len(targets)} targets in {ATTEMPTS} random postures in world {number}; expected {count}. "
             + ", ".join(_CRITERIA[why].format(times, border, least_distance) for why, times in refused.items() if times)
+            + f"; {_REMEDIES[max(refused, key=lambda why: refused[why])]}"
         )
     return np.array(targets).reshape(count, 2)

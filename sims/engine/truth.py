@@ -16,6 +16,9 @@ import warp as wp
 from dense_vs.kernels.launch import PixelLaunch
 from dense_vs.kernels.simulation.closed_chain import couple_jacobian_kernel
 from dense_vs.kernels.simulation.rigid_motion import flow_kernel, geom_mask_kernel, image_jacobian_kernel
+from dense_vs.sims.engine.exposure import ExposedRenderer
+from dense_vs.sims.engine.lens import Lens
+from dense_vs.sims.engine.pose_memory import PoseMemory
 from dense_vs.sims.engine.renderer import Renderer
 from dense_vs.sims.engine.scene import Scene
 
@@ -25,9 +28,10 @@ class GroundTruth:
 
     Args:
         scene: what is seen and which N joints count.
-        data: poses that the image was rendered from.
+        data: joint axes in the poses that the image was rendered from.
+        poses: these poses and those of the frame before.
         renderer: depth and ids.
-        intrinsics: (3, 3) camera matrix.
+        lens: of the camera.
         device: Warp device.
         threads: row bands at once on a CPU.
     """
@@ -36,25 +40,26 @@ class GroundTruth:
         self,
         scene: Scene,
         data: mjw.Data,
-        renderer: Renderer,
-        intrinsics: np.ndarray,
+        poses: PoseMemory,
+        renderer: Renderer | ExposedRenderer,
+        lens: Lens,
         device: wp.Device,
         threads: int,
     ):
         self._count, self._passive = len(scene.joint_ids), len(scene.chain.passive)
         moving = np.append(scene.joint_ids, scene.chain.passive)
-        self._poses = (data.cam_xpos, data.cam_xmat, data.geom_xpos, data.geom_xmat)
+        self._poses, self._previous = poses.present, poses.previous
         with wp.ScopedDevice(device):
-            self._previous = tuple(wp.empty_like(pose) for pose in self._poses)
             slides = scene.model.jnt_type[moving] == int(mujoco.mjtJoint.mjJNT_SLIDE)
             influence = scene.moved.astype(np.float32) - scene.camera_moved.astype(np.float32)
             joints = wp.array(moving, dtype=int)
             slides = wp.array(slides.astype(np.int32), dtype=int)
             influence = wp.array(influence, dtype=float)
             self._members = wp.array(np.any(scene.moved, axis=1).astype(np.uint8), dtype=wp.uint8)
-        camera = wp.vec4(intrinsics[0, 0], intrinsics[1, 1], intrinsics[0, 2], intrinsics[1, 2])
+            directions = wp.array(lens.grid().astype(np.float32), dtype=wp.vec2)
+        focal = wp.vec2(lens.intrinsics[0, 0], lens.intrinsics[1, 1])
         self._ids, self._device, self._threads = renderer.ids, device, threads
-        self._seen = [renderer.ids, renderer.depth, camera, scene.camera]
+        self._seen = [renderer.ids, renderer.depth, directions, focal, wp.vec2(*lens.distortion), scene.camera]
         self._axes = [data.cam_xpos, data.cam_xmat, data.xanchor, data.xaxis, joints, slides, influence]
 
     @cached_property
@@ -104,11 +109,6 @@ class GroundTruth:
     def compute_mask(self) -> PixelLaunch:
         """Call it to fill :attr:`mask`."""
         return self._launch(geom_mask_kernel, [self._ids, self._members, self.mask])
-
-    def remember_poses(self) -> None:
-        """Make the present poses those of the previous frame."""
-        for previous, pose in zip(self._previous, self._poses, strict=True):
-            wp.copy(previous, pose)
 
     def _launch(self, kernel: Any, arguments: list) -> PixelLaunch:
         return PixelLaunch(kernel, self._ids.shape, arguments, self._device, self._threads)

@@ -15,17 +15,22 @@ from dense_vs.checks import check_flag, check_whole
 from dense_vs.device import resolve_device, resolve_threads, room_for
 from dense_vs.errors import DenseVSError
 from dense_vs.sims.engine import surface_points
+from dense_vs.sims.engine.camera_sway import CameraSway
 from dense_vs.sims.engine.compliance import Compliance, resolve_compliance
 from dense_vs.sims.engine.distractor import Distractor, DistractorPath
+from dense_vs.sims.engine.exposure import make_renderer
 from dense_vs.sims.engine.frames import DeviceFrame, Frame
 from dense_vs.sims.engine.joint_readings import JointReadings
+from dense_vs.sims.engine.lens import Lens
 from dense_vs.sims.engine.physics import Physics, WarpPhysics, history_times, make_physics
+from dense_vs.sims.engine.pose_memory import PoseMemory
 from dense_vs.sims.engine.randomization import DomainRandomization, WorldModels
 from dense_vs.sims.engine.realism import Realism, resolve_realism
-from dense_vs.sims.engine.renderer import Renderer, camera_intrinsics
+from dense_vs.sims.engine.renderer import camera_intrinsics
 from dense_vs.sims.engine.scene import FRAME_SECONDS, Scene, load_scene
 from dense_vs.sims.engine.surface_points import SurfacePoint
 from dense_vs.sims.engine.truth import GroundTruth
+from dense_vs.sims.engine.viewpoint import Viewpoint
 
 MAX_WORLDS, MAX_SIDE, MAX_SAMPLES = 65536, 16384, 16
 BYTES_PER_PIXEL = 24  # about: color, packed and not, depth, and ids with and without their types
@@ -39,7 +44,8 @@ class SimWorld:
     Arrays come without the leading B for a single world. "rad" stands for m too where a joint is a slide.
 
     Args:
-        robot: ``"arm"`` (4 joints in 3D), ``"planar"`` (3 joints, a plane that faces the camera),
+        robot: ``"arm"`` (4 joints in 3D), ``"painted"`` (the same joints in plain painted links, in a room with
+            shadows), ``"planar"`` (3 joints, a plane that faces the camera),
             ``"upper-body"`` (two arms of 7 joints before the robot's own eyes), ``"upper-body-rake"`` and
             ``"upper-body-vacuum"`` (holding a tool, which counts as part of the robot), ``"panda"``, ``"ur5e"``,
             ``"baxter"`` or ``"fetch"`` once ``dense-vs arms`` has built their scenes, or the path of an MJCF file with
@@ -59,12 +65,15 @@ class SimWorld:
             the arm, covering parts of it); ``"walker-behind"``, ``"walker-next"``, ``"walker-across"`` and the same
             with ``chair`` for the upper body, see :mod:`.distractor`; our robots only.
         samples: rays for a pixel's color along either side of it, see :mod:`.renderer`; unless given 2 where the model
-            has meshes, whose detail aliases with one, else 1.
-        realism: True, or a :class:`.realism.Realism`, for images with noise, flicker and compression and joint readings
-            that are late; images on the device stay clean, and so does the truth.
+            has meshes or is painted, whose detail aliases with one, else 1.
+        realism: True or ``"realistic"``, another preset, or a :class:`.realism.Realism`: what sets images and joint
+            readings of real cameras and robots apart, and what the truth is then, see :mod:`.realism`.
         compliance: True, or a :class:`.compliance.Compliance`, for joints that are soft, late and read with noise, as a
             tendon-driven robot's; our robots only. The truth stays exact.
         geom_groups: of an MJCF file's geoms, those drawn; 0, 1 and 2 unless given.
+
+    Attributes:
+        samples, viewpoint: rays along a side of a pixel; the camera's pose and lens in float64.
 
     Raises:
         DenseVSError: any argument that cannot be used; the message lists the valid ones.
@@ -87,7 +96,7 @@ class SimWorld:
         randomization: DomainRandomization | None = None,
         physics_on_device: bool = False,
         samples: int | None = None,
-        realism: bool | Realism = False,
+        realism: bool | str | Realism = False,
         geom_groups: Sequence[int] | None = None,
     ):
         worlds = check_whole("worlds", worlds, least=1, most=MAX_WORLDS)
@@ -123,7 +132,7 @@ class SimWorld:
             DenseVSError: wrong shape or non-finite values; nothing has moved.
         """
         step = self._joint_step(delta)
-        self._truth.remember_poses()
+        self._poses.remember()
         self._readings.remember(self._physics.joint_history)
         self._physics.advance(step)
         self._frame += 1
@@ -141,7 +150,7 @@ class SimWorld:
         """
         physics = self._physics
         assert isinstance(physics, WarpPhysics)
-        self._truth.remember_poses()
+        self._poses.remember()
         physics.advance_on_device()
         physics.find_unsound(restarting, unsound)
         physics.restart_on_device(restarting)
@@ -156,13 +165,12 @@ class SimWorld:
         """The present image, rendered when first asked for."""
         seen = self.frame_device()
         rgb = seen.rgb.numpy().copy()
-        if self._realism:
-            rgb = self._realism.images(rgb, lambda world: _world_rng(self._seed, world, 4, self._frame))
+        rgb = rgb if self._realism is None else self._realism.compressed(rgb)
         depth, ids = (array.numpy().copy() for array in (seen.depth, seen.ids))
         return Frame(self._out(rgb), self._out(depth), self._out(ids), self.time)
 
     def frame_device(self) -> DeviceFrame:
-        """The present image in device arrays, which the next frame overwrites."""
+        """The present image in device arrays, which the next frame overwrites; without realism's compression."""
         if not self._rendered:
             self._renderer.render()
             self._rendered = True
@@ -232,37 +240,18 @@ class SimWorld:
         Raises:
             DenseVSError: outside the image, or no surface there.
         """
-        worlds, height, width = self._shape
-        pixels = self._per_world(pixel, 2, "pixel")
-        if np.any(pixels < -0.5) or np.any(pixels > (width - 0.5, height - 0.5)):
-            raise DenseVSError(f"pixel is {np.asarray(pixel).tolist()}; expected inside the image of {width}x{height}")
-        geoms, local = np.zeros(worlds, dtype=int), np.zeros((worlds, 3))
-        for world in range(worlds):
-            state = self._physics.host_state(world)
-            pose = surface_points.camera_pose(state, self._scene.camera)
-            geoms[world], local[world] = surface_points.surface_point(
-                self._physics.models.host(world), state, self._intrinsics, pose, pixels[world]
-            )
-        if np.any(geoms < 0):
-            raise DenseVSError(f"pixel {np.asarray(pixel).tolist()} shows no surface; expected one that does")
-        return SurfacePoint(geoms, local)
+        return self.viewpoint.track(self._per_world(pixel, 2, "pixel"), self._shape[1:])
 
     def project(self, point: str | SurfacePoint) -> np.ndarray:
         """Pixel (2,) of a surface point or of the site (or body, or geom) of that name; nan behind the camera."""
-        return self._out(np.stack([self._located(point, world)[0] for world in range(self._shape[0])]))
+        return self._out(np.stack([self.viewpoint.located(point, world)[0] for world in range(self._shape[0])]))
 
     def visible(self, point: SurfacePoint) -> bool | np.ndarray:
         """Whether the surface point is inside the image and nothing covers it; (B,) for several worlds."""
-        worlds, height, width = self._shape
+        worlds = self._shape[0]
         surface_points.check_point(point, worlds, self._scene.model.ngeom)
-        seen = np.zeros(worlds, dtype=bool)
-        for world in range(worlds):
-            pixel, position, state, pose = self._located(point, world)
-            inside = bool(np.all(pixel > -0.5) and np.all(pixel < (width - 0.5, height - 0.5)))
-            seen[world] = inside and surface_points.is_seen(
-                self._physics.models.host(world), state, pose, int(point.geoms[world]), position
-            )
-        return bool(seen[0]) if worlds == 1 else seen
+        seen = [self.viewpoint.sees(point, world, self._shape[1:]) for world in range(worlds)]
+        return seen[0] if worlds == 1 else np.array(seen)
 
     @property
     def time(self) -> float:
@@ -286,14 +275,19 @@ class SimWorld:
 
     @property
     def intrinsics(self) -> np.ndarray:
-        """(3, 3) camera matrix [px], pixel centers at integer coordinates."""
-        return self._intrinsics.copy()
+        """(3, 3) camera matrix [px], pixel centers at integer coordinates; the lens comes before it."""
+        return self.viewpoint.lens.intrinsics.copy()
+
+    @property
+    def realism(self) -> Realism | None:
+        """What sets images and readings apart from exact ones."""
+        return self._realism
 
     @property
     def T_world_camera(self) -> np.ndarray:
         """(4, 4) camera to world; camera axes x right, y down, z forward."""
-        states = (self._physics.host_state(world) for world in range(self._shape[0]))
-        return self._out(np.stack([surface_points.camera_pose(state, self._scene.camera) for state in states]))
+        worlds = range(self._shape[0])
+        return self._out(np.stack([self.viewpoint.pose(self._physics.host_state(world), world) for world in worlds]))
 
     @property
     def shape(self) -> tuple[int, int, int]:
@@ -325,14 +319,29 @@ class SimWorld:
         scene = load_scene(**self._choice, seed=seed)
         rngs = [_world_rng(seed, world, 2) for world in range(worlds)]
         models = WorldModels(scene.model, scene.camera, rngs, self._randomization)
-        samples = self._samples or (2 if scene.model.nmesh else 1)
-        pixel_bytes = BYTES_PER_PIXEL + (BYTES_PER_SAMPLE * samples**2 if samples > 1 else 0)
+        self.samples = samples = self._samples or scene.samples
+        realism = self._realism or Realism()
+        lens = Lens(camera_intrinsics(scene.model, scene.camera, height, width), (height, width), realism.distortion)
+        if realism.shadows:
+            scene.model.light_castshadow[:] = True
+        pixel_bytes = BYTES_PER_PIXEL + BYTES_PER_SAMPLE * samples**2 * (samples > 1 or realism.changes_exposure)
         with room_for("a simulation", worlds, pixel_bytes * height * width + BYTES_OF_PHYSICS, self._device):
             physics = make_physics(scene, worlds, self._device, models, self._physics_on_device)
-            seen = (scene.model, physics.model, physics.data, scene.camera, self._shape)
-            renderer = Renderer(*seen, self._device, self._threads, samples=samples)
-        self._intrinsics = camera_intrinsics(scene.model, scene.camera, height, width)
-        self._truth = GroundTruth(scene, physics.data, renderer, self._intrinsics, self._device, self._threads)
+            self._poses = PoseMemory(physics.data)
+            seeds = np.array([_world_rng(seed, world, 4).integers(2**31) for world in range(worlds)])
+            renderer = make_renderer(
+                (scene.model, physics.model, physics.data, scene.camera, self._shape, self._device, self._threads),
+                samples,
+                lens,
+                realism,
+                self._poses,
+                seeds,
+                realism.shadows or scene.shadows,
+            )
+        rngs = [_world_rng(seed, world, 5) for world in range(worlds)]
+        self._sway = CameraSway(realism.sway, rngs, scene.camera, self._device) if realism.sway else None
+        self.viewpoint = Viewpoint(physics, lens, self._sway)
+        self._truth = GroundTruth(scene, physics.data, self._poses, renderer, lens, self._device, self._threads)
         self._scene, self._physics, self._renderer, self._seed = scene, physics, renderer, seed
         self._readings = JointReadings(
             self._compliance, self._realism, lambda world: _world_rng(seed, world, 3, self._frame)
@@ -356,7 +365,7 @@ class SimWorld:
         self._readings.begin()
         self._frame = 0
         self._settle()
-        self._truth.remember_poses()
+        self._poses.remember()
 
     def _settle(self) -> None:
         """Put the distractor where the time says, and mark the image as old."""
@@ -364,18 +373,9 @@ class SimWorld:
         if self._distractor is not None:
             self._distractor.place(data.time, data.mocap_pos)
         self._physics.update_poses()
+        if self._sway is not None:
+            self._sway.turn(data.time, data.cam_xmat)
         self._rendered = False
-
-    def _located(self, point: str | SurfacePoint, world: int) -> tuple:
-        """Pixel, world position, poses and camera pose of a point in one world."""
-        state = self._physics.host_state(world)
-        pose = surface_points.camera_pose(state, self._scene.camera)
-        if isinstance(point, SurfacePoint):
-            surface_points.check_point(point, self._shape[0], self._scene.model.ngeom)
-            position = surface_points.world_point(state, int(point.geoms[world]), point.local[world])
-        else:
-            position = surface_points.named_point(self._physics.models.host(world), state, point)
-        return surface_points.project(position, self._intrinsics, pose), position, state, pose
 
     def _joint_step(self, delta: Any) -> np.ndarray:
         if delta is None:

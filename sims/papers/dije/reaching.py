@@ -67,6 +67,7 @@ class ReachingExperiment:
         scale: factor on the camera's images, as of :class:`ServoLoop`; one over a whole number.
         on_frame: called with the experiment after every frame.
         injector: camera and robot of the world, one of which may be at fault; sound ones unless given.
+        traced: keep :attr:`trace`, whose truth takes longer than the loop.
         loop: options of :class:`ServoLoop`.
     """
 
@@ -81,6 +82,7 @@ class ReachingExperiment:
         scale: float = 1.0,
         on_frame: Callable[["ReachingExperiment"], None] | None = None,
         injector: FaultInjector | None = None,
+        traced: bool = True,
         **loop: Any,
     ):
         self.world = world
@@ -93,6 +95,7 @@ class ReachingExperiment:
         self._point = point
         self._seed = seed
         self._on_frame = on_frame
+        self._traced = traced
         joints = len(world.joint_names)
         pace = loop.get("command_period") or FRAME_SECONDS
         loop.setdefault("babbling", Babbling(joints, seed=seed, frame_time=pace))
@@ -159,6 +162,12 @@ class ReachingExperiment:
         return mean * np.float32(self.scale), mask[whole].reshape(squares).min(axis=(1, 3))
 
     def _after_frame(self, loop: ServoLoop) -> None:
+        if self._traced:
+            self._note(loop)
+        if self._on_frame is not None:
+            self._on_frame(self)
+
+    def _note(self, loop: ServoLoop) -> None:
         unknown = np.full(2, np.nan)
         trace = self.trace
         trace.times.append(loop.frame.time)
@@ -174,8 +183,6 @@ class ReachingExperiment:
         true = self.truth()[0]
         trace.true.append(sample(true.reshape(*true.shape[:2], -1), at[None])[0].reshape(true.shape[2:]))
         trace.estimated.append(loop.estimator.at(at)[0])
-        if self._on_frame is not None:
-            self._on_frame(self)
 
     def _scaled(self, pixels: np.ndarray) -> np.ndarray:
         # Pixel centers are whole numbers in both images.

@@ -10,11 +10,12 @@ from dense_vs.kernels.simulation.rigid_motion import flow_kernel, geom_mask_kern
 WORLDS, HEIGHT, WIDTH, GEOMS, CAMERAS, JOINTS = 2, 9, 13, 4, 2, 5
 SHAPE = (WORLDS, HEIGHT, WIDTH)
 CAMERA = 1
-INTRINSICS = np.array([270.0, 250.0, 6.2, 3.9])  # fx, fy, cx, cy
+INTRINSICS = np.array([27.0, 25.0, 6.2, 3.9])  # fx, fy, cx, cy
+LENSES = [(0.0, 0.0), (-0.3, 0.1)]  # k1, k2
 GL = np.diag([1.0, -1.0, -1.0])  # MuJoCo's camera axes to those of the image
 
-# float32 with coordinates of a few meters and a focal length of 270 px.
-FLOW_TOLERANCE = 2e-4  # px
+# float32 with coordinates of a few meters; the short focal length looks far to the side, where lenses distort.
+FLOW_TOLERANCE = 4e-5  # px
 JACOBIAN_TOLERANCE = 1e-5  # of the largest entry
 
 
@@ -64,59 +65,85 @@ def pose_arrays(poses):
     return [on_device(v, wp.vec3 if k.endswith("position") else wp.mat33) for k, v in poses.items()]
 
 
-def seen(ids, depth):
-    return [wp.array(ids, device="cpu"), wp.array(depth, device="cpu"), wp.vec4(*INTRINSICS), CAMERA]
-
-
-def camera_point(x, y, z):
+def direction(x, y, lens):
+    """Direction that a pixel looks in, by Newton's method on the radius."""
     fx, fy, cx, cy = INTRINSICS
-    return np.array([(x - cx) / fx * z, (y - cy) / fy * z, z])
+    shown = np.array([(x - cx) / fx, (y - cy) / fy])
+    target = radius = np.hypot(*shown)
+    for _ in range(50):
+        square = radius**2
+        radius -= (radius * (1 + lens[0] * square + lens[1] * square**2) - target) / (
+            1 + 3 * lens[0] * square + 5 * lens[1] * square**2
+        )
+    return shown * (radius / target if target else 1.0)
 
 
-def image(point):
+def seen(ids, depth, lens):
+    directions = np.array([[direction(x, y, lens) for x in range(WIDTH)] for y in range(HEIGHT)])
+    return [
+        wp.array(ids, device="cpu"),
+        wp.array(depth, device="cpu"),
+        on_device(directions, wp.vec2),
+        wp.vec2(*INTRINSICS[:2]),
+        wp.vec2(*lens),
+        CAMERA,
+    ]
+
+
+def camera_point(x, y, z, lens):
+    return np.append(direction(x, y, lens) * z, z)
+
+
+def image(point, lens):
     fx, fy, cx, cy = INTRINSICS
-    return np.array([fx * point[0] / point[2] + cx, fy * point[1] / point[2] + cy])
+    n = point[:2] / point[2]
+    square = n @ n
+    n = n * (1 + lens[0] * square + lens[1] * square**2)
+    return np.array([fx * n[0] + cx, fy * n[1] + cy])
 
 
-def flow_of(scene, threads=1):
+def flow_of(scene, lens=LENSES[0], threads=1):
     ids, depth, now, before = scene
     flow = wp.full(SHAPE, wp.vec2(np.nan, np.nan), dtype=wp.vec2, device="cpu")
     launch_pixels(
-        flow_kernel, SHAPE, [*seen(ids, depth), *pose_arrays(now), *pose_arrays(before), flow], "cpu", threads
+        flow_kernel, SHAPE, [*seen(ids, depth, lens), *pose_arrays(now), *pose_arrays(before), flow], "cpu", threads
     )
     return flow.numpy()
 
 
-def test_flow_of_composed_poses(scene):
+@pytest.mark.parametrize("lens", LENSES)
+def test_flow_of_composed_poses(scene, lens):
     ids, depth, now, before = scene
-    flow = flow_of(scene)
+    flow = flow_of(scene, lens)
     compared = 0
     for w, y, x in np.ndindex(*SHAPE):
         g = ids[w, y, x]
         if g < 0:
             np.testing.assert_array_equal(flow[w, y, x], 0.0)
             continue
-        point = camera_point(x, y, float(depth[w, y, x]))
+        point = camera_point(x, y, float(depth[w, y, x]), lens)
         world = now["camera_position"][w, CAMERA] + now["camera_rotation"][w, CAMERA] @ GL @ point
         local = np.linalg.solve(now["geom_rotation"][w, g], world - now["geom_position"][w, g])
         old = before["geom_position"][w, g] + before["geom_rotation"][w, g] @ local
         old = GL @ before["camera_rotation"][w, CAMERA].T @ (old - before["camera_position"][w, CAMERA])
-        np.testing.assert_allclose(np.array([x, y]) - image(old), flow[w, y, x], atol=FLOW_TOLERANCE, rtol=1e-5)
+        np.testing.assert_allclose(np.array([x, y]) - image(old, lens), flow[w, y, x], atol=FLOW_TOLERANCE, rtol=1e-5)
         compared += 1
     assert compared > 100
 
 
 def test_a_scene_that_stands_still_has_exactly_no_flow(scene):
     ids, depth, now, _ = scene
-    np.testing.assert_array_equal(flow_of((ids, depth, now, now)), 0.0)
+    for lens in LENSES:
+        np.testing.assert_array_equal(flow_of((ids, depth, now, now), lens), 0.0)
 
 
 def test_threads_do_not_change_a_bit(scene):
     np.testing.assert_array_equal(flow_of(scene), flow_of(scene, threads=4))
 
 
+@pytest.mark.parametrize("lens", LENSES)
 @pytest.mark.parametrize("count", [1, 3, 32])
-def test_jacobian_of_hinges_and_slides(scene, count):
+def test_jacobian_of_hinges_and_slides(scene, count, lens):
     ids, depth, now, _ = scene
     rng = np.random.default_rng(1)
     anchor = rng.uniform(-2, 2, (WORLDS, JOINTS, 3)).astype(np.float32)
@@ -127,7 +154,7 @@ def test_jacobian_of_hinges_and_slides(scene, count):
     influence = rng.integers(-1, 2, (GEOMS, count))
     jacobian = wp.full((*SHAPE, 2 * count), np.nan, dtype=float, device="cpu")
     arguments = [
-        *seen(ids, depth),
+        *seen(ids, depth, lens),
         *pose_arrays(now)[:2],
         on_device(anchor, wp.vec3),
         on_device(axis, wp.vec3),
@@ -144,7 +171,7 @@ def test_jacobian_of_hinges_and_slides(scene, count):
         if g < 0:
             np.testing.assert_array_equal(result[w, y, x], 0.0)
             continue
-        point = camera_point(x, y, float(depth[w, y, x]))
+        point = camera_point(x, y, float(depth[w, y, x]), lens)
         to_world = now["camera_rotation"][w, CAMERA] @ GL
         world = now["camera_position"][w, CAMERA] + to_world @ point
         for n, joint in enumerate(joints):
@@ -152,7 +179,7 @@ def test_jacobian_of_hinges_and_slides(scene, count):
             velocity = direction if slides[n] else np.cross(direction, world - anchor[w, joint])
             velocity = influence[g, n] * to_world.T @ velocity
             step = 1e-6
-            slope = (image(point + step * velocity) - image(point - step * velocity)) / (2 * step)
+            slope = (image(point + step * velocity, lens) - image(point - step * velocity, lens)) / (2 * step)
             np.testing.assert_allclose(result[w, y, x, :, n], slope, atol=tolerance)
 
 

@@ -153,6 +153,12 @@ def test_refuses_a_world_of_the_c_engine():
         BatchServo(SimWorld("planar", device="cpu", **SIZE))
 
 
+def test_refuses_a_world_with_realism():
+    world = SimWorld("planar", device="cpu", physics_on_device=True, realism="sensor", **SIZE)
+    with pytest.raises(DenseVSError, match="expected one without"):
+        BatchServo(world)
+
+
 @pytest.mark.parametrize(
     ("options", "message"),
     [

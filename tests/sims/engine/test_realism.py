@@ -2,19 +2,20 @@
 
 import numpy as np
 import pytest
+import warp as wp
 
 from dense_vs.errors import DenseVSError
 from dense_vs.sims import SimWorld
-from dense_vs.sims.engine.realism import Realism
+from dense_vs.sims.engine.exposure import shots_of
+from dense_vs.sims.engine.realism import PRESETS, Realism
 from dense_vs.sims.papers.dije.reaching import ReachingExperiment
 
 SIZE = {"device": "cpu", "height": 48, "width": 64}
-NOTHING = {"noise": 0.0, "flicker": 0.0, "jpeg_quality": None, "late_frames": 0}
 STEPS = 0.02 * np.random.default_rng(0).normal(size=(6, 3))
 
 
 def make(**options):
-    return SimWorld("planar", seed=2, realism=Realism(**{**NOTHING, **options}), **SIZE)
+    return SimWorld("planar", seed=2, realism=Realism(**options), **SIZE)
 
 
 @pytest.fixture(scope="module")
@@ -76,6 +77,119 @@ def test_readings_are_late_and_the_truth_is_not(clean):
     np.testing.assert_allclose(world.joints()[0], true[0], atol=1e-6)
 
 
+@pytest.mark.parametrize("samples", [1, 2])
+@pytest.mark.parametrize(("blur", "readout"), [(0.0, 0.0), (0.4, 0.0), (0.0, 0.6), (0.3, 0.5), (1.0, 1.0)])
+def test_shots_share_out_every_rows_exposure(blur, readout, samples):
+    height = 50
+    shots = shots_of(Realism(blur=blur, readout=readout), height, samples)
+    weights, times = np.array([shot.weights for shot in shots]), np.array([shot.frames for shot in shots])
+    squares = np.array([shot.square for shot in shots])
+    np.testing.assert_allclose(weights.sum(axis=0), 1.0)
+    middle = readout * ((np.arange(height) + 0.5) / height - 0.5)
+    part = np.diff(np.unique(times)).max() if len(np.unique(times)) > 1 else 0.0
+    np.testing.assert_allclose(weights.T @ times, middle, atol=0.51 * part + 1e-9)
+    assert np.average(middle) == pytest.approx(0.0)
+    exposed = [np.ptp(times[row > 0]) for row in weights.T]
+    assert np.max(exposed) <= blur + part + 1e-9
+    for k in range(samples**2):
+        assert np.all(weights[squares == k].sum(axis=0) > 0.4 / samples**2)
+
+
+def posed(world, posture):
+    """Image of a world at rest in a posture."""
+    world.reset()
+    world.physics.reset(posture[None])
+    world.physics.update_poses()
+    world._rendered = False
+    return world.frame().rgb.astype(float)
+
+
+@pytest.mark.parametrize(("blur", "readout"), [(0.6, 0.0), (0.0, 0.5), (0.3, 0.4)])
+def test_exposure_is_the_mean_of_images_within_it(clean, blur, readout):
+    clean.reset()
+    world = make(blur=blur, readout=readout)
+    postures = []
+    for _ in range(3):
+        for each in (clean, world):
+            each.step([0.12, -0.1, 0.15])
+        postures.append(clean.physics.host_state(0).qpos.copy())
+    truth = clean.true_flow(), clean.true_jacobian(), clean.robot_mask(), clean.frame().depth, clean.frame().ids
+    seen = world.frame()
+    for found, exact in zip(
+        (world.true_flow(), world.true_jacobian(), world.robot_mask(), seen.depth, seen.ids), truth, strict=True
+    ):
+        np.testing.assert_array_equal(found, exact)
+    now, velocity = postures[-1], postures[-1] - postures[-2]
+    expected = np.zeros(seen.rgb.shape)
+    for shot in shots_of(world.realism, 48, 1):
+        expected += shot.weights[:, None, None] * posed(clean, now + shot.frames * velocity)
+    off = np.abs(seen.rgb - expected)
+    assert off.mean() < 0.5  # of rounding and of what lies on an outline
+    assert np.percentile(off, 98) < 3
+    assert np.abs(seen.rgb - posed(clean, now)).mean() > 3 * off.mean()
+
+
+def test_what_stands_still_is_neither_blurred_nor_bent(clean):
+    clean.reset()
+    for world in (clean, make(blur=0.5, readout=0.5)):
+        for _ in range(60):
+            world.step()
+    np.testing.assert_allclose(world.frame().rgb.astype(float), clean.frame().rgb, atol=1)
+
+
+def test_shadows_darken(clean):
+    path = "arm"
+    lit, shaded = (
+        SimWorld(path, seed=1, realism=Realism(shadows=shadows), **SIZE).frame().rgb.astype(int)
+        for shadows in (False, True)
+    )
+    darker = (lit - shaded).max(axis=-1)
+    assert 0.01 < np.mean(darker > 8) < 0.8
+    assert np.all(shaded <= lit)
+
+
+def test_presets_are_named():
+    clean = SimWorld("planar", seed=2, **SIZE)
+    assert clean.realism is None
+    for name in PRESETS:
+        assert SimWorld("planar", seed=2, realism=name, **SIZE).realism is PRESETS[name]
+    assert SimWorld("planar", seed=2, realism=True, **SIZE).realism is PRESETS["realistic"]
+
+
+def test_worlds_of_a_batch_are_degraded_apart():
+    world = SimWorld("planar", seed=2, worlds=2, realism=Realism(noise=5.0, sway=0.01), **SIZE)
+    world.step([0.02, 0.02, 0.02])
+    rgb, flow, mask = world.frame().rgb.astype(int), world.true_flow(), world.robot_mask()
+    assert np.abs(rgb[0] - rgb[1]).mean() > 1
+    scenery = ~mask[0] & ~mask[1]
+    assert np.abs(flow[0] - flow[1])[scenery].max() > 0.01
+
+
+@pytest.mark.gpu
+@pytest.mark.skipif(not wp.is_cuda_available(), reason="no CUDA device")
+def test_a_gpu_exposes_as_a_cpu_does():
+    options = {"blur": 0.3, "readout": 0.5, "distortion": (-0.1, 0.02), "shadows": True, "sway": 0.003}
+    realism = Realism(noise=2.0, vignette=0.3, flicker=0.05, **options)
+    here, there = (
+        SimWorld("arm", seed=2, device=device, height=48, width=64, realism=realism) for device in ("cpu", "cuda:0")
+    )
+    for world in (here, there):
+        for _ in range(4):
+            world.step([0.02, -0.02, 0.03, 0.02])
+    off = np.abs(here.frame().rgb.astype(float) - there.frame().rgb)
+    assert off.mean() < 0.5
+    np.testing.assert_allclose(np.percentile(np.abs(here.true_flow() - there.true_flow()), 98), 0.0, atol=1e-2)
+
+
+def test_reading_noise_is_as_strong_as_asked():
+    world = make(joint_noise=0.01)
+    read = []
+    for _ in range(300):
+        world.step()
+        read.append(world.joints()[0])
+    np.testing.assert_allclose(np.std(read, axis=0), 0.01, rtol=0.15)
+
+
 def test_readings_are_rounded():
     world = make(joint_resolution=0.01)
     for step in STEPS:
@@ -93,6 +207,12 @@ def test_readings_are_rounded():
         ({"jpeg_quality": 70.5}, "whole number"),
         ({"late_frames": 1.5}, "late_frames"),
         ({"vignette": np.nan}, "vignette"),
+        ({"blur": 1.5}, "blur is 1.5; expected a number from 0 to 1"),
+        ({"readout": -0.1}, "readout"),
+        ({"distortion": 0.1}, "two finite numbers"),
+        ({"distortion": (0.1, np.inf)}, "two finite numbers"),
+        ({"shadows": 1}, "shadows is 1; expected True or False"),
+        ({"joint_noise": "much"}, "joint_noise"),
     ],
 )
 def test_refuses_options_out_of_range(options, message):
@@ -101,13 +221,13 @@ def test_refuses_options_out_of_range(options, message):
 
 
 def test_refuses_what_is_no_realism():
-    with pytest.raises(DenseVSError, match="realism"):
+    with pytest.raises(DenseVSError, match="realism is 'much'; expected True, False, one of 'realistic', 'sensor'"):
         SimWorld("planar", realism="much", **SIZE)
 
 
 def learned(late, **options):
     """Loop and median error of J after 8 s of babbling with readings that many frames late."""
-    realism = Realism(**{**NOTHING, "late_frames": late})
+    realism = Realism(late_frames=late)
     world = SimWorld("planar", seed=5, device="cpu", height=120, width=160, realism=realism)
     experiment = ReachingExperiment(world, seed=5, babble_seconds=8.0, **options)
     return experiment.loop, experiment.learn().median

@@ -1,0 +1,103 @@
+"""The surfaces' table in Markdown: from a run, or from the committed results for the page on performance."""
+
+import json
+import math
+from collections.abc import Sequence
+from typing import Any
+
+from results_file import RESULTS, origin
+from surface_scores import OURS, REACHED_PX, Tally, ViewScore, mean_of, over_seeds, view_score
+
+FILES = ("surfaces", "surfaces_7")  # 4 joints after 10 s, 7 joints after 20 s
+HEAD = (
+    "arm, camera",
+    "images",
+    "J error (90 %)",
+    "exact flow",
+    "label IoU",
+    f"below {REACHED_PX:g} px",
+    "said reached",
+    "wrongly",
+    "lost",
+    "missed",
+    "astray unsaid",
+)
+
+
+def table_lines(views: Sequence[ViewScore]) -> list[str]:
+    """A line for each arm and camera, seeds together, then the means over the commercial arms."""
+    lines = [f"| {' | '.join(HEAD)} |", "|" + "---|" * len(HEAD)]
+    for images in sorted({view.images for view in views}):
+        some = [view for view in views if view.images == images]
+        for (arm, camera, _), group in sorted(over_seeds(some).items(), key=lambda item: (item[0][0] in OURS, item[0])):
+            lines.append(_line(f"{arm} {camera}".strip(), images, group))
+        arms = [view for view in some if view.arm not in OURS]
+        if arms:
+            lines.append(_line("**all commercial arms**", images, arms))
+    return lines
+
+
+def _line(name: str, images: str, views: Sequence[ViewScore]) -> str:
+    tally = Tally.of(views)
+    failed = [view for view in views if view.failure]
+    cells = [
+        name + (f" ({len(failed)} of {len(views)} failed)" if failed else ""),
+        images,
+        f"{_figure(mean_of(views, 'j_median'))} ({_figure(mean_of(views, 'j_p90'))})",
+        _figure(mean_of(views, "exact_median")),
+        _figure(mean_of(views, "overlap")),
+        f"{tally.good} of {tally.asked}" if tally.asked else "-",
+        *(str(count) if tally.asked else "-" for count in (tally.said, tally.wrong, tally.lost, tally.missed)),
+        str(tally.unsaid) if tally.asked else "-",
+    ]
+    return f"| {' | '.join(cells)} |"
+
+
+def _figure(value: float) -> str:
+    return f"{value:.2f}" if math.isfinite(value) else "-"
+
+
+def committed(name: str) -> dict[str, Any] | None:
+    """A committed result; none where there is none yet."""
+    file = RESULTS / f"{name}.json"
+    return json.loads(file.read_text(encoding="utf-8")) if file.is_file() else None
+
+
+def surface_lines() -> list[str]:
+    """The part of the page on performance."""
+    lines = []
+    for name in FILES:
+        content = committed(name)
+        if content is None:
+            continue
+        told = content["arguments"]
+        seeds = told["seeds"].replace(",", ", ")
+        lines += [
+            f"Commercial arms as they come and our own, first {told['joints']} joints, {told['seconds']:g} s of "
+            f"babbling, targets over the whole range, seeds {seeds} (`profiling/surfaces.py`; {origin(content)})"
+            + ("" if content["finished"] else "; the run was stopped early, and what it had not come to is left out")
+            + ":",
+            "",
+            *table_lines([view for view in map(view_score, content["rows"]) if view.learned or view.failure]),
+            "",
+        ]
+    return lines
+
+
+def few_surface_lines() -> list[str]:
+    """Rows of the README: J and reaches over all commercial arms, clean and realistic."""
+    content = committed(FILES[0])
+    if content is None:
+        return []
+    views = [view_score(row) for row in content["rows"] if row["arm"] not in OURS]
+    errors, reaches = [], []
+    for images in ("clean", "realistic"):
+        some = [view for view in views if view.images == images and (view.learned or view.failure)]
+        tally = Tally.of(some)
+        errors.append(_figure(mean_of(some, "j_median")))
+        reaches.append(f"{tally.good} of {tally.asked}")
+    arms = len({view.arm for view in views})
+    return [
+        f"| J error on {arms} commercial arms as they come, clean / realistic images | {' / '.join(errors)} |",
+        f"| their reaches within {REACHED_PX:g} px over the whole range | {' / '.join(reaches)} |",
+    ]
