@@ -15,14 +15,16 @@ import numpy as np
 
 from dense_vs.arrays import real_vector
 from dense_vs.body.self_body import SelfBody
-from dense_vs.checks import check_number, check_pair
+from dense_vs.checks import check_flag, check_number, check_pair
 from dense_vs.errors import DenseVSError
+from dense_vs.flow.camera_motion import CameraMotion
 from dense_vs.flow.estimator import FlowEstimator, to_gray
 from dense_vs.health.faults import Fault
 from dense_vs.health.image_watch import ImageWatch
 from dense_vs.health.motion_check import MotionCheck
 from dense_vs.jacobian.estimator import DenseJacobian
 from dense_vs.pipeline.body_prior import BodyPrior
+from dense_vs.pipeline.camera_sway import CameraSway
 
 BASELINE = 3.0  # px, image motion by J dq at which J is corrected
 MAX_SPAN = 8  # frames after which it is corrected in any case
@@ -90,6 +92,11 @@ class FramePipeline:
         watched: whether images that say nothing, and motion that the joints do not explain, are left out; for a live
             robot. A recording's repeated images are found by what reads it. ``check`` then judges the motion.
         prior: what a body model knows of J from the first frame on.
+        sway: whether the camera may sway, as on a humanoid's head: the motion of what stands still is then taken out of
+            the flow that J is learned from, and J moves with the image. See :attr:`camera_sway`.
+
+    Attributes:
+        camera_sway: what is known of it; None without ``sway``.
 
     Raises:
         DenseVSError: sizes that differ, several worlds, a scale out of (0, 1], a baseline below 0.
@@ -107,6 +114,7 @@ class FramePipeline:
         before_update: Callable[[float, np.ndarray, np.ndarray], None] | None = None,
         watched: bool = False,
         prior: BodyPrior | None = None,
+        sway: bool = False,
     ):
         size = estimator.options.height, estimator.options.width
         if estimator.options.worlds != 1:
@@ -132,6 +140,7 @@ class FramePipeline:
         self._body_flow = self.flow if body is None else FlowEstimator(BODY_FLOW, *size)
         self.before_update = before_update
         self.prior = prior
+        self.camera_sway = CameraSway(*size, joints) if check_flag("sway", sway) else None
         self.frame: Frame | None = None
         self._watch = ImageWatch() if watched else None
         self.check = MotionCheck() if watched else None
@@ -241,6 +250,8 @@ class FramePipeline:
         if fault is not None:
             self.estimator.predict(step)
             return self._begin_span(followed(faults=(*shown.faults, fault)))
+        motion = self._camera_motion(flow, span)
+        flow = flow if motion is None else motion.taken_out(flow)
         self.estimator.update(flow, step, span if moved_since else None)
         if self.prior is not None:
             self.prior.correct(self.estimator, q, flow, span)
@@ -248,6 +259,16 @@ class FramePipeline:
             self.body.observe(self._body_flow(first.gray, gray), span, shown.image)
             self.body.submit(self.estimator.jacobian)
         return self._begin_span(followed(measured=(flow, span)))
+
+    def _camera_motion(self, flow: np.ndarray, span: np.ndarray) -> CameraMotion | None:
+        """The camera's motion that is to be taken out of a flow; J has been moved with it."""
+        if self.camera_sway is None:
+            return None
+        columns, rows = self._grid.astype(int).T
+        motion = self.camera_sway.observe(self._grid, flow[rows, columns], self.estimator.at(self._grid), span)
+        if motion is not None:
+            self.camera_sway.carry(motion, self.estimator)
+        return motion
 
     def _begin_span(self, frame: Frame) -> Frame:
         """Let the next flow begin at this frame."""
