@@ -4,9 +4,10 @@ Everything goes through the product as ``dense-vs estimate --scale 0.5`` uses it
 the estimator on a recording. The judge is fixed, whatever flow the estimator takes: E = 1 - sum |u - J dq|^2 /
 sum |u|^2 over pixels with |u| > 0.7 px, J before it sees u, u by OpenCV's DIS medium between distinct images at
 320x240, last three quarters of an episode. "Moved" is the same with J dq taken where the pixel came from, as
-``dense-vs estimate`` reports it. Settings were tuned on three episodes; the other three confirm. Labels are compared
-with masks drawn by hand, the tracker with points marked by hand. What turns evidence into labels was tuned on episode
-10 too: for labels 28 and 43 alone confirm.
+``dense-vs estimate`` reports it. "Without sway" is E of the flow that is left once the camera's own motion, a
+similarity fitted to the judge's flow, is taken out of it: what the joints can explain. Settings were tuned on three
+episodes; the other three confirm. Labels are compared with masks drawn by hand, the tracker with points marked by hand.
+What turns evidence into labels was tuned on episode 10 too: for labels 28 and 43 alone confirm.
 """
 
 import argparse
@@ -20,6 +21,7 @@ from g1_episodes import ARM, ARM_AND_HAND, CONFIRMED, DATA, FPS, SIZE, TUNED, ma
 from metrics import Metric, add_report_arguments, report
 
 from dense_vs import DenseJacobian, FlowEstimator, PointTracker
+from dense_vs.flow.camera_motion import fit_camera_motion
 from dense_vs.pipeline.frame_pipeline import Frame
 from dense_vs.pipeline.recorded import RecordedEstimate
 from dense_vs.recording import ClockOffset, Episode, open_recording, survey_episode
@@ -31,6 +33,7 @@ NUMBERS = TUNED + CONFIRMED
 LABELS_TUNED = (*TUNED, 10)
 MOVING_PX = 0.7
 SHIFT = 0.2  # s, of the log, to see whether the offset follows
+GRID = np.s_[4::8, 4::8]  # places that the camera's own motion is fitted to
 NEAR = 0.12  # s between a marked row and the even time of its image
 
 
@@ -40,6 +43,7 @@ class Judge:
     def __init__(self, episode: Episode, *, label: bool = False, **options: Any):
         self.frames: list[tuple[float, float, float]] = []  # rest, rest of the moved prediction, motion
         self.own_frames: list[tuple[float, float]] = []  # rest and motion of the pixels labeled as the arm's own
+        self.steady_frames: list[tuple[float, float]] = []  # rest and motion without the camera's own
         self.done = RecordedEstimate(
             episode, scale=0.5, device="cpu", label=label, before_update=self._predict, **options
         )
@@ -66,9 +70,11 @@ class Judge:
 
     def own_share(self, begin: float, end: float) -> float:
         """E of the arm's own pixels, as labeled in each frame, between two fractions of the episode."""
-        first, last = (int(np.ceil(f * len(self.own_frames))) for f in (begin, end))
-        rest, motion = np.sum(self.own_frames[first:last], axis=0)
-        return float(1 - rest / motion)
+        return _share(self.own_frames, begin, end)
+
+    def steady_share(self, begin: float, end: float) -> float:
+        """E without the camera's own motion, between two fractions of the episode."""
+        return _share(self.steady_frames, begin, end)
 
     def _predict(self, _: float, __: np.ndarray, dq: np.ndarray) -> None:
         self._predicted = self.done.estimator.predicted_flow(dq)
@@ -85,11 +91,22 @@ class Judge:
             )
         rest, moved = (float(np.sum((flow - p) ** 2, axis=2)[moving].sum()) for p in (self._predicted, came))
         self.frames.append((rest, moved, float(squared[moving].sum())))
+        camera = fit_camera_motion(np.stack([x[GRID], y[GRID]], axis=2).reshape(-1, 2), flow[GRID].reshape(-1, 2))
+        steady = flow if camera is None else camera.taken_out(flow)
+        energy = np.sum(steady**2, axis=2)
+        left = np.sum((steady - self._predicted) ** 2, axis=2)[energy > MOVING_PX**2]
+        self.steady_frames.append((float(left.sum()), float(energy[energy > MOVING_PX**2].sum())))
         if self.labels is not None:
             own = moving & self.done.labels()
             self.own_frames.append(
                 (float(np.sum((flow - self._predicted) ** 2, axis=2)[own].sum()), float(squared[own].sum()))
             )
+
+
+def _share(frames: list[tuple[float, float]], begin: float, end: float) -> float:
+    first, last = (int(np.ceil(f * len(frames))) for f in (begin, end))
+    rest, motion = np.sum(frames[first:last], axis=0)
+    return float(1 - rest / motion)
 
 
 class Labels:
@@ -161,12 +178,15 @@ class OneEpisode:
             "flow dis": Judge(arm.shifted(offset), method="dis"),
             "joints not smoothed": Judge(arm.shifted(offset), smoothing=0.0),
             "log as stamped": Judge(arm),
+            "sway taken out of J": Judge(arm.shifted(offset), sway=True),
             "arm and hand": Judge(open_recording(DATA, joint_names=ARM_AND_HAND).episode(number).shifted(offset)),
             "all 26 joints": Judge(open_recording(DATA).episode(number).shifted(offset)),
         }
         self.shares = {"arm": whole.share(*rest), "arm, moved": whole.share(*rest, moved=True)}
         self.shares["arm, its own pixels"] = whole.own_share(*rest)
+        self.shares["arm, without sway"] = whole.steady_share(*rest)
         self.shares |= {name: judge.share(*rest) for name, judge in others.items()}
+        self.shares["sway taken out of J, without sway"] = others["sway taken out of J"].steady_share(*rest)
         self.shares["first quarter, from nothing"] = whole.share(0, 0.25)
         before: DenseJacobian | None = None
         for other in sorted(set(NUMBERS) - {number}):
