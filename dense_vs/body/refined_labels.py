@@ -23,7 +23,6 @@ MOST = 3.0  # log-odds of motion either way, and of a color against
 MOST_FOR = 1.5  # log-odds of a color for the body
 REACH = 20  # px that color carries the body on over
 SURE = 1.4  # log-odds from which a pixel's color is learned
-KNOWN_OTHER = -0.5  # log-odds of a color that is not learned as the body's: what the hand carries moves as it does
 RADIUS, FLATNESS = 4, 1e-3  # of the smoothing
 LEAST_PIXELS = 60  # of a connected part
 
@@ -57,7 +56,7 @@ class RefinedLabels:
         color = np.where(near | ~known, color, np.minimum(color, 0.0))
         odds = motion + color
         around = cv2.blur(odds, (5, 5))
-        own = (around > SURE) & (motion > 0.5) & (color > KNOWN_OTHER)
+        own = (around > SURE) & (motion > 0.5)
         if own.sum() >= LEAST_PIXELS:  # before the robot moves nothing is known to be other
             self._appearance.learn(bins, own, (around < -SURE) & (motion <= -0.5))
         self._image, self._odds, self._motion, self._own = image, odds, motion, None
