@@ -48,7 +48,8 @@ class Frame:
         positions: ``(N,)`` joint positions at ``time`` [rad].
         dq: ``(N,)`` joint step since the frame before [rad]; None for the first frame.
         measured: ``(H, W, 2)`` float32 and ``(N,)``, flow and joint displacement since the image that J was corrected
-            by before [px, rad]; None in the frames in which J was only moved.
+            by before [px, rad], without a camera's sway where that is taken out; None in the frames in which J was only
+            moved.
         faults: what is wrong with it. Where one of them holds, the frame was not learned from, ``dq`` is None, and
             ``positions`` are the last that were believed.
     """
