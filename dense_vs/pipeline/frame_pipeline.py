@@ -15,7 +15,7 @@ import numpy as np
 
 from dense_vs.arrays import real_vector
 from dense_vs.body.self_body import SelfBody
-from dense_vs.checks import check_flag, check_number, check_pair
+from dense_vs.checks import check_flag, check_number, check_pair, check_whole
 from dense_vs.errors import DenseVSError
 from dense_vs.flow.camera_motion import CameraMotion
 from dense_vs.flow.estimator import FlowEstimator, to_gray
@@ -95,6 +95,8 @@ class FramePipeline:
         prior: what a body model knows of J from the first frame on.
         sway: whether the camera may sway, as on a humanoid's head: the motion of what stands still is then taken out of
             the flow that J is learned from, and J moves with the image. See :attr:`camera_sway`.
+        body_step: the body is labeled in images that are smaller by this whole factor; flow at outlines and what labels
+            are told by were tuned on images 320 px wide.
 
     Attributes:
         camera_sway: what is known of it; None without ``sway``.
@@ -116,6 +118,7 @@ class FramePipeline:
         watched: bool = False,
         prior: BodyPrior | None = None,
         sway: bool = False,
+        body_step: int = 1,
     ):
         size = estimator.options.height, estimator.options.width
         if estimator.options.worlds != 1:
@@ -134,11 +137,13 @@ class FramePipeline:
         self.flow = flow or FlowEstimator(height=size[0], width=size[1])
         if (self.flow.height, self.flow.width) != size:
             raise DenseVSError(f"flow is for images of {self.flow.height, self.flow.width}; the estimator has {size}")
+        self._body_step = check_whole("body_step", body_step, least=1, most=min(size) // 16)
+        self._body_size = size[0] // self._body_step, size[1] // self._body_step
         if body is not None:
-            body.fix_size(*size, estimator.options.joints)
+            body.fix_size(*self._body_size, estimator.options.joints)
         self.scale = scale
         self.body = body
-        self._body_flow = self.flow if body is None else FlowEstimator(BODY_FLOW, *size)
+        self._body_flow = self.flow if body is None else FlowEstimator(BODY_FLOW, *self._body_size)
         self.before_update = before_update
         self.prior = prior
         self.camera_sway = CameraSway(*size, joints) if check_flag("sway", sway) else None
@@ -257,8 +262,9 @@ class FramePipeline:
         if self.prior is not None:
             self.prior.correct(self.estimator, q, flow, span)
         if self.body is not None:
-            self.body.observe(self._body_flow(first.gray, gray), span, shown.image)
-            self.body.submit(self.estimator.jacobian)
+            seen = self._body_flow(self._for_body(first.gray), self._for_body(gray))
+            self.body.observe(seen, span, self._for_body(shown.image))
+            self.body.submit(self._body_jacobian())
         return self._begin_span(followed(measured=(flow, span)))
 
     def _camera_motion(self, flow: np.ndarray, span: np.ndarray) -> CameraMotion | None:
@@ -290,7 +296,24 @@ class FramePipeline:
         """
         if self.body is None:
             raise DenseVSError("the pipeline has no body to label; expected FramePipeline(..., body=SelfBody())")
-        return self.body.labels(self.estimator.jacobian)
+        own = self.body.labels(self._body_jacobian())
+        if self._body_step == 1:
+            return own
+        height, width = self.estimator.options.height, self.estimator.options.width
+        return cv2.resize(own.astype(np.float32), (width, height), interpolation=cv2.INTER_LINEAR) > 0.5
+
+    def _for_body(self, image: np.ndarray) -> np.ndarray:
+        """An image of the estimator's size as the body sees it."""
+        if self._body_step == 1:
+            return image
+        return cv2.resize(image, self._body_size[::-1], interpolation=cv2.INTER_AREA)
+
+    def _body_jacobian(self) -> Any:
+        """J in the pixels of the body's images."""
+        if self._body_step == 1:
+            return self.estimator.jacobian
+        rows, columns = (np.arange(count) * self._body_step + self._body_step // 2 for count in self._body_size)
+        return self.estimator.to_numpy()[rows[:, None], columns] / np.float32(self._body_step)
 
     def _scaled(self, image: np.ndarray) -> np.ndarray:
         """The image at the estimator's scale, never the camera's own buffer, which may hold the next frame soon."""

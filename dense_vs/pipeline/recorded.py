@@ -28,6 +28,7 @@ from dense_vs.recording.survey import joint_motions
 
 # Found on three reaches of a humanoid (``profiling/real_robot.py``): 0.03 to 0.07 s do alike.
 JOINT_SMOOTHING = 0.065  # s
+LABELED_WIDTH = 320  # px, about, of the images that labels are found in
 STILL_NOISES = 5.0  # standard deviations of its readings that a joint at rest stays within from image to image
 
 
@@ -116,6 +117,7 @@ class RecordedEstimate:
             still=self._still_steps(),
             before_update=self._judge,
             sway=sway,
+            body_step=max(1, round(width / LABELED_WIDTH)),
         )
 
     def align(self, offset: float | ClockOffset) -> None:
