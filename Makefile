@@ -61,7 +61,7 @@ $(VENV)/.sims: pyproject.toml constraints.txt | $(VENV)/bin/python
 
 $(VENV)/.dev: pyproject.toml constraints.txt | $(VENV)/bin/python
 	@echo "installing everything that tests need (first run only, about two minutes)"
-	$(RUN)/python -m pip install --quiet -c constraints.txt -e ".[sims,viz,recordings,vos,live,dev]"
+	$(RUN)/python -m pip install --quiet -c constraints.txt -e ".[sims,viz,recordings,rerun,vos,live,dev]"
 	@touch $@ $(VENV)/.sims $(VENV)/.live
 
 $(VENV)/.docs: $(VENV)/.dev

@@ -11,6 +11,7 @@ import sys
 from pathlib import Path
 
 from readme_experiments import experiment_lines, few_experiment_lines, summary_lines
+from readme_real_robot import few_real_robot_lines, real_robot_lines
 from results_file import RESULTS, Result
 from surface_table import few_surface_lines, surface_lines
 
@@ -84,7 +85,7 @@ BATCH = (
 
 def everything() -> str:
     """All figures, for the page on performance."""
-    lines = [*_accuracy(), "", *surface_lines(), *_speed(), "", *_batch(), "", *_scaling(), ""]
+    lines = [*_accuracy(), "", *surface_lines(), *real_robot_lines(), "", *_speed(), "", *_batch(), "", *_scaling(), ""]
     lines += [
         "Arms and objects, on seeds that nothing was tuned on; one figure a seed or that of all (`dense-vs reproduce "
         "... --json`, gathered by `profiling/experiments.py`):",
@@ -108,6 +109,7 @@ def few() -> str:
         f"({accuracy['J error, diagonal (9)-(11), model (14), estimated flow, median: mean']:.3f}) |",
         f"| reaches within 2 px by the simulator's truth | {_reaches(accuracy)} |",
         *few_surface_lines(),
+        *few_real_robot_lines(),
         f"| whole frame at 320x240 on {budget.content['machine']['cores']} CPU cores [fps] | "
         f"{budget['frame_fps_320x240']:.0f} |",
         "| predict and update, times as fast as the paper's equations with SciPy | "

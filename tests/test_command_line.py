@@ -25,7 +25,7 @@ OPTIONS = {
     "depth-eval": "folder --methods --sets --json",
     "depth-train": "--sequences --seed --out --processes",
     "estimate": "joints --out --joints --time-offset --scale --every --flow --covariance --prediction --no-video "
-    f"--truth {DEVICE}",
+    f"--truth --sway --rerun {DEVICE}",
     "learn-model": "recording --out --json --state --controller --kinematics --method --noise --distortion --holdout "
     "--seed",
     "live": "--driver --lerobot --camera-index --replay --robot --height --width --joints --camera --seed --host "

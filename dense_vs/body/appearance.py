@@ -11,7 +11,7 @@ from typing import Any
 import cv2
 import numpy as np
 
-BINS = 16  # for each of lightness and the two axes of chromaticity
+BINS = 8  # for each of lightness and the two axes of chromaticity
 VIVID = 3  # factor on chromaticity
 MEMORY = 0.998  # of the counts per frame
 LEAST_SEEN = 200.0  # counts of own and of other pixels, below which colors say nothing

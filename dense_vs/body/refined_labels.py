@@ -21,7 +21,7 @@ LEAST_JACOBIAN = 20.0  # px/rad in standard units: joints that move a pixel less
 UNKNOWN = -1.5  # log-odds of motion where nothing moves
 MOST = 3.0  # log-odds of motion either way, and of a color against
 MOST_FOR = 1.5  # log-odds of a color for the body
-REACH = 16  # px that color carries the body on over
+REACH = 20  # px that color carries the body on over
 SURE = 1.4  # log-odds from which a pixel's color is learned
 RADIUS, FLATNESS = 4, 1e-3  # of the smoothing
 LEAST_PIXELS = 60  # of a connected part
@@ -58,7 +58,7 @@ class RefinedLabels:
         around = cv2.blur(odds, (5, 5))
         own = (around > SURE) & (motion > 0.5)
         if own.sum() >= LEAST_PIXELS:  # before the robot moves nothing is known to be other
-            self._appearance.learn(bins, own, (around < -SURE) & (motion <= -1.0))
+            self._appearance.learn(bins, own, (around < -SURE) & (motion <= -0.5))
         self._image, self._odds, self._motion, self._own = image, odds, motion, None
 
     def own(self) -> np.ndarray:

@@ -29,6 +29,7 @@ from dense_vs.view.panels import JacobianView, as_rgb, label, tile
 from dense_vs.view.progress import progress
 from dense_vs.view.provenance import versions
 from dense_vs.view.recording_report import write_report
+from dense_vs.view.rerun_file import RerunFile
 from dense_vs.view.tables import table
 
 
@@ -82,7 +83,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="how J follows the moving image: model, DIJE (14), flow, DIJE (13), nearest of the two, or none "
         "(default: nearest; model unless the covariance is shared)",
     )
+    parser.add_argument(
+        "--sway", action="store_true", help="the camera may sway, as on a humanoid's head: take its motion out of J"
+    )
     parser.add_argument("--no-video", action="store_true", help="do not draw the visualization video")
+    parser.add_argument(
+        "--rerun", action="store_true", help="write estimate.rrd too: images, labels, J and curves for the Rerun viewer"
+    )
     parser.add_argument(
         "--truth", type=Path, metavar="NPZ", help="true Jacobians that 'dense-vs record' wrote; prints the error"
     )
@@ -145,6 +152,8 @@ def _episode(
         device=arguments.device,
         threads=arguments.threads,
         start=start,
+        label=arguments.rerun,
+        sway=arguments.sway,
         **({} if start else {"covariance": arguments.covariance, "prediction": arguments.prediction}),
     )
     if offset is None:
@@ -155,12 +164,15 @@ def _episode(
         clock = ClockOffset(offset, 1.0, 0.0, best=offset)
     started = time.perf_counter()
     drawing = nullcontext() if arguments.no_video else VideoWriter(out / "estimate.mp4", done.fps)
+    logging = RerunFile(out / "estimate.rrd", done) if arguments.rerun else nullcontext()
     errors: list[dict[str, Any]] = []
-    with drawing as video, progress(f"estimate, episode {episode.number}", done.frame_count) as bar:
+    with drawing as video, logging as rerun, progress(f"estimate, episode {episode.number}", done.frame_count) as bar:
         seen = 0
         for used, (frame, estimator) in enumerate(done, start=1):
             bar.update(done.images - seen)
             seen = done.images
+            if rerun is not None:
+                rerun.add(frame, estimator)
             if frame.flow is not None:
                 if used % arguments.every == 0:
                     estimator.save(out / f"jacobian_{used:06d}.npz")
@@ -202,6 +214,7 @@ def _summary(
         "time_offset_error_s": clock.error,
         "time_offset_drift": clock.drift,
         "time_offset_reason": clock.reason,
+        "camera_sway": _sway(done),
         "excitation_by_joint": {joint.name: joint.excitation for joint in motions},
         "unmoved_joints": [joint.name for joint in motions if not joint.moves],
         "joints_moved_together": [list(group) for group in together],
@@ -212,6 +225,19 @@ def _summary(
         "fps": done.images / seconds,
         "device": str(estimator.device),
         "versions": versions(),
+    }
+
+
+def _sway(done: RecordedEstimate) -> dict[str, Any] | None:
+    """What was found of the camera's own motion."""
+    found = done.camera_sway
+    if found is None:
+        return None
+    return {
+        "travelled_px": [float(way) for way in found.travelled],
+        "share_foretold_by_joints": found.foretold,
+        "motions_taken_out": found.taken,
+        "motions_unknown": found.unknown,
     }
 
 
@@ -229,6 +255,9 @@ def _lines(summary: dict[str, Any]) -> str:
         ["share of pixels known", f"{summary['share_of_pixels_known']:.2f}"],
         ["images a second", f"{summary['fps']:.0f}"],
     ]
+    if (sway := summary["camera_sway"]) is not None:
+        x, y = sway["travelled_px"]
+        rows.append(["camera sway, of the image's middle [px]", f"{x:+.1f} {y:+.1f}"])
     joints = [
         [name, f"{summary['excitation_by_joint'][name]:.0f}", f"{summary['explained_motion_by_joint'][name]:.3f}"]
         for name in summary["joints"]

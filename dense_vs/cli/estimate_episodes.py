@@ -86,4 +86,7 @@ def _arguments(arguments: argparse.Namespace, number: int) -> tuple[str, ...]:
         value = getattr(arguments, name)
         if value is not None:
             words += [f"{option}={value.resolve() if isinstance(value, Path) else value}"]
-    return (*words, "--no-video") if arguments.no_video else tuple(words)
+    words += ["--no-video"] if arguments.no_video else []
+    words += ["--sway"] if arguments.sway else []
+    words += ["--rerun"] if arguments.rerun else []
+    return tuple(words)

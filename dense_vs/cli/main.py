@@ -22,6 +22,7 @@ EXTRAS = {
     "mujoco_warp": "sims",
     "onnx": "dev",
     "pyarrow": "recordings",
+    "rerun": "rerun",
     "rosbags": "recordings",
     "sklearn": "vos",
     "starlette": "live",

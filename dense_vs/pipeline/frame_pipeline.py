@@ -15,14 +15,16 @@ import numpy as np
 
 from dense_vs.arrays import real_vector
 from dense_vs.body.self_body import SelfBody
-from dense_vs.checks import check_number, check_pair
+from dense_vs.checks import check_flag, check_number, check_pair, check_whole
 from dense_vs.errors import DenseVSError
+from dense_vs.flow.camera_motion import CameraMotion
 from dense_vs.flow.estimator import FlowEstimator, to_gray
 from dense_vs.health.faults import Fault
 from dense_vs.health.image_watch import ImageWatch
 from dense_vs.health.motion_check import MotionCheck
 from dense_vs.jacobian.estimator import DenseJacobian
 from dense_vs.pipeline.body_prior import BodyPrior
+from dense_vs.pipeline.camera_sway import CameraSway
 
 BASELINE = 3.0  # px, image motion by J dq at which J is corrected
 MAX_SPAN = 8  # frames after which it is corrected in any case
@@ -46,7 +48,8 @@ class Frame:
         positions: ``(N,)`` joint positions at ``time`` [rad].
         dq: ``(N,)`` joint step since the frame before [rad]; None for the first frame.
         measured: ``(H, W, 2)`` float32 and ``(N,)``, flow and joint displacement since the image that J was corrected
-            by before [px, rad]; None in the frames in which J was only moved.
+            by before [px, rad], without a camera's sway where that is taken out; None in the frames in which J was only
+            moved.
         faults: what is wrong with it. Where one of them holds, the frame was not learned from, ``dq`` is None, and
             ``positions`` are the last that were believed.
     """
@@ -90,6 +93,13 @@ class FramePipeline:
         watched: whether images that say nothing, and motion that the joints do not explain, are left out; for a live
             robot. A recording's repeated images are found by what reads it. ``check`` then judges the motion.
         prior: what a body model knows of J from the first frame on.
+        sway: whether the camera may sway, as on a humanoid's head: the motion of what stands still is then taken out of
+            the flow that J is learned from, and J moves with the image. See :attr:`camera_sway`.
+        body_step: the body is labeled in images that are smaller by this whole factor; flow at outlines and what labels
+            are told by were tuned on images 320 px wide.
+
+    Attributes:
+        camera_sway: what is known of it; None without ``sway``.
 
     Raises:
         DenseVSError: sizes that differ, several worlds, a scale out of (0, 1], a baseline below 0.
@@ -107,6 +117,8 @@ class FramePipeline:
         before_update: Callable[[float, np.ndarray, np.ndarray], None] | None = None,
         watched: bool = False,
         prior: BodyPrior | None = None,
+        sway: bool = False,
+        body_step: int = 1,
     ):
         size = estimator.options.height, estimator.options.width
         if estimator.options.worlds != 1:
@@ -125,13 +137,16 @@ class FramePipeline:
         self.flow = flow or FlowEstimator(height=size[0], width=size[1])
         if (self.flow.height, self.flow.width) != size:
             raise DenseVSError(f"flow is for images of {self.flow.height, self.flow.width}; the estimator has {size}")
+        self._body_step = check_whole("body_step", body_step, least=1, most=min(size) // 16)
+        self._body_size = size[0] // self._body_step, size[1] // self._body_step
         if body is not None:
-            body.fix_size(*size, estimator.options.joints)
+            body.fix_size(*self._body_size, estimator.options.joints)
         self.scale = scale
         self.body = body
-        self._body_flow = self.flow if body is None else FlowEstimator(BODY_FLOW, *size)
+        self._body_flow = self.flow if body is None else FlowEstimator(BODY_FLOW, *self._body_size)
         self.before_update = before_update
         self.prior = prior
+        self.camera_sway = CameraSway(*size, joints) if check_flag("sway", sway) else None
         self.frame: Frame | None = None
         self._watch = ImageWatch() if watched else None
         self.check = MotionCheck() if watched else None
@@ -241,13 +256,26 @@ class FramePipeline:
         if fault is not None:
             self.estimator.predict(step)
             return self._begin_span(followed(faults=(*shown.faults, fault)))
+        motion = self._camera_motion(flow, span)
+        flow = flow if motion is None else motion.taken_out(flow)
         self.estimator.update(flow, step, span if moved_since else None)
         if self.prior is not None:
             self.prior.correct(self.estimator, q, flow, span)
         if self.body is not None:
-            self.body.observe(self._body_flow(first.gray, gray), span, shown.image)
-            self.body.submit(self.estimator.jacobian)
+            seen = self._body_flow(self._for_body(first.gray), self._for_body(gray))
+            self.body.observe(seen, span, self._for_body(shown.image))
+            self.body.submit(self._body_jacobian())
         return self._begin_span(followed(measured=(flow, span)))
+
+    def _camera_motion(self, flow: np.ndarray, span: np.ndarray) -> CameraMotion | None:
+        """The camera's motion that is to be taken out of a flow; J has been moved with it."""
+        if self.camera_sway is None:
+            return None
+        columns, rows = self._grid.astype(int).T
+        motion = self.camera_sway.observe(self._grid, flow[rows, columns], self.estimator.at(self._grid), span)
+        if motion is not None:
+            self.camera_sway.carry(motion, self.estimator)
+        return motion
 
     def _begin_span(self, frame: Frame) -> Frame:
         """Let the next flow begin at this frame."""
@@ -268,7 +296,24 @@ class FramePipeline:
         """
         if self.body is None:
             raise DenseVSError("the pipeline has no body to label; expected FramePipeline(..., body=SelfBody())")
-        return self.body.labels(self.estimator.jacobian)
+        own = self.body.labels(self._body_jacobian())
+        if self._body_step == 1:
+            return own
+        height, width = self.estimator.options.height, self.estimator.options.width
+        return cv2.resize(own.astype(np.float32), (width, height), interpolation=cv2.INTER_LINEAR) > 0.5
+
+    def _for_body(self, image: np.ndarray) -> np.ndarray:
+        """An image of the estimator's size as the body sees it."""
+        if self._body_step == 1:
+            return image
+        return cv2.resize(image, self._body_size[::-1], interpolation=cv2.INTER_AREA)
+
+    def _body_jacobian(self) -> Any:
+        """J in the pixels of the body's images."""
+        if self._body_step == 1:
+            return self.estimator.jacobian
+        rows, columns = (np.arange(count) * self._body_step + self._body_step // 2 for count in self._body_size)
+        return self.estimator.to_numpy()[rows[:, None], columns] / np.float32(self._body_step)
 
     def _scaled(self, image: np.ndarray) -> np.ndarray:
         """The image at the estimator's scale, never the camera's own buffer, which may hold the next frame soon."""

@@ -18,6 +18,7 @@ from dense_vs.jacobian.options import (
     EstimatorOptions,
     recorded_options,
 )
+from dense_vs.pipeline.camera_sway import CameraSway
 from dense_vs.pipeline.explained_motion import ExplainedMotion
 from dense_vs.pipeline.frame_pipeline import Frame, FramePipeline, scaled_size
 from dense_vs.recording import ClockOffset, Episode, Recording
@@ -27,6 +28,7 @@ from dense_vs.recording.survey import joint_motions
 
 # Found on three reaches of a humanoid (``profiling/real_robot.py``): 0.03 to 0.07 s do alike.
 JOINT_SMOOTHING = 0.065  # s
+LABELED_WIDTH = 320  # px, about, of the images that labels are found in
 STILL_NOISES = 5.0  # standard deviations of its readings that a joint at rest stays within from image to image
 
 
@@ -49,10 +51,13 @@ class RecordedEstimate:
         label: whether to label the robot's own pixels, see :meth:`labels`.
         before_update: called with each frame's time, flow and joint step while ``estimator`` is still that of the frame
             before; a judge of its prediction beside ``explained``.
+        sway: whether the camera may sway, see :class:`FramePipeline`. J is then nearer to what the joints do; it
+            foretells less of the image's whole motion, the sway's part of it being gone.
 
     Attributes:
         estimator: the estimator.
         explained: how much of the motion it explains so far.
+        labeled: whether there are labels.
         excitation: how well the log shows each joint.
         last_frame: the last one, None before the first.
 
@@ -72,6 +77,7 @@ class RecordedEstimate:
         start: DenseJacobian | None = None,
         label: bool = False,
         before_update: Callable[[float, np.ndarray, np.ndarray], None] | None = None,
+        sway: bool = False,
         **estimator_options: Unpack[EstimatorOptions],
     ):
         check_number("scale", scale, above=0, most=1)
@@ -98,7 +104,8 @@ class RecordedEstimate:
         self._squared_steps, self._steps = np.zeros(joints), 0
         self._before_update = before_update
         body = None
-        if check_flag("label", label):
+        self.labeled = check_flag("label", label)
+        if self.labeled:
             # By how far joints go, which repeated images do not change.
             body = SelfBody(joint_scale=_scale_by_spread(self.excitation), device=device, threads=threads)
         self._pipeline = FramePipeline(
@@ -109,6 +116,8 @@ class RecordedEstimate:
             baseline=0.0,
             still=self._still_steps(),
             before_update=self._judge,
+            sway=sway,
+            body_step=max(1, round(width / LABELED_WIDTH)),
         )
 
     def align(self, offset: float | ClockOffset) -> None:
@@ -122,6 +131,11 @@ class RecordedEstimate:
             DenseVSError: made without ``label``.
         """
         return self._pipeline.labels()
+
+    @property
+    def camera_sway(self) -> CameraSway | None:
+        """What is known of the camera's own motion; None without ``sway``."""
+        return self._pipeline.camera_sway
 
     @property
     def images(self) -> int:
@@ -173,9 +187,38 @@ class RecordedEstimate:
         self._steps += 1
 
 
-def estimate_recording(recording: Episode | Recording, **options: Any) -> RecordedEstimate:
-    """The estimator on an episode, or on the chosen one of a recording, see :class:`RecordedEstimate`."""
-    return RecordedEstimate(recording.episode() if isinstance(recording, Recording) else recording, **options)
+def estimate_recording(
+    recording: Episode | Recording,
+    *,
+    scale: float = 1.0,
+    method: str = "dis-medium",
+    smoothing: float = JOINT_SMOOTHING,
+    device: str = "auto",
+    threads: int | None = None,
+    start: DenseJacobian | None = None,
+    label: bool = False,
+    before_update: Callable[[float, np.ndarray, np.ndarray], None] | None = None,
+    sway: bool = False,
+    **estimator_options: Unpack[EstimatorOptions],
+) -> RecordedEstimate:
+    """The estimator on an episode, or on the chosen one of a recording; arguments as of :class:`RecordedEstimate`.
+
+    Raises:
+        DenseVSError: bad options, or a start that does not fit.
+    """
+    return RecordedEstimate(
+        recording.episode() if isinstance(recording, Recording) else recording,
+        scale=scale,
+        method=method,
+        smoothing=smoothing,
+        device=device,
+        threads=threads,
+        start=start,
+        label=label,
+        before_update=before_update,
+        sway=sway,
+        **estimator_options,
+    )
 
 
 def recorded_excitation(episode: Episode, fps: float) -> Excitation:

@@ -65,6 +65,7 @@ class ServoLoop:
             servo are set to unless given. See :class:`dense_vs.robot.CommandGate`, which every command goes through.
         max_speed: speed above which no motor moves a joint [rad/s, m/s]; readings that say so are not believed. Twice
             the largest step a frame unless given.
+        sway: whether the camera may sway, see :class:`FramePipeline`.
         on_frame: called with the loop after every frame; a viewer, a recorder, an evaluation.
 
     While something is wrong with an image or a reading (:attr:`faults`) nothing is commanded and nothing is learned.
@@ -94,6 +95,7 @@ class ServoLoop:
         joint_delay: float | None = None,
         max_step: Any = None,
         max_speed: float | None = None,
+        sway: bool = False,
         on_frame: Callable[["ServoLoop"], None] | None = None,
     ):
         self.camera, self.robot = camera, robot
@@ -122,7 +124,7 @@ class ServoLoop:
         largest = max(steps) if max_step is None else max_step
         self.gate = CommandGate(robot, self.group, max_step=largest)
         watch = JointWatch(self.group.names, self.gate.max_step, max_speed)
-        self.pipeline = FramePipeline(estimator, flow, scale=scale, body=body, watched=True)
+        self.pipeline = FramePipeline(estimator, flow, scale=scale, body=body, watched=True, sway=sway)
         # Sharper at outlines than J's flow needs to be: a point near one would be carried off with the background.
         size = estimator.options.height, estimator.options.width
         shared = self.pipeline.flow.method == BODY_FLOW

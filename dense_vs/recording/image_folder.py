@@ -26,7 +26,7 @@ class ImageFolder:
     Args:
         path: the folder.
         images: its image files.
-        joints: CSV file, see :meth:`JointLog.read_csv`.
+        joint_log: CSV file, see :meth:`JointLog.read_csv`.
 
     Raises:
         DenseVSError: a log that cannot be read, or no way to tell the images' times.
@@ -35,20 +35,20 @@ class ImageFolder:
     name = "folder of images and joint log"
     episodes: tuple[int, ...] = (0,)
 
-    def __init__(self, path: Path, images: Sequence[Path], joints: Path):
+    def __init__(self, path: Path, images: Sequence[Path], joint_log: Path):
         self.path = path
         self.cameras = (path.name or "images",)
-        self._log = JointLog.read_csv(joints)
+        self._log = JointLog.read_csv(joint_log)
         self.joint_names = self._log.names
         # Numbers in names count by value: image_9 comes before image_10.
         ordered = sorted(images, key=lambda file: [int(n) if n.isdigit() else n for n in re.split(r"(\d+)", file.name)])
-        self._files = _by_column(path, ordered, joints, self._log) or _by_name(ordered, self._log)
+        self._files = _by_column(path, ordered, joint_log, self._log) or _by_name(ordered, self._log)
         if self._files is None and len(images) == len(self._log.times):
             self._files = list(zip(ordered, self._log.times.tolist(), strict=True))
         if not self._files:
             raise DenseVSError(
                 f"times of the {len(images)} images in {path} are not known: expected a column {IMAGE_COLUMN!r} with "
-                f"file names in {joints}, or file names that are times within it, or one image for each of its "
+                f"file names in {joint_log}, or file names that are times within it, or one image for each of its "
                 f"{len(self._log.times)} rows"
             )
 
@@ -80,8 +80,8 @@ class _ImageFiles:
             yield image, time
 
 
-def _by_column(path: Path, images: Sequence[Path], joints: Path, log: JointLog) -> list[tuple[Path, float]] | None:
-    with open(joints, newline="", encoding="utf-8-sig") as stream:
+def _by_column(path: Path, images: Sequence[Path], joint_log: Path, log: JointLog) -> list[tuple[Path, float]] | None:
+    with open(joint_log, newline="", encoding="utf-8-sig") as stream:
         rows = [row for row in csv.reader(stream) if any(cell.strip() for cell in row)]
     header = [cell.strip() for cell in rows[0]]
     if IMAGE_COLUMN not in header:
@@ -93,7 +93,7 @@ def _by_column(path: Path, images: Sequence[Path], joints: Path, log: JointLog) 
         if not name:  # joints are often read more often than the camera
             continue
         if name not in present:
-            raise DenseVSError(f"image {name!r} of {joints} is not in {path}; it has {len(images)} images")
+            raise DenseVSError(f"image {name!r} of {joint_log} is not in {path}; it has {len(images)} images")
         found.append((present[name], time))
     return found
 

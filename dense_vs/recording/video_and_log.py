@@ -12,7 +12,7 @@ class VideoAndLog:
 
     Args:
         video: file, see :class:`VideoReader`.
-        joints: CSV file, see :meth:`JointLog.read_csv`.
+        joint_log: CSV file, see :meth:`JointLog.read_csv`.
 
     Raises:
         DenseVSError: a file that cannot be used.
@@ -22,10 +22,10 @@ class VideoAndLog:
     cameras: tuple[str, ...] = ("video",)
     episodes: tuple[int, ...] = (0,)
 
-    def __init__(self, video: Path, joints: Path):
+    def __init__(self, video: Path, joint_log: Path):
         self.path = video
         VideoReader(video)  # a bad video is named before the log is read
-        self._log = JointLog.read_csv(joints)
+        self._log = JointLog.read_csv(joint_log)
         self.joint_names = self._log.names
 
     def log(self, episode: int) -> JointLog:

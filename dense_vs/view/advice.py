@@ -4,6 +4,7 @@ import math
 from collections.abc import Sequence
 from typing import Any
 
+from dense_vs.pipeline.camera_sway import FORETOLD
 from dense_vs.recording.survey import Survey
 
 MANY_REPETITIONS = 0.05  # of the images
@@ -43,7 +44,18 @@ def advice(summary: dict[str, Any]) -> list[str]:
             f"Only {max(explained, 0):.0%} of the motion is explained: other things move, joints are missing from the "
             "log, or the images are too blurred or too few."
         )
-    return lines
+    return lines + _sway_advice(summary.get("camera_sway"))
+
+
+def _sway_advice(found: dict[str, Any] | None) -> list[str]:
+    if found is None:
+        return []
+    taken, unknown = found["motions_taken_out"], found["motions_unknown"]
+    if found["share_foretold_by_joints"] >= FORETOLD:
+        return ["The joints move the camera; its motion was left in J."]
+    if unknown > taken:
+        return [f"{unknown} motions of the camera could not be told from the robot's; they were left in J."]
+    return []
 
 
 def _advice(

@@ -121,6 +121,22 @@ def test_what_was_still_before_it_was_taken_is_no_part_of_the_hand():
     assert overlap(own, scene.arm) > 0.95
 
 
+def test_what_is_carried_for_long_does_not_become_the_hands_own():
+    """The hand's colors on a tenth of it, and motion that for long says it is the hand's, teach nothing wrong."""
+    refined, scene = RefinedLabels(), Scene()
+    can = slice(22, 40), slice(35, 47)
+    scene.put(can, CAN, 1.5)
+    scene.labels(refined, 10)
+    scene.put(can, CAN, 0.02)
+    scene.image[22:24, 35:47] = ARM
+    rng = np.random.default_rng(0)
+    for _ in range(300):
+        shade = rng.integers(-12, 13)
+        scene.image[24:40, 35:47] = np.clip(np.array(CAN) + shade, 0, 255)
+        refined.observe(scene.image, scene.unexplained, ALL)
+    assert refined.own()[26:40, 35:45].mean() < 0.1
+
+
 def test_plain_parts_of_the_body_are_filled_and_passers_by_in_its_colors_are_not():
     refined, scene = RefinedLabels(), Scene()
     scene.labels(refined, 5)

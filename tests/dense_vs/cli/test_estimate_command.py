@@ -2,6 +2,8 @@
 
 import json
 import os
+import sys
+from collections import Counter
 
 import numpy as np
 import pytest
@@ -83,6 +85,34 @@ def test_chosen_joints_scale_and_no_video(recording, tmp_path, capsys):
     assert (estimator.options.height, estimator.options.width) == (48, 64)
     assert json.loads((tmp_path / "summary.json").read_text())["joints"] == ["turn", "x", "zoom", "y"]
     assert f"{FRAMES} frames in" in capsys.readouterr().out
+
+
+def test_rerun_file_holds_every_frame(recording, tmp_path):
+    pytest.importorskip("rerun", reason="an .rrd file needs Rerun")
+    from rerun.chunk import RrdReader
+
+    code = run(
+        "estimate", recording / "video.mp4", recording / "joints.csv", "--out", tmp_path, "--no-video", "--rerun",
+        "--device", "cpu",
+    )  # fmt: skip
+    assert code == 0
+    assert sorted(os.listdir(tmp_path)) == ["estimate.rrd", "jacobian.npz", "report.png", "summary.json"]
+    rows = Counter()
+    for chunk in RrdReader(tmp_path / "estimate.rrd").stream():
+        rows[chunk.entity_path] += chunk.num_rows
+    joints = ("x", "y", "turn", "zoom")
+    assert rows["/camera"] == FRAMES
+    assert all(rows[f"/joints/{name}"] == FRAMES for name in joints)
+    assert all(rows[path] == FRAMES - 1 for path in ("/flow", "/camera/own", *(f"/jacobian/{n}" for n in joints)))
+    assert 0 < rows["/explained_motion"] < FRAMES
+
+
+def test_rerun_that_is_not_installed_is_said(recording, tmp_path, capsys, monkeypatch):
+    monkeypatch.setitem(sys.modules, "rerun", None)
+    arguments = ["estimate", recording / "video.mp4", recording / "joints.csv", "--out", tmp_path, "--rerun"]
+    assert run(*arguments, "--device", "cpu", "--no-video") == 2
+    assert "pip install 'dense-vs[rerun]'" in capsys.readouterr().err
+    assert not (tmp_path / "estimate.rrd").exists()
 
 
 def test_offset_is_in_seconds_added_to_the_log(recording, tmp_path):

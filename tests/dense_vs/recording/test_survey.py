@@ -63,4 +63,9 @@ def test_advice_says_what_to_do():
     assert "elbow and wrist always moved together: move them apart" in said
     assert "Only 30% of the motion is explained" in said
     fine = summary | {"duplicate_frames": 0, "gaps": 0, "time_offset_s": 0.0, "unmoved_joints": []}
-    assert advice(fine | {"joints_moved_together": [], "explained_motion": 0.9}) == []
+    fine |= {"joints_moved_together": [], "explained_motion": 0.9}
+    assert advice(fine) == []
+    sway = {"motions_taken_out": 90, "motions_unknown": 10, "share_foretold_by_joints": 0.3}
+    assert advice(fine | {"camera_sway": sway}) == []
+    assert "joints move the camera" in advice(fine | {"camera_sway": sway | {"share_foretold_by_joints": 0.9}})[0]
+    assert "110 motions" in advice(fine | {"camera_sway": sway | {"motions_unknown": 110}})[0]
