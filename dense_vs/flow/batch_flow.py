@@ -90,6 +90,11 @@ class BatchFlow:
         self.restarted.zero_()
         return self.flow
 
+    def begin(self) -> None:
+        """Take ``gray`` as an image that came before the next one; ``flow`` stays as it is."""
+        self._method.push()
+        self.restarted.zero_()
+
     def _take(self, image: wp.array) -> None:
         shape = self.gray.shape
         fits = isinstance(image, wp.array) and image.shape == shape and image.device == self.device
