@@ -161,18 +161,21 @@ def tile_displacement_kernel(window: tuple[float, ...]) -> wp.Kernel:
         thread = block_thread()
         threads = block_threads()
 
-        for i in range(thread, wp.static(plane), threads):
-            row = i // wp.static(side)
-            # Beyond the border the equations of its pixels are repeated.
-            y = wp.clamp(top + row - wp.static(radius), 0, height - 1)
-            x = wp.clamp(left + i - row * wp.static(side) - wp.static(radius), 0, width - 1)
-            d = wp.vec2(0.0, 0.0)
-            if growth > 0.0 and second != first:
-                d = guess_at(guess_in, world, y, x, ratio, growth)
-            certainty = certainty_x_in[x] * certainty_y_in[y]
-            found = equations_at(expansion_in, first, second, y, x, height, width, d, certainty)
-            for e in range(wp.static(EQUATIONS)):
-                write_cell(e * wp.static(plane) + i, found[e])
+        # A thread takes a few rows of a column. Beyond the border the equations of its pixels are repeated.
+        for i in range(thread, wp.static(side * (-(-tall // STRIP))), threads):
+            strip = i // wp.static(side)
+            column = i - strip * wp.static(side)
+            x = wp.clamp(left + column - wp.static(radius), 0, width - 1)
+            certainty = certainty_x_in[x]
+            for row in range(strip * wp.static(STRIP), wp.min((strip + 1) * wp.static(STRIP), wp.static(tall))):
+                y = wp.clamp(top + row - wp.static(radius), 0, height - 1)
+                d = wp.vec2(0.0, 0.0)
+                if growth > 0.0 and second != first:
+                    d = guess_at(guess_in, world, y, x, ratio, growth)
+                weight = certainty * certainty_y_in[y]
+                found = equations_at(expansion_in, first, second, y, x, height, width, d, weight)
+                for e in range(wp.static(EQUATIONS)):
+                    write_cell(e * wp.static(plane) + row * wp.static(side) + column, found[e])
         block_sync()
 
         # Sums down a column take the place of its equations: no other thread reads them.
@@ -181,13 +184,13 @@ def tile_displacement_kernel(window: tuple[float, ...]) -> wp.Kernel:
             begin = e * wp.static(plane) + i - e * wp.static(side)
             for strip in range(wp.static(rows // STRIP)):
                 at = begin + strip * wp.static(STRIP * side)
-                column = Column()
+                seen = Column()
                 for k in range(wp.static(STRIP + 2 * radius)):
-                    column[k] = read_cell(at + k * wp.static(side))
+                    seen[k] = read_cell(at + k * wp.static(side))
                 total = Strip()
                 for s in range(wp.static(STRIP)):
                     for k in range(wp.static(taps)):
-                        total[s] += column[s + k] * weights[k]
+                        total[s] += seen[s + k] * weights[k]
                 for s in range(wp.static(STRIP)):
                     write_cell(at + s * wp.static(side), total[s])
         block_sync()

@@ -70,7 +70,7 @@ def tile_expansion_kernel(radius: int, sigma: float, row_taps: int, column_taps:
         Taps(*np.concatenate([sign * half[:0:-1], half])) for half, sign in zip(weights, (1, -1, 1), strict=True)
     )
     Column = wp.types.vector(STRIP + 2 * radius, wp.float32)
-    Strip = wp.types.vector(STRIP, wp.float32)
+    Across, Strip = wp.types.vector(column_taps, wp.float32), wp.types.vector(STRIP, wp.float32)
     cells = block_cells(cells_of(radius))
     read_cell, write_cell, read_pixel = cells.read_cell, cells.write_cell, pixel_reader(dtype).read_pixel
     read_row, moments_of_row = _rows(Taps, read_cell)
@@ -104,36 +104,43 @@ def tile_expansion_kernel(radius: int, sigma: float, row_taps: int, column_taps:
         thread = block_thread()
         threads = block_threads()
 
-        for i in range(thread, wp.static(side * tall), threads):
-            row = i // wp.static(side)
-            y = wp.min(top + row, height + wp.static(2 * radius - 1))
-            x = wp.min(left + i - row * wp.static(side), width + wp.static(2 * radius - 1))
-            at = row_start_in[y] * image_width + column_start_in[x]
-            value = float(0.0)
-            for a in range(wp.static(row_taps)):
-                line = float(0.0)
-                for b in range(wp.static(column_taps)):
-                    pixel = read_pixel(image_in, world, image_pixels, at + a * image_width + b)
-                    line += pixel * column_weights_in[b, x]
-                value += line * row_weights_in[a, y]
-            write_cell(i, value)
+        # A thread takes a few rows of a column, whose weights it reads once.
+        for i in range(thread, wp.static(side * (-(-tall // STRIP))), threads):
+            strip = i // wp.static(side)
+            column = i - strip * wp.static(side)
+            x = wp.min(left + column, width + wp.static(2 * radius - 1))
+            begin = column_start_in[x]
+            across_weights = Across()
+            for b in range(wp.static(column_taps)):
+                across_weights[b] = column_weights_in[b, x]
+            for row in range(strip * wp.static(STRIP), wp.min((strip + 1) * wp.static(STRIP), wp.static(tall))):
+                y = wp.min(top + row, height + wp.static(2 * radius - 1))
+                at = row_start_in[y] * image_width + begin
+                value = float(0.0)
+                for a in range(wp.static(row_taps)):
+                    line = float(0.0)
+                    for b in range(wp.static(column_taps)):
+                        pixel = read_pixel(image_in, world, image_pixels, at + a * image_width + b)
+                        line += pixel * across_weights[b]
+                    value += line * row_weights_in[a, y]
+                write_cell(row * wp.static(side) + column, value)
         block_sync()
 
         # Sums of f, y f and y^2 f down the columns.
         for i in range(thread, wp.static(side * (HEIGHT // STRIP)), threads):
             strip = i // wp.static(side)
             begin = strip * wp.static(STRIP * side) + (i - strip * wp.static(side))
-            column = Column()
+            seen = Column()
             for k in range(wp.static(STRIP + 2 * radius)):
-                column[k] = read_cell(begin + k * wp.static(side))
+                seen[k] = read_cell(begin + k * wp.static(side))
             m0 = Strip()
             m1 = Strip()
             m2 = Strip()
             for s in range(wp.static(STRIP)):
                 for k in range(wp.static(taps)):
-                    m0[s] += column[s + k] * g0[k]
-                    m1[s] += column[s + k] * g1[k]
-                    m2[s] += column[s + k] * g2[k]
+                    m0[s] += seen[s + k] * g0[k]
+                    m1[s] += seen[s + k] * g1[k]
+                    m2[s] += seen[s + k] * g2[k]
             for s in range(wp.static(STRIP)):
                 at = wp.static(moments_at) + begin + s * wp.static(side)
                 write_cell(at, m0[s])
