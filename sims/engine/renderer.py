@@ -25,6 +25,8 @@ from dense_vs.kernels.simulation.packed_image import (
     unpack_image_kernel,
 )
 
+TILE = (4, 8)  # rows and columns of the pixels that a GPU's warp traces together
+
 
 class RayTracer:
     """Traces the poses in ``data`` for one camera into ``context``, whose arrays stay where they are.
@@ -36,6 +38,7 @@ class RayTracer:
         shape: (worlds, height, width).
         device: Warp device.
         threads: row bands traced at once on a CPU.
+        order: (height width,) pixels by ray; row after row unless given, and the output lies in the same order.
         options: of :func:`mujoco_warp.create_render_context`.
     """
 
@@ -48,6 +51,7 @@ class RayTracer:
         shape: tuple[int, int, int],
         device: wp.Device,
         threads: int,
+        order: np.ndarray | None = None,
         **options: Any,
     ):
         worlds, height, width = shape
@@ -66,6 +70,9 @@ class RayTracer:
                 enable_per_light_ambient=bool(np.any(model.light_ambient > 0)),
                 **options,
             )
+            if order is not None:
+                self.context.ray = wp.array(self.context.ray.numpy()[order], dtype=wp.vec3)
+                self.context.ray_offset = wp.array(self.context.ray_offset.numpy()[order], dtype=wp.vec3)
             self._bands = _row_bands(self.context, height, width, threads if device.is_cpu else 1)
         self._pool = ThreadPoolExecutor(len(self._bands) - 1) if len(self._bands) > 1 else None
 
@@ -161,6 +168,8 @@ class Renderer:
 class GrayRenderer:
     """Renders the poses in ``data`` into a gray image, and nothing else.
 
+    Rays are traced tile after tile: the 32 of a GPU's warp then meet the same surfaces more often than in a row.
+
     Args:
         gray: (worlds, height, width) uint8 that :meth:`render` writes.
         model, device_model, data, camera, threads: as :class:`Renderer` takes them.
@@ -176,6 +185,8 @@ class GrayRenderer:
         threads: int,
     ):
         device: Any = gray.device
+        order = tile_order(*gray.shape[1:])
+        place = wp.array(np.argsort(order).astype(np.int32), device=device)
         self._tracer = RayTracer(
             model,
             device_model,
@@ -184,18 +195,25 @@ class GrayRenderer:
             gray.shape,
             device,
             threads,
+            order,
             render_rgb=True,
             render_depth=False,
             render_seg=False,
         )
         self._to_gray = PixelLaunch(
-            packed_to_gray_kernel, gray.shape, [self._tracer.context.rgb_data, gray], device, threads
+            packed_to_gray_kernel, gray.shape, [self._tracer.context.rgb_data, place, gray], device, threads
         )
 
     def render(self) -> None:
         """Render the present poses of all worlds."""
         self._tracer.trace()
         self._to_gray()
+
+
+def tile_order(height: int, width: int) -> np.ndarray:
+    """Pixels of an image (height width,), tile after tile of :data:`TILE`, and row after row within each."""
+    y, x = np.divmod(np.arange(height * width), width)
+    return np.lexsort((x, y, x // TILE[1], y // TILE[0]))
 
 
 def _shines(model: mujoco.MjModel) -> bool:
