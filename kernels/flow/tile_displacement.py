@@ -102,8 +102,11 @@ def equations_at(
 
 
 @cache
-def tile_displacement_kernel(window: tuple[float, ...]) -> wp.Kernel:
-    """The kernel for a window's weights along one axis."""
+def tile_displacement_kernel(window: tuple[float, ...], at_once: int = STRIP) -> wp.Kernel:
+    """The kernel for a window's weights along one axis.
+
+    ``at_once`` is for how many rows of a column a thread makes equations; 1 in wide blocks, which wait for the last.
+    """
     taps = len(window)
     radius = taps // 2
     rows = tile_height(taps)
@@ -115,7 +118,7 @@ def tile_displacement_kernel(window: tuple[float, ...]) -> wp.Kernel:
     cells = block_cells(EQUATIONS * plane)
     read_cell, write_cell = cells.read_cell, cells.write_cell
     runs = WIDTH // RUN
-    module = block_module(f"{__name__}_{taps}_{abs(hash(window)) % 10**8}")
+    module = block_module(f"{__name__}_{taps}_{abs(hash(window)) % 10**8}_{at_once}")
 
     @wp.func
     def sum_row(begin: int) -> Run:
@@ -162,12 +165,12 @@ def tile_displacement_kernel(window: tuple[float, ...]) -> wp.Kernel:
         threads = block_threads()
 
         # A thread takes a few rows of a column. Beyond the border the equations of its pixels are repeated.
-        for i in range(thread, wp.static(side * (-(-tall // STRIP))), threads):
+        for i in range(thread, wp.static(side * (-(-tall // at_once))), threads):
             strip = i // wp.static(side)
             column = i - strip * wp.static(side)
             x = wp.clamp(left + column - wp.static(radius), 0, width - 1)
             certainty = certainty_x_in[x]
-            for row in range(strip * wp.static(STRIP), wp.min((strip + 1) * wp.static(STRIP), wp.static(tall))):
+            for row in range(strip * wp.static(at_once), wp.min((strip + 1) * wp.static(at_once), wp.static(tall))):
                 y = wp.clamp(top + row - wp.static(radius), 0, height - 1)
                 d = wp.vec2(0.0, 0.0)
                 if growth > 0.0 and second != first:

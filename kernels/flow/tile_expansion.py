@@ -35,6 +35,33 @@ def cells_of(radius: int) -> int:
     return side * (HEIGHT + 2 * radius) + 3 * HEIGHT * side
 
 
+def _resampled(row_taps: int, column_taps: int, dtype: Any) -> tuple[Any, wp.Function]:
+    """Weights of a column, and the function that makes a pixel of a level from the image's pixels from ``at`` on."""
+    Across = wp.types.vector(column_taps, wp.float32)
+    read_pixel = pixel_reader(dtype).read_pixel
+
+    @wp.func
+    def resampled(
+        image: wp.array3d(dtype=dtype),
+        world: int,
+        pixels: int,
+        at: int,
+        width: int,
+        row_weights: wp.array2d(dtype=float),
+        y: int,
+        column_weights: Across,
+    ) -> float:
+        value = float(0.0)
+        for a in range(wp.static(row_taps)):
+            line = float(0.0)
+            for b in range(wp.static(column_taps)):
+                line += read_pixel(image, world, pixels, at + a * width + b) * column_weights[b]
+            value += line * row_weights[a, y]
+        return value
+
+    return Across, resampled
+
+
 def _rows(Taps: Any, read_cell: wp.Function) -> tuple[wp.Function, wp.Function]:
     """Functions that read what RUN pixels of a row see, and sum it by weights."""
     taps = Taps._length_
@@ -59,8 +86,13 @@ def _rows(Taps: Any, read_cell: wp.Function) -> tuple[wp.Function, wp.Function]:
 
 
 @cache
-def tile_expansion_kernel(radius: int, sigma: float, row_taps: int, column_taps: int, dtype: Any) -> wp.Kernel:
-    """The kernel for an expansion's radius and sigma, and for how many image pixels a level's pixel is made of."""
+def tile_expansion_kernel(
+    radius: int, sigma: float, row_taps: int, column_taps: int, dtype: Any, at_once: int = STRIP
+) -> wp.Kernel:
+    """The kernel for an expansion's radius and sigma, and for how many image pixels a level's pixel is made of.
+
+    ``at_once`` is how many rows of a column a thread resamples; 1 in wide blocks, where all wait for the last.
+    """
     side, tall, taps = WIDTH + 2 * radius, HEIGHT + 2 * radius, 2 * radius + 1
     moments_at = side * tall  # the cells after the level's image
     weights, scale = applicability(radius, sigma)
@@ -70,12 +102,15 @@ def tile_expansion_kernel(radius: int, sigma: float, row_taps: int, column_taps:
         Taps(*np.concatenate([sign * half[:0:-1], half])) for half, sign in zip(weights, (1, -1, 1), strict=True)
     )
     Column = wp.types.vector(STRIP + 2 * radius, wp.float32)
-    Across, Strip = wp.types.vector(column_taps, wp.float32), wp.types.vector(STRIP, wp.float32)
+    Strip = wp.types.vector(STRIP, wp.float32)
+    Across, resampled = _resampled(row_taps, column_taps, dtype)
     cells = block_cells(cells_of(radius))
-    read_cell, write_cell, read_pixel = cells.read_cell, cells.write_cell, pixel_reader(dtype).read_pixel
+    read_cell, write_cell = cells.read_cell, cells.write_cell
     read_row, moments_of_row = _rows(Taps, read_cell)
     runs = WIDTH // RUN
-    module = block_module(f"{__name__}_{radius}_{round(1e6 * sigma)}_{row_taps}_{column_taps}_{dtype.__name__}")
+    module = block_module(
+        f"{__name__}_{radius}_{round(1e6 * sigma)}_{row_taps}_{column_taps}_{dtype.__name__}_{at_once}"
+    )
 
     @wp.kernel(module=module, enable_backward=False, grid_stride=False)
     def expand(
@@ -105,7 +140,7 @@ def tile_expansion_kernel(radius: int, sigma: float, row_taps: int, column_taps:
         threads = block_threads()
 
         # A thread takes a few rows of a column, whose weights it reads once.
-        for i in range(thread, wp.static(side * (-(-tall // STRIP))), threads):
+        for i in range(thread, wp.static(side * (-(-tall // at_once))), threads):
             strip = i // wp.static(side)
             column = i - strip * wp.static(side)
             x = wp.min(left + column, width + wp.static(2 * radius - 1))
@@ -113,16 +148,10 @@ def tile_expansion_kernel(radius: int, sigma: float, row_taps: int, column_taps:
             across_weights = Across()
             for b in range(wp.static(column_taps)):
                 across_weights[b] = column_weights_in[b, x]
-            for row in range(strip * wp.static(STRIP), wp.min((strip + 1) * wp.static(STRIP), wp.static(tall))):
+            for row in range(strip * wp.static(at_once), wp.min((strip + 1) * wp.static(at_once), wp.static(tall))):
                 y = wp.min(top + row, height + wp.static(2 * radius - 1))
                 at = row_start_in[y] * image_width + begin
-                value = float(0.0)
-                for a in range(wp.static(row_taps)):
-                    line = float(0.0)
-                    for b in range(wp.static(column_taps)):
-                        pixel = read_pixel(image_in, world, image_pixels, at + a * image_width + b)
-                        line += pixel * across_weights[b]
-                    value += line * row_weights_in[a, y]
+                value = resampled(image_in, world, image_pixels, at, image_width, row_weights_in, y, across_weights)
                 write_cell(row * wp.static(side) + column, value)
         block_sync()
 

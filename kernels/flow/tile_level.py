@@ -13,7 +13,7 @@ from dense_vs.kernels.flow.farneback_level import LevelTables
 from dense_vs.kernels.flow.packed_expansion import Packed
 from dense_vs.kernels.flow.tile_displacement import tile_displacement_kernel, tile_height
 from dense_vs.kernels.flow.tile_expansion import cells_of, tile_expansion_kernel
-from dense_vs.kernels.image.block_memory import MOST_CELLS, block_launch
+from dense_vs.kernels.image.block_memory import MOST_CELLS, block_launch, few_blocks
 
 
 def tiles_fit(window: int, radius: int) -> bool:
@@ -60,10 +60,12 @@ class TileLevel:
         tables, image = self._tables, self._image
         rows, columns = tables.rows, tables.columns
         taps = rows.weights.shape[0], columns.weights.shape[0]
-        kernel = tile_expansion_kernel(tables.margin, self._sigma, *taps, image.dtype)
-        arguments = [*tables.shape, rows.start, rows.weights, columns.start, columns.weights, image, self._slot]
         tiles = self._tiles(tile_expansion.WIDTH, tile_expansion.HEIGHT)
-        return block_launch(kernel, tiles, [*arguments, self.expansion], image.device)
+        few = few_blocks(tiles, image.device)
+        at_once = 1 if few else tile_expansion.STRIP
+        kernel = tile_expansion_kernel(tables.margin, self._sigma, *taps, image.dtype, at_once)
+        arguments = [*tables.shape, rows.start, rows.weights, columns.start, columns.weights, image, self._slot]
+        return block_launch(kernel, tiles, [*arguments, self.expansion], image.device, few)
 
     def solve(self, guess: wp.array | None, growth: float) -> tuple[list[Callable[[], None]], wp.array]:
         """Launches of the iterations, and where they leave the displacement.
@@ -73,8 +75,9 @@ class TileLevel:
             growth: factor on it.
         """
         tables = self._tables
-        kernel = tile_displacement_kernel(self._window)
         tiles = self._tiles(tile_displacement.WIDTH, tile_height(len(self._window)))
+        few = few_blocks(tiles, self._image.device)
+        kernel = tile_displacement_kernel(self._window, 1 if few else tile_displacement.STRIP)
         launches = []
         for iteration in range(self._iterations):
             last = iteration == self._iterations - 1 and self._flow is not None
@@ -84,7 +87,7 @@ class TileLevel:
             certainties = [tables.certainty_x, tables.certainty_y]
             arguments = [self._slot, self._restarted, self.expansion, begin, ratio, factor, *certainties]
             arguments += [-1.0 if last else 1.0, out]
-            launches.append(block_launch(kernel, tiles, arguments, self._image.device))
+            launches.append(block_launch(kernel, tiles, arguments, self._image.device, few))
             guess, growth = out, 1.0
         assert guess is not None
         return launches, guess

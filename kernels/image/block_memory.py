@@ -15,7 +15,8 @@ from typing import Any
 import warp as wp
 
 BLOCK = 256  # threads
-MOST_CELLS = 48 * 1024 // 4  # floats that every GPU gives a block
+WIDE_BLOCK = 1024  # where there are too few tiles to keep a GPU busy, and each should be done soon
+MOST_CELLS = 44 * 1024 // 4  # floats: of the 48 KiB that every GPU gives a block, Warp takes 4 bytes a thread
 
 _CELL = """
 #if defined(__CUDA_ARCH__)
@@ -84,10 +85,18 @@ def block_module(name: str) -> Any:
     return module
 
 
-def block_launch(kernel: Any, blocks: int, arguments: Sequence[Any], device: Any) -> Callable[[], None]:
+def few_blocks(blocks: int, device: Any) -> bool:
+    """Whether a GPU has room for all of these blocks at once, however wide they are."""
+    device = wp.get_device(device)
+    return device.is_cuda and blocks <= device.sm_count
+
+
+def block_launch(
+    kernel: Any, blocks: int, arguments: Sequence[Any], device: Any, wide: bool = False
+) -> Callable[[], None]:
     """Bind a kernel of blocks to its arrays; the result launches it."""
-    wide = wp.get_device(device).is_cuda or wp.config.enable_cpu_blocks
-    threads = BLOCK if wide else 1
+    several = wp.get_device(device).is_cuda or wp.config.enable_cpu_blocks
+    threads = (WIDE_BLOCK if wide else BLOCK) if several else 1
     command: Any = wp.launch(
         kernel, dim=blocks * threads, inputs=list(arguments), device=device, block_dim=threads, record_cmd=True
     )

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 import warp as wp
 
+from dense_vs.kernels.flow import tile_level
 from dense_vs.kernels.flow.farneback import Farneback, FarnebackOptions
 from dense_vs.kernels.flow.farneback_level import LevelTables
 from dense_vs.kernels.flow.tile_level import TileLevel, tiles_fit
@@ -101,6 +102,18 @@ def test_threads_of_a_block_give_the_same_bits(monkeypatch):
     monkeypatch.setattr(wp.config, "enable_cpu_blocks", True)
     many = between(Farneback(1, *size, DEFAULT, device="cpu", tiles=True), previous, present)
     np.testing.assert_array_equal(many, one)
+
+
+def test_wide_blocks_give_the_same_bits(monkeypatch):
+    # What a GPU does with few tiles: more threads, each with a row at a time.
+    size = (70, 90)
+    previous = texture(*size)
+    present = moved(previous, motions(*size)["local"])
+    one = between(Farneback(1, *size, DEFAULT, device="cpu", tiles=True), previous, present)
+    monkeypatch.setattr(tile_level, "few_blocks", lambda blocks, device: True)
+    monkeypatch.setattr(wp.config, "enable_cpu_blocks", True)
+    wide = between(Farneback(1, *size, DEFAULT, device="cpu", tiles=True), previous, present)
+    np.testing.assert_array_equal(wide, one)
 
 
 def test_a_window_that_no_tile_holds_is_computed_in_passes():
