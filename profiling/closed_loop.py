@@ -20,7 +20,7 @@ from typing import Any
 import numpy as np
 import warp as wp
 from metrics import Metric, add_report_arguments, report
-from speed_gate import hold_to
+from speed_gate import beside, hold_to
 
 from dense_vs.checks import check_whole
 from dense_vs.device import resolve_device
@@ -32,6 +32,7 @@ from dense_vs.sims.batch.case import RANDOMIZED, BatchCase
 from dense_vs.sims.batch.episode import EpisodeOptions
 from dense_vs.sims.batch.rank import Rank, run_ranks
 from dense_vs.view.provenance import provenance
+from dense_vs.view.tables import table
 
 WITHIN_PX = 3.0
 MEASURED_SECONDS = 3.0  # by each of several processes at once
@@ -144,6 +145,7 @@ def finish(metrics: list[Metric], arguments: argparse.Namespace) -> int:
         return code
     before = json.loads(gate.read_text(encoding="utf-8"))
     good, lines = hold_to(metrics, provenance(arguments, leave_out=("json", "gate")), before, gate.name)
+    print("\n" + table(("metric", "was", "is", "unit", "by"), beside(metrics, before)))
     for line in lines:
         print(line, file=sys.stdout if good else sys.stderr)
     return 0 if good else 1

@@ -49,3 +49,15 @@ def hold_to(
         if not good:
             lines.append(f"gate failed: {metric.name}: {now:.4g} {metric.unit}, was {was:.4g}, may lose {share:.0%}")
     return not lines, lines or [f"gate passed: {len(compared)} figures against {name}, measured on {theirs}"]
+
+
+def beside(metrics: Sequence[Metric], before: dict[str, Any]) -> list[list[str]]:
+    """Rows of a table: each figure of both results, what it was, what it is and the second by the first."""
+    values = {metric["name"]: metric["value"] for metric in before["metrics"]}
+    rows = []
+    for metric in metrics:
+        was = values.get(metric.name)
+        if was is not None:
+            ratio = f"{metric.value / was:.2f}" if was else ""
+            rows.append([metric.name, f"{was:.4g}", f"{metric.value:.4g}", metric.unit, ratio])
+    return rows

@@ -85,3 +85,13 @@ def test_nothing_to_compare_fails(gate):
     good, (line,) = gate(names=("a", "b", "c"))
     assert not good
     assert "has no figure of this run" in line
+
+
+def test_both_results_stand_side_by_side(gate):
+    import metrics
+    import speed_gate
+
+    ours = [metrics.Metric(FLOW, 4.0, "ms", "lower"), metrics.Metric("new", 1.0, "ms", "lower")]
+    assert speed_gate.beside(ours, {"metrics": [{"name": FLOW, "value": 16.0}, {"name": "old", "value": 1.0}]}) == [
+        [FLOW, "16", "4", "ms", "0.25"]
+    ]
