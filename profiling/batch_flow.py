@@ -18,9 +18,10 @@ from metrics import Metric, add_report_arguments, report
 from roofline import copy_rate
 
 from dense_vs.device import resolve_device
-from dense_vs.flow.batch_flow import BATCH_METHODS
+from dense_vs.flow.batch_flow import BATCH_METHODS, GUIDED_METHODS
 from dense_vs.kernels.flow.farneback import Farneback
 
+METHODS = BATCH_METHODS | GUIDED_METHODS
 DIFFERENT = 8  # images that differ; the other worlds repeat them
 
 
@@ -64,7 +65,7 @@ def main() -> int:
     parser.add_argument("--device", default="auto", help="auto, cpu or cuda:N (default: auto)")
     parser.add_argument("--worlds", type=int, default=1024, help="worlds (default: 1024)")
     parser.add_argument("--size", default="320x240", help="image size (default: 320x240)")
-    parser.add_argument("--flow", default="farneback-warp", choices=BATCH_METHODS, help="method of BatchFlow")
+    parser.add_argument("--flow", default="farneback-warp", choices=METHODS, help="method of BatchFlow")
     add_report_arguments(parser)
     arguments = parser.parse_args()
     wp.config.log_level = wp.LOG_ERROR
@@ -76,7 +77,7 @@ def main() -> int:
     for form in ("passes", "tiles"):
         label = f"{worlds} worlds, {device.alias}"
         free = device.free_memory if device.is_cuda else 0
-        method = Farneback(worlds, height, width, BATCH_METHODS[arguments.flow], device=device, tiles=form == "tiles")
+        method = Farneback(worlds, height, width, METHODS[arguments.flow], device=device, tiles=form == "tiles")
         used = (free - device.free_memory) / 2**30 if device.is_cuda else float("nan")
         for image in pair:
             method.image.assign(image)

@@ -103,7 +103,9 @@ def main() -> int:
     parser.add_argument("--targets", type=int, default=1, help="targets a world (default: 1)")
     parser.add_argument("--babble", type=float, default=10.0, metavar="S", help="seconds of babbling (default: 10)")
     parser.add_argument("--robot", default="arm", help="arm, planar or an MJCF file (default: arm)")
-    parser.add_argument("--flow", default="farneback-warp", help="method of BatchFlow (default: farneback-warp)")
+    parser.add_argument(
+        "--flow", default="farneback-guided-warp", help="method of BatchFlow (default: farneback-guided-warp)"
+    )
     parser.add_argument("--order", type=int, default=1, help="order of the filter (default: 1)")
     parser.add_argument("--seed", type=int, default=0, help="of everything (default: 0)")
     parser.add_argument("--randomize", action="store_true", help="links, textures, lights and camera differ by world")

@@ -219,6 +219,18 @@ class JacobianFilter:
         launch_pixels(self.kernels.predicted_flow, self.shape, arguments, self.device, self.threads)
         return out
 
+    def guess_flow(self, out: wp.array, most: float) -> None:
+        """What ``dq`` says of the next flow, nothing read back: J dq at the size of ``out`` (B, any, any) of vec2.
+
+        Args:
+            out: written [px of the image].
+            most: length that is believed [px].
+        """
+        self.regress[self.now]()
+        regressor = seen_as(self.regressor, self.kernels.StateRow, self.regressor.shape[:1])
+        inputs = [self.state[self.now], regressor, most]
+        wp.launch(self.kernels.coarse_flow, dim=out.shape, inputs=inputs, outputs=[out], device=self.device)
+
     def at(self, points: np.ndarray) -> wp.array:
         """J at points (B, K, 2) [px], (B, K) of (2, N)."""
         where: Any = wp.array(points.astype(np.float32), dtype=wp.vec2, device=self.device)

@@ -13,8 +13,10 @@ from typing import Any
 import numpy as np
 import warp as wp
 
-from dense_vs.kernels.flow.farneback_level import Level, LevelTables
+from dense_vs.kernels.flow.farneback_level import Level, LevelTables, level_shape
+from dense_vs.kernels.flow.guess import GUESS_SCALE, begin_with_guess
 from dense_vs.kernels.flow.tile_level import TileLevel, tiles_fit
+from dense_vs.kernels.launch import PixelLaunch
 
 wp.set_module_options({"enable_backward": False})
 
@@ -86,6 +88,8 @@ class Farneback:
         image: (worlds, height, width), the next image to push; written by the caller.
         flow: (worlds, height, width) of vec2 [px], at the pixels of the latest image, u with x - u(x) the place in
             the image before.
+        guess: (worlds, height / 4, width / 4) of vec2 [px of the image], u as far as it is known before; 0 unless the
+            caller writes it.
         restarted: (worlds,) int; where it isn't 0 the image before doesn't count and ``flow`` is 0. Written by the
             caller.
 
@@ -121,6 +125,9 @@ class Farneback:
         self.restarted = wp.zeros(worlds, dtype=int, device=device)
         self._slot = wp.zeros(1, dtype=int, device=device)
         self._next_slot = wp.launch(_swap, dim=1, inputs=[self._slot], device=device, record_cmd=True)
+        small = level_shape((height, width), GUESS_SCALE)
+        self.guess = wp.zeros((worlds, *small), dtype=wp.vec2, device=device)
+        self._growth = -options.scales(height, width)[-1]  # of the guess: a displacement leads to the image before
         self._expand: list[Callable[[], None]] = []
         self._solve: list[Callable[[], None]] = []
         fits = tiles_fit(len(options.window()), options.poly_n)
@@ -152,7 +159,7 @@ class Farneback:
 
     def _record_tiles(self) -> None:
         options, tables = self.options, self._tables()
-        known = None
+        known, growth = self.guess, self._growth
         for table in tables:
             level = TileLevel(
                 self.image,
@@ -165,7 +172,8 @@ class Farneback:
                 self.flow if table is tables[-1] else None,
             )
             self._expand.append(level.expand())
-            launches, known = level.solve(known, 1 / options.pyr_scale)
+            launches, known = level.solve(known, growth)
+            growth = 1 / options.pyr_scale
             self._solve += launches
 
     def _record_passes(self, group: int, threads: int) -> None:
@@ -178,11 +186,15 @@ class Farneback:
         displacements = [
             wp.zeros((group, table.shape[0], 2, table.shape[1]), dtype=float, device=device) for table in tables
         ]
-        still = wp.zeros_like(displacements[0])
+        begun = wp.zeros_like(displacements[0])
+        height, width = tables[0].shape
+        ratio = wp.vec2(self.guess.shape[2] / width, self.guess.shape[1] / height)
         for begin in range(0, worlds, group):
             part = slice(begin, min(begin + group, worlds))
             count = part.stop - part.start
             known = None
+            arguments = [self.guess[part], ratio, self._growth, self.restarted[part], begun[:count]]
+            self._solve.append(PixelLaunch(begin_with_guess, (count, height, width), arguments, device, threads))
             for table, displacement in zip(tables, displacements, strict=True):
                 level = Level(
                     self.image[part],
@@ -199,7 +211,7 @@ class Farneback:
                 known = level.displacement
                 for iteration in range(options.iterations):
                     first = table is tables[0] and iteration == 0
-                    self._solve += level.improve(still[:count] if first else known)
+                    self._solve += level.improve(begun[:count] if first else known)
             self._solve.append(level.answer(self.flow[part]))
 
 

@@ -11,7 +11,8 @@ import warp as wp
 
 from dense_vs.kernels.flow.displacement_equations import EQUATIONS
 from dense_vs.kernels.flow.displacement_solution import REGULARIZATION
-from dense_vs.kernels.flow.packed_expansion import Expansion, Packed, read_expansion, read_pair, write_pair
+from dense_vs.kernels.flow.guess import guess_at
+from dense_vs.kernels.flow.packed_expansion import Expansion, Packed, read_expansion, write_pair
 from dense_vs.kernels.image.block_memory import (
     MOST_CELLS,
     block_cells,
@@ -35,27 +36,6 @@ def tile_height(window: int) -> int:
     radius = window // 2
     rows = MOST_CELLS // (EQUATIONS * (WIDTH + 2 * radius)) - 2 * radius
     return max(0, min(HEIGHT, rows // STRIP * STRIP))
-
-
-@wp.func
-def guess_at(coarser: wp.array3d(dtype=wp.vec2), world: int, y: int, x: int, ratio: wp.vec2, growth: float) -> wp.vec2:
-    """Displacement of another size of the image, bilinear between the centers of its pixels, times ``growth``."""
-    rows = coarser.shape[1]
-    columns = coarser.shape[2]
-    px = wp.clamp((float(x) + 0.5) * ratio[0] - 0.5, 0.0, float(columns - 1))
-    py = wp.clamp((float(y) + 0.5) * ratio[1] - 0.5, 0.0, float(rows - 1))
-    top = int(py)
-    left = int(px)
-    fy = py - float(top)
-    fx = px - float(left)
-    below = wp.min(top + 1, rows - 1)
-    right = wp.min(left + 1, columns - 1)
-    pixels = rows * columns
-    upper = (1.0 - fx) * read_pair(coarser, world, pixels, top * columns + left)
-    upper += fx * read_pair(coarser, world, pixels, top * columns + right)
-    lower = (1.0 - fx) * read_pair(coarser, world, pixels, below * columns + left)
-    lower += fx * read_pair(coarser, world, pixels, below * columns + right)
-    return growth * ((1.0 - fy) * upper + fy * lower)
 
 
 @wp.func
@@ -139,7 +119,7 @@ def tile_displacement_kernel(window: tuple[float, ...], at_once: int = STRIP) ->
         expansion_in: wp.array3d(dtype=Packed),  # (2 worlds, height, width)
         guess_in: wp.array3d(dtype=wp.vec2),  # (worlds, any height, any width)
         ratio: wp.vec2,  # width and height of the guess by those of the level
-        growth: float,  # factor of the guess; 0 for none
+        growth: float,  # factor of the guess
         certainty_x_in: wp.array(dtype=float),
         certainty_y_in: wp.array(dtype=float),
         sign: float,  # of what is written
@@ -173,7 +153,7 @@ def tile_displacement_kernel(window: tuple[float, ...], at_once: int = STRIP) ->
             for row in range(strip * wp.static(at_once), wp.min((strip + 1) * wp.static(at_once), wp.static(tall))):
                 y = wp.clamp(top + row - wp.static(radius), 0, height - 1)
                 d = wp.vec2(0.0, 0.0)
-                if growth > 0.0 and second != first:
+                if second != first:
                     d = guess_at(guess_in, world, y, x, ratio, growth)
                 weight = certainty * certainty_y_in[y]
                 found = equations_at(expansion_in, first, second, y, x, height, width, d, weight)

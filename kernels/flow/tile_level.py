@@ -67,11 +67,11 @@ class TileLevel:
         arguments = [*tables.shape, rows.start, rows.weights, columns.start, columns.weights, image, self._slot]
         return block_launch(kernel, tiles, [*arguments, self.expansion], image.device, few)
 
-    def solve(self, guess: wp.array | None, growth: float) -> tuple[list[Callable[[], None]], wp.array]:
+    def solve(self, guess: wp.array, growth: float) -> tuple[list[Callable[[], None]], wp.array]:
         """Launches of the iterations, and where they leave the displacement.
 
         Args:
-            guess: (worlds, any height, any width) of vec2 to begin with; None for none.
+            guess: (worlds, any height, any width) of vec2 to begin with.
             growth: factor on it.
         """
         tables = self._tables
@@ -82,14 +82,12 @@ class TileLevel:
         for iteration in range(self._iterations):
             last = iteration == self._iterations - 1 and self._flow is not None
             out: Any = self._flow if last else self._turns[iteration % 2]
-            begin, factor = (out, 0.0) if guess is None else (guess, growth)
-            ratio = wp.vec2(begin.shape[2] / out.shape[2], begin.shape[1] / out.shape[1])
+            ratio = wp.vec2(guess.shape[2] / out.shape[2], guess.shape[1] / out.shape[1])
             certainties = [tables.certainty_x, tables.certainty_y]
-            arguments = [self._slot, self._restarted, self.expansion, begin, ratio, factor, *certainties]
+            arguments = [self._slot, self._restarted, self.expansion, guess, ratio, growth, *certainties]
             arguments += [-1.0 if last else 1.0, out]
             launches.append(block_launch(kernel, tiles, arguments, self._image.device, few))
             guess, growth = out, 1.0
-        assert guess is not None
         return launches, guess
 
     def _tiles(self, tile_width: int, tile_rows: int) -> int:

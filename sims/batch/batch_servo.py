@@ -43,6 +43,7 @@ from dense_vs.sims.engine.targets import reachable_targets
 from dense_vs.sims.engine.world import SimWorld
 
 WARM_UP_FRAMES = 2  # run launch by launch before a graph is captured: kernels compile and arrays are made
+LONGEST_GUESS = 16.0  # px, of a flow that J dq may begin the search with; J is anything at first
 CHECK_FRAMES = 30  # between looks at whether all worlds rest
 
 
@@ -54,7 +55,7 @@ class BatchServo:
         point: site, body or geom of the model whose surface point is to be brought to the targets.
         targets: (B, K, 2) [px], or K for that many reachable places, drawn from the seed.
         seed: of babbling, dither and targets; every world has streams of its own.
-        flow: method of :class:`BatchFlow`.
+        flow: method of :class:`BatchFlow`; each frame's search begins at J dq.
         estimator: options of :class:`dense_vs.DenseJacobian` that differ from the default; ``order`` is 1 unless
             given, as the state of order 2 takes 3.5 times the memory with four joints, and ``prediction`` ``"model"``.
         servo, babbling, tracker, episode: options of the parts.
@@ -78,7 +79,7 @@ class BatchServo:
         point: str = "tip",
         targets: Any = 1,
         seed: int = 0,
-        flow: str = "farneback-warp",
+        flow: str = "farneback-guided-warp",
         estimator: EstimatorOptions | None = None,
         servo: ServoOptions | None = None,
         babbling: BabblingOptions | None = None,
@@ -295,11 +296,13 @@ class BatchServo:
         )
 
     def _estimate_flow(self) -> None:
+        # J dq is where the search begins: what J knows, the flow need not find.
+        joint_motion(self.physics.data.qpos, self._columns, self.restarting, self.joint_positions, self.filter.dq)
+        self.filter.guess_flow(self.flow.guess, LONGEST_GUESS)
         wp.copy(self.flow.restarted, self.restarting)
         self.flow.update()
 
     def _update_jacobian(self) -> None:
-        joint_motion(self.physics.data.qpos, self._columns, self.restarting, self.joint_positions, self.filter.dq)
         self.filter.forget(self.restarting)
         self.filter.advance_on_device()
 

@@ -38,7 +38,7 @@ class BatchCase:
     seed: int = 0
     height: int = 240
     width: int = 320
-    flow: str = "farneback-warp"
+    flow: str = "farneback-guided-warp"
     order: int = 1
     randomization: DomainRandomization = field(default_factory=DomainRandomization)
     episode: EpisodeOptions = field(default_factory=EpisodeOptions)

@@ -93,6 +93,29 @@ def test_takes_float_images_in_tiles():
     np.testing.assert_allclose(f, u, atol=1e-4)
 
 
+@pytest.mark.parametrize("levels", [0, 2])
+@pytest.mark.parametrize("tiles", [False, True], ids=["passes", "tiles"])
+def test_a_flow_far_beyond_the_window_is_found_from_a_guess(tiles, levels):
+    size = (120, 160)
+    flow = np.broadcast_to(np.float32([11.0, -7.0]), (*size, 2))
+    previous = np.stack([texture(*size, seed) for seed in range(2)])
+    present = np.stack([moved(image, flow) for image in previous])
+    method = Farneback(
+        2, *size, FarnebackOptions(winsize=11, levels=levels, iterations=1), device="cpu", tiles=tiles, threads=2
+    )
+    inner = (slice(None), slice(24, -24), slice(24, -24))
+    if levels == 0:
+        assert np.median(np.linalg.norm(between(method, previous, present) - flow, axis=-1)[inner]) > 5
+    assert method.guess.shape == (2, 30, 40)
+    method.guess.assign(np.broadcast_to(0.9 * flow[::4, ::4], (*method.guess.shape, 2)).copy())
+    found = between(method, previous, present)
+    assert np.median(np.linalg.norm(found - flow, axis=-1)[inner]) < 0.2  # of 1.3 px that the guess leaves
+    method.restarted.assign(np.array([1, 0], np.int32))
+    method.calculate()
+    assert not method.flow.numpy()[0].any()
+    np.testing.assert_array_equal(method.flow.numpy()[1], found[1])
+
+
 def test_threads_of_a_block_give_the_same_bits(monkeypatch):
     # Threads that really wait for each other: a missing wait or a cell that two phases share would show.
     size = (70, 90)
