@@ -113,12 +113,12 @@ def test_a_filter_reads_the_flow_where_someone_else_wrote_it():
 
 @pytest.mark.gpu
 @pytest.mark.skipif(not wp.is_cuda_available(), reason="no CUDA device")
-@pytest.mark.parametrize("order", [1, 2])
-def test_the_last_of_very_many_worlds_is_as_good_as_the_first(order):
+@pytest.mark.parametrize("form", [{"order": 1}, {"order": 2}, {"covariance": "diagonal"}], ids=str)
+def test_the_last_of_very_many_worlds_is_as_good_as_the_first(form):
     """More blocks than one axis of a grid holds, and an image that tiles do not divide."""
     height, width, worlds = 243, 325, 260
     rng = np.random.default_rng(0)
-    options = {"height": height, "width": width, "joints": 4, "order": order, "on_bad_flow": "skip"}
+    options = {"height": height, "width": width, "joints": 4, "on_bad_flow": "skip", **form}
     many = JacobianFilter(JacobianOptions(worlds=worlds, **options), wp.get_device("cuda:0"), 1)
     one = JacobianFilter(JacobianOptions(**options), wp.get_device("cpu"), 2)
     for _ in range(3):

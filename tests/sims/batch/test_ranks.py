@@ -1,9 +1,12 @@
 """A batch in one process and in several: the same worlds to the last bit, and a run that others go on with."""
 
+import json
+
 import numpy as np
 import pytest
 
 from dense_vs import DenseVSError
+from dense_vs.cli.main import main
 from dense_vs.sims import SimWorld
 from dense_vs.sims.batch.batch_state import FRAMES, restore_worlds, stored_worlds
 from dense_vs.sims.batch.case import RANDOMIZED, BatchCase
@@ -199,3 +202,20 @@ def test_processes_answer_in_order():
 def test_a_process_that_fails_ends_the_others(work, message):
     with pytest.raises(DenseVSError, match=message):
         run_ranks(work, 2, ())
+
+
+@pytest.mark.slow
+def test_the_command_is_one_process_of_another_launcher(tmp_path, monkeypatch, capsys):
+    words = ["batch", "--robot", "planar", "--worlds", "2", "--height", "90", "--width", "120", "--babble", "0.3"]
+    words += ["--device", "cpu", "--threads", "1", "--wait", "0.1", "--out", str(tmp_path)]
+    monkeypatch.setenv("WORLD_SIZE", "2")
+    for number in (1, 0):
+        monkeypatch.setenv("RANK", str(number))
+        assert not (tmp_path / "summary.json").exists()
+        assert main(words) == 0
+    summary = json.loads((tmp_path / "summary.json").read_text())
+    assert summary["worlds"] == summary["reaches"] == 2
+    assert summary["case"]["robot"] == "planar"
+    assert "share reached" in capsys.readouterr().out
+    assert main([*words, "--gpus", "2"]) != 0
+    assert "--gpus is 2, but WORLD_SIZE is 2" in capsys.readouterr().err
