@@ -147,7 +147,9 @@ def finish(metrics: list[Metric], arguments: argparse.Namespace) -> int:
         return code
     before = json.loads(gate.read_text(encoding="utf-8"))
     good, lines = hold_to(metrics, provenance(arguments, leave_out=("json", "gate")), before, gate.name)
-    print("\n" + table(("metric", "was", "is", "unit", "by"), beside(metrics, before)))
+    rows = beside(metrics, before)
+    if rows:
+        print("\n" + table(("metric", "was", "is", "unit", "by"), rows))
     for line in lines:
         print(line, file=sys.stdout if good else sys.stderr)
     return 0 if good else 1
