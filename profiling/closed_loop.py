@@ -1,12 +1,18 @@
 """The whole servo loop of many simulated robots: frames a second, where the time goes, memory, and whether it closes.
 
     python profiling/closed_loop.py [--worlds 1024] [--device cuda] [--targets 1] [--randomize] [--json FILE]
+    python profiling/closed_loop.py --worlds 2048 --gpus 1,2                # a process a GPU
+    python profiling/closed_loop.py --gate profiling/results/closed_loop_h200.json --randomize
 
 Speed is that of whole frames in the babbling phase, a stage's that of the stage alone repeated; both as CUDA graphs on
-a GPU. Then every world babbles, reaches its targets and is measured against the simulator's truth.
+a GPU. Then every world babbles, reaches its targets and is measured against the simulator's truth. The gate fails on a
+loss of more than a tenth against an earlier result of the same kind of machine.
 """
 
 import argparse
+import json
+import multiprocessing
+import sys
 import time
 from collections.abc import Callable
 from typing import Any
@@ -14,17 +20,23 @@ from typing import Any
 import numpy as np
 import warp as wp
 from metrics import Metric, add_report_arguments, report
+from speed_gate import beside, hold_to
 
+from dense_vs.checks import check_whole
 from dense_vs.device import resolve_device
+from dense_vs.errors import DenseVSError
 from dense_vs.jacobian.filter import JacobianFilter
 from dense_vs.point_servo import ReachEnd
-from dense_vs.sims import BatchServo, DomainRandomization, SimWorld
+from dense_vs.sims import BatchServo, DomainRandomization
+from dense_vs.sims.batch.case import RANDOMIZED, BatchCase
 from dense_vs.sims.batch.episode import EpisodeOptions
+from dense_vs.sims.batch.rank import Rank, run_ranks
+from dense_vs.view.provenance import provenance
+from dense_vs.view.tables import table
 
 WITHIN_PX = 3.0
-RANDOMIZATION = DomainRandomization(
-    link_size=0.1, texture_sets=4, light=0.3, light_angle=0.3, camera_position=0.03, camera_angle=0.03
-)
+MEASURED_SECONDS = 3.0  # by each of several processes at once
+LONGEST_START = 500.0  # s, of the slowest process
 
 
 def seconds_per_call(call: Callable[[], Any], device: wp.Device, least_seconds: float = 0.5) -> float:
@@ -64,24 +76,23 @@ def update_deviation(batch: BatchServo, frames: int = 60) -> float:
     return float(np.abs(ours - theirs).max() / np.abs(ours).max())
 
 
-def make_batch(arguments: argparse.Namespace, worlds: int) -> BatchServo:
-    """The batch that the arguments describe, with that many worlds."""
-    world = SimWorld(
-        arguments.robot,
+def make_case(arguments: argparse.Namespace, worlds: int) -> BatchCase:
+    """What the arguments describe, with that many worlds."""
+    return BatchCase(
+        robot=arguments.robot,
         worlds=worlds,
-        device=arguments.device,
-        seed=arguments.seed,
-        physics_on_device=True,
-        randomization=RANDOMIZATION if arguments.randomize else None,
-    )
-    return BatchServo(
-        world,
         targets=arguments.targets,
         seed=arguments.seed,
         flow=arguments.flow,
-        estimator={"order": arguments.order},
+        order=arguments.order,
+        randomization=RANDOMIZED if arguments.randomize else DomainRandomization(),
         episode=EpisodeOptions(babble_seconds=arguments.babble),
     )
+
+
+def make_batch(arguments: argparse.Namespace, worlds: int) -> BatchServo:
+    """The batch that the arguments describe, with that many worlds."""
+    return make_case(arguments, worlds).batch(Rank(), arguments.device)
 
 
 def main() -> int:
@@ -92,14 +103,21 @@ def main() -> int:
     parser.add_argument("--targets", type=int, default=1, help="targets a world (default: 1)")
     parser.add_argument("--babble", type=float, default=10.0, metavar="S", help="seconds of babbling (default: 10)")
     parser.add_argument("--robot", default="arm", help="arm, planar or an MJCF file (default: arm)")
-    parser.add_argument("--flow", default="farneback-warp", help="method of BatchFlow (default: farneback-warp)")
+    parser.add_argument(
+        "--flow", default="farneback-guided-warp", help="method of BatchFlow (default: farneback-guided-warp)"
+    )
     parser.add_argument("--order", type=int, default=1, help="order of the filter (default: 1)")
     parser.add_argument("--seed", type=int, default=0, help="of everything (default: 0)")
     parser.add_argument("--randomize", action="store_true", help="links, textures, lights and camera differ by world")
     parser.add_argument("--speed-only", action="store_true", help="leave out the reaches")
+    parser.add_argument(
+        "--gpus", metavar="N,M", help="frames/s of the same worlds shared by that many processes, a GPU each; no more"
+    )
     add_report_arguments(parser)
     arguments = parser.parse_args()
     wp.config.log_level = wp.LOG_ERROR
+    if arguments.gpus:
+        return finish(shared_metrics(arguments), arguments)
     device = resolve_device(arguments.device)
     worlds = arguments.worlds
     label = f"{worlds} worlds, {device.alias}"
@@ -118,7 +136,54 @@ def main() -> int:
     del batch
     if not arguments.speed_only:
         metrics += reach_metrics(arguments, device)
-    return report(metrics, arguments)
+    return finish(metrics, arguments)
+
+
+def finish(metrics: list[Metric], arguments: argparse.Namespace) -> int:
+    """Print and write the metrics and hold them to the gate; the exit code."""
+    gate, arguments.gate = arguments.gate, None
+    code = report(metrics, arguments)
+    if gate is None:
+        return code
+    before = json.loads(gate.read_text(encoding="utf-8"))
+    good, lines = hold_to(metrics, provenance(arguments, leave_out=("json", "gate")), before, gate.name)
+    rows = beside(metrics, before)
+    if rows:
+        print("\n" + table(("metric", "was", "is", "unit", "by"), rows))
+    for line in lines:
+        print(line, file=sys.stdout if good else sys.stderr)
+    return 0 if good else 1
+
+
+def shared_metrics(arguments: argparse.Namespace) -> list[Metric]:
+    """Frames a second of the worlds shared by several processes, each from the same moment on."""
+    try:
+        counts = [check_whole("--gpus", int(text), least=1) for text in arguments.gpus.split(",")]
+    except ValueError:
+        raise DenseVSError(f"--gpus is {arguments.gpus!r}; expected whole numbers such as 1,2") from None
+    metrics, first = [], 0.0
+    for count in counts:
+        barrier = multiprocessing.get_context("spawn").Barrier(count)
+        rates = run_ranks(shared_rate, count, (make_case(arguments, arguments.worlds), arguments.device, barrier))
+        label = f"{arguments.worlds} worlds, {count} processes, {arguments.device}"
+        metrics.append(Metric(f"closed loop, {label}", sum(rates), "frames/s", "higher", 0.05))
+        first = first or sum(rates)
+        metrics.append(Metric(f"by that of {counts[0]} processes, {label}", sum(rates) / first, "x", "higher", 0.05))
+    return metrics
+
+
+def shared_rate(rank: Rank, case: BatchCase, device: str, barrier: Any) -> float:
+    """Frames a second of this process's worlds, while the others compute theirs."""
+    wp.config.log_level = wp.LOG_ERROR
+    wp.set_device(resolve_device(rank.device(device)))
+    batch = case.batch(rank, device)
+    frame = seconds_per_call(batch.frame, batch.device)
+    frames = max(3, round(MEASURED_SECONDS / frame))
+    barrier.wait(LONGEST_START)
+    started = time.perf_counter()
+    batch.run(frames)
+    wp.synchronize_device(batch.device)
+    return frames * batch.world.shape[0] / (time.perf_counter() - started)
 
 
 def speed_metrics(batch: BatchServo, label: str) -> list[Metric]:

@@ -60,7 +60,9 @@ gpu)
     measure closed_loop closed_loop_h200_4096 --device cuda:0 --randomize --worlds 4096 --speed-only
     measure scaling scaling_h200 --device cuda:0
     measure roofline roofline_h200 --device cuda:0 --worlds 1,512
-    cp "$out"/{closed_loop_h200,closed_loop_h200_one,closed_loop_h200_order2,closed_loop_h200_4096,scaling_h200,roofline_h200}.json "$results"
+    measure batch_flow batch_flow_h200 --device cuda:0
+    measure rendering rendering_h200 --device cuda:0 --randomize
+    cp "$out"/{closed_loop_h200,closed_loop_h200_one,closed_loop_h200_order2,closed_loop_h200_4096,scaling_h200,roofline_h200,batch_flow_h200,rendering_h200}.json "$results"
     ;;
 esac
 python profiling/readme_table.py

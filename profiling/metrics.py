@@ -41,7 +41,8 @@ def add_report_arguments(parser: argparse.ArgumentParser) -> None:
         "--gate",
         type=Path,
         metavar="FILE",
-        help="exit with 1 where a ratio is worse than in this earlier result by more than its tolerance",
+        help="exit with 1 where a figure is worse than in this earlier result by more than its tolerance: ratios, and "
+        "with some commands also times and rates, where the machine is of the same kind",
     )
 
 

@@ -22,6 +22,8 @@ ARM = f"{EXPERIMENT} --arm --postures --cameras"
 HAND = f"{EXPERIMENT} --tries --arm --samples --independent"
 
 OPTIONS = {
+    "batch": "--out --robot --point --worlds --targets --babble --randomize --order --height --width --seed --gpus "
+    f"--checkpoint --wait {DEVICE}",
     "depth-eval": "folder --methods --sets --json",
     "depth-train": "--sequences --seed --out --processes",
     "estimate": "joints --out --joints --time-offset --scale --every --flow --covariance --prediction --no-video "

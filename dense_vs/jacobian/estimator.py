@@ -161,7 +161,7 @@ class DenseJacobian:
         Infinite for a joint that is not learned.
         """
         joints = self.options.joints
-        stored = self.filter.covariance[self.filter.now].numpy()
+        stored = self.filter.stored_covariance()
         if self.options.covariance == "diagonal":
             variance = stored
         elif self.options.covariance == "full":
@@ -177,7 +177,7 @@ class DenseJacobian:
         """Covariance of a row of J: float64 ``(N, N)`` for ``"shared"`` and ``"fixed"``, float32
         ``(H, W, N, N)`` for ``"full"`` and ``"diagonal"`` [px^2/rad^2].
         """
-        stored = self.filter.covariance[self.filter.now].numpy()
+        stored = self.filter.stored_covariance()
         if self.options.covariance == "diagonal":
             stored = stored[..., None] * np.eye(self.options.joints, dtype=np.float32)
         joints = self.options.joints

@@ -25,7 +25,7 @@ from dense_vs.kernels.jacobian.covariance import (
     update_shared_covariance,
 )
 from dense_vs.kernels.jacobian.image_jacobian import forget_state, jacobian_kernels
-from dense_vs.kernels.jacobian.state_image import Layout, group_size
+from dense_vs.kernels.jacobian.state_image import Layout, group_size, variance_image
 from dense_vs.kernels.launch import PixelLaunch, launch_pixels
 from dense_vs.kernels.views import seen_as
 
@@ -44,7 +44,8 @@ class JacobianFilter:
     Attributes:
         shape: (B, H, W).
         state: two images of (2, C) states, at the reference posture.
-        covariance: two of (B, C, C) float64; (B, H, W) of (N) or (N, N) float32 where each pixel has its own.
+        covariance: two of (B, C, C) float64; (B, H, W) of (N) or (N, N) float32 where each pixel has its own; variances
+            in planes as the state.
         displacement: two of (B, N) float64, joint displacement from the reference posture [rad].
         factor: (B, N) float64, what brings each joint's step to standard units, 0 where it is not to be learned.
         now: which of each two is the present one.
@@ -81,30 +82,49 @@ class JacobianFilter:
         self.state[0].zero_()
         self.displacement[0].zero_()
         self.bad.zero_()
-        self.covariance[0].assign(self._initial_covariance())
+        self._assign_covariance(self._initial_covariance())
 
     def stored(self) -> dict[str, np.ndarray]:
         """Arrays that the next frame depends on, by name: state (B, H, W, 2, C), its covariance, the displacement."""
-        now = self.now
-        state = self.state[now].numpy()
+        state = self.state[self.now].numpy()
         if self.layout == "planes":
-            worlds, height, width = self.shape
-            state = state.reshape(worlds, -1, height, width, self._group)
-            state = np.moveaxis(state, 1, 3).reshape(worlds, height, width, 2, -1)
-        covariance, displacement = self.covariance[now].numpy(), self.displacement[now].numpy()
-        return {"state": state, "covariance": covariance, "displacement": displacement}
+            state = self._from_planes(state, self._group).reshape(*self.shape, 2, -1)
+        displacement = self.displacement[self.now].numpy()
+        return {"state": state, "covariance": self.stored_covariance(), "displacement": displacement}
+
+    def stored_covariance(self) -> np.ndarray:
+        """The present covariance, (B, C, C); (B, H, W, N) or (B, H, W, N, N) where each pixel has its own."""
+        covariance = self.covariance[self.now].numpy()
+        if self._variance_group:
+            return self._from_planes(covariance, self._variance_group)[..., : self.options.joints]
+        return covariance
 
     def restore(self, stored: dict[str, np.ndarray]) -> None:
         """Go on from what :meth:`stored` gave."""
-        state = stored["state"]
+        state, covariance = stored["state"], stored["covariance"]
         if self.layout == "planes":
-            worlds, height, width = self.shape
-            state = state.reshape(worlds, height, width, -1, self._group)
-            state = np.moveaxis(state, 3, 1).reshape(-1, height, width, self._group)
+            state = self._to_planes(state.reshape(*self.shape, -1), self._group)
         self.state[self.now].assign(np.ascontiguousarray(state))
-        self.covariance[self.now].assign(stored["covariance"])
+        self._assign_covariance(covariance)
         self.displacement[self.now].assign(stored["displacement"])
         self._present_known = False
+
+    def _from_planes(self, planes: np.ndarray, group: int) -> np.ndarray:
+        """(B, H, W, numbers) of what lies in planes of ``group`` numbers a pixel."""
+        worlds, height, width = self.shape
+        grouped = planes.reshape(worlds, -1, height, width, group)
+        return np.moveaxis(grouped, 1, 3).reshape(worlds, height, width, -1)
+
+    def _to_planes(self, numbers: np.ndarray, group: int) -> np.ndarray:
+        worlds, height, width, count = numbers.shape
+        padded = np.pad(numbers, ((0, 0), (0, 0), (0, 0), (0, -count % group)))
+        grouped = np.moveaxis(padded.reshape(worlds, height, width, -1, group), 3, 1)
+        return np.ascontiguousarray(grouped.reshape(-1, height, width, group))
+
+    def _assign_covariance(self, covariance: np.ndarray) -> None:
+        if self._variance_group:
+            covariance = self._to_planes(covariance, self._variance_group)
+        self.covariance[self.now].assign(covariance)
 
     def refer_to_present(self) -> None:
         """Keep J at the present posture in place of an earlier one; on the host, for a state of second order."""
@@ -199,6 +219,18 @@ class JacobianFilter:
         launch_pixels(self.kernels.predicted_flow, self.shape, arguments, self.device, self.threads)
         return out
 
+    def guess_flow(self, out: wp.array, most: float) -> None:
+        """What ``dq`` says of the next flow, nothing read back: J dq at the size of ``out`` (B, any, any) of vec2.
+
+        Args:
+            out: written [px of the image].
+            most: length that is believed [px].
+        """
+        self.regress[self.now]()
+        regressor = seen_as(self.regressor, self.kernels.StateRow, self.regressor.shape[:1])
+        inputs = [self.state[self.now], regressor, most]
+        wp.launch(self.kernels.coarse_flow, dim=out.shape, inputs=inputs, outputs=[out], device=self.device)
+
     def at(self, points: np.ndarray) -> wp.array:
         """J at points (B, K, 2) [px], (B, K) of (2, N)."""
         where: Any = wp.array(points.astype(np.float32), dtype=wp.vec2, device=self.device)
@@ -225,7 +257,13 @@ class JacobianFilter:
             self.state = pair(self.shape, kernels.State)
             shape = (worlds, height, 2 * columns * width)
         self._floats = [seen_as(array, wp.float32, shape) for array in self.state]
-        self.covariance = pair(self.shape, per_pixel) if per_pixel else pair((worlds, columns, columns), wp.float64)
+        # 0 where the covariance is not in planes.
+        self._variance_group = variance_image(joints).group if self._once and options.covariance == "diagonal" else 0
+        if self._variance_group:
+            group = self._variance_group
+            self.covariance = pair((worlds * -(-joints // group), height, width), wp.types.vector(group, wp.float32))
+        else:
+            self.covariance = pair(self.shape, per_pixel) if per_pixel else pair((worlds, columns, columns), wp.float64)
         if options.covariance == "fixed":
             self.covariance[1] = self.covariance[0]
         self.displacement = pair((worlds, joints), wp.float64)
@@ -245,7 +283,7 @@ class JacobianFilter:
     @property
     def _once(self) -> bool:
         """Whether a frame is one pass, without an image of J dq."""
-        return self.layout == "planes" and self.options.covariance in ("shared", "fixed")
+        return self.layout == "planes" and self.options.covariance != "full"
 
     def _initial_covariance(self) -> np.ndarray:
         options, columns = self.options, self.kernels.columns
@@ -282,8 +320,14 @@ class JacobianFilter:
             rows = [self._regress(self.dq, displacement, self.regressor)]
             if spans:
                 rows.append(self._regress(self.span, displacement, self.measured))
-            self.regress.append(partial(_launch_all, rows))
-            if self._once:
+            by_row = not (self._once and options.covariance == "diagonal")
+            self.regress.append(partial(_launch_all, rows if by_row else []))
+            if not by_row:
+                self.predict.append(_nothing)
+                kernel = kernels.update_diagonal_once(by_model, iterations, options.move_variance)
+                arguments = [state, covariance, self.flow, dq, *noises, next_state, next_covariance]
+                self.correct.append(tile_launch(kernel, self.shape, arguments, self.device))
+            elif self._once:
                 self.predict.append(_nothing)  # the correction computes J dq where it wants it
                 kernel = kernels.update_shared_once(by_model, iterations, or_flow, spans)
                 arguments = [state, regressor, self.flow, measured, *limits, gain, next_state]
@@ -304,6 +348,7 @@ class JacobianFilter:
                 self.update_gain.append(self._worlds(fixed_gain, [self.dq, *weights, self.gain]))
             else:
                 self.update_gain.append(_nothing)  # each pixel has its own gain
+            if not self._once and options.covariance in ("diagonal", "full"):
                 move = [int(options.move_variance)] if options.covariance == "diagonal" else []
                 kernel = kernels.update_diagonal if options.covariance == "diagonal" else kernels.update_full
                 inputs = [state, covariance, *moved_by, *move, *flows, dq, *noises]

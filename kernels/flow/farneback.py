@@ -2,16 +2,20 @@
 
 Levels of the pyramid, border handling and the meaning of every option follow OpenCV's
 ``calcOpticalFlowFarneback``, so that the two agree; what is computed at a pixel is in
-``polynomial_expansion.py``, ``displacement_equations.py`` and ``displacement_solution.py``.
+``polynomial_expansion.py``, ``displacement_equations.py`` and ``displacement_solution.py``. A CPU computes it in passes
+over the image, a GPU in tiles (``tile_level.py``), which keep what lies between out of its memory.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 import warp as wp
 
-from dense_vs.kernels.flow.farneback_level import Level, LevelTables
+from dense_vs.kernels.flow.farneback_level import Level, LevelTables, level_shape
+from dense_vs.kernels.flow.guess import GUESS_SCALE, begin_with_guess
+from dense_vs.kernels.flow.tile_level import TileLevel, tiles_fit
 from dense_vs.kernels.launch import PixelLaunch
 
 wp.set_module_options({"enable_backward": False})
@@ -84,6 +88,8 @@ class Farneback:
         image: (worlds, height, width), the next image to push; written by the caller.
         flow: (worlds, height, width) of vec2 [px], at the pixels of the latest image, u with x - u(x) the place in
             the image before.
+        guess: (worlds, height / 4, width / 4) of vec2 [px of the image], u as far as it is known before; 0 unless the
+            caller writes it.
         restarted: (worlds,) int; where it isn't 0 the image before doesn't count and ``flow`` is 0. Written by the
             caller.
 
@@ -93,6 +99,7 @@ class Farneback:
         dtype: of ``image``, ``wp.uint8`` or ``wp.float32`` (gray levels up to about 255).
         device: Warp device.
         threads: bands of rows on a CPU.
+        tiles: compute in tiles; on a GPU unless given, where the options leave room for them.
     """
 
     def __init__(
@@ -105,6 +112,7 @@ class Farneback:
         dtype: Any = wp.uint8,
         device: Any = None,
         threads: int = 1,
+        tiles: bool | None = None,
     ):
         if min(height, width) < SMALLEST_IMAGE:
             raise ValueError(f"images are {width} x {height}; expected sides of at least {SMALLEST_IMAGE}")
@@ -117,9 +125,18 @@ class Farneback:
         self.restarted = wp.zeros(worlds, dtype=int, device=device)
         self._slot = wp.zeros(1, dtype=int, device=device)
         self._next_slot = wp.launch(_swap, dim=1, inputs=[self._slot], device=device, record_cmd=True)
-        self._expand: list[PixelLaunch] = []
-        self._solve: list[PixelLaunch] = []
-        self._record(1 if device.is_cpu else max(GROUP_PIXELS // (height * width), 1), threads)
+        small = level_shape((height, width), GUESS_SCALE)
+        self.guess = wp.zeros((worlds, *small), dtype=wp.vec2, device=device)
+        self._growth = -options.scales(height, width)[-1]  # of the guess: a displacement leads to the image before
+        self._expand: list[Callable[[], None]] = []
+        self._solve: list[Callable[[], None]] = []
+        fits = tiles_fit(len(options.window()), options.poly_n)
+        if (device.is_cuda and fits) if tiles is None else tiles:
+            if not fits:
+                raise ValueError(f"winsize {options.winsize}, poly_n {options.poly_n}: no tile fits a block's memory")
+            self._record_tiles()
+        else:
+            self._record_passes(1 if device.is_cpu else max(GROUP_PIXELS // (height * width), 1), threads)
 
     def push(self) -> None:
         """Take the content of ``image`` as the latest image."""
@@ -132,25 +149,52 @@ class Farneback:
         for launch in self._solve:
             launch()
 
-    def _record(self, group: int, threads: int) -> None:
-        """Record the launches for ``group`` worlds at a time."""
-        worlds, height, width = self.image.shape
-        group = min(group, worlds)
+    def _tables(self) -> list[LevelTables]:
+        """Of the levels, the coarsest first."""
+        _, height, width = self.image.shape
         options, device = self.options, self.image.device
         method = options.pyr_scale, options.window(), options.poly_n, options.poly_sigma
-        tables = [
-            LevelTables.of((height, width), scale, *method, device)
-            for scale in reversed(options.scales(height, width))  # the coarsest first
-        ]
+        scales = options.scales(height, width)
+        return [LevelTables.of((height, width), scale, *method, device) for scale in reversed(scales)]
+
+    def _record_tiles(self) -> None:
+        options, tables = self.options, self._tables()
+        known, growth = self.guess, self._growth
+        for table in tables:
+            level = TileLevel(
+                self.image,
+                table,
+                options.window(),
+                options.poly_sigma,
+                self._slot,
+                self.restarted,
+                options.iterations,
+                self.flow if table is tables[-1] else None,
+            )
+            self._expand.append(level.expand())
+            launches, known = level.solve(known, growth)
+            growth = 1 / options.pyr_scale
+            self._solve += launches
+
+    def _record_passes(self, group: int, threads: int) -> None:
+        """Record the launches for ``group`` worlds at a time."""
+        worlds = self.image.shape[0]
+        group = min(group, worlds)
+        options, device = self.options, self.image.device
+        tables = self._tables()
         scratch = wp.zeros(max(Level.scratch_size(table, group) for table in tables), dtype=float, device=device)
         displacements = [
             wp.zeros((group, table.shape[0], 2, table.shape[1]), dtype=float, device=device) for table in tables
         ]
-        still = wp.zeros_like(displacements[0])
+        begun = wp.zeros_like(displacements[0])
+        height, width = tables[0].shape
+        ratio = wp.vec2(self.guess.shape[2] / width, self.guess.shape[1] / height)
         for begin in range(0, worlds, group):
             part = slice(begin, min(begin + group, worlds))
             count = part.stop - part.start
             known = None
+            arguments = [self.guess[part], ratio, self._growth, self.restarted[part], begun[:count]]
+            self._solve.append(PixelLaunch(begin_with_guess, (count, height, width), arguments, device, threads))
             for table, displacement in zip(tables, displacements, strict=True):
                 level = Level(
                     self.image[part],
@@ -167,7 +211,7 @@ class Farneback:
                 known = level.displacement
                 for iteration in range(options.iterations):
                     first = table is tables[0] and iteration == 0
-                    self._solve += level.improve(still[:count] if first else known)
+                    self._solve += level.improve(begun[:count] if first else known)
             self._solve.append(level.answer(self.flow[part]))
 
 

@@ -11,6 +11,7 @@ from types import SimpleNamespace
 
 import warp as wp
 
+from dense_vs.kernels.jacobian.diagonal_single_pass import diagonal_single_pass_kernel
 from dense_vs.kernels.jacobian.diagonal_update import diagonal_update_kernel
 from dense_vs.kernels.jacobian.full_update import full_update_kernel
 from dense_vs.kernels.jacobian.present_jacobian import present_jacobian_kernels
@@ -41,7 +42,8 @@ def forget_state(
 def jacobian_kernels(joints: int, order: int = 1, layout: Layout = "matrices") -> SimpleNamespace:
     """Kernels for ``joints`` joints and a state of ``order`` 1 or 2, with the types of :func:`state_types`.
 
-    ``update_shared_once(by_model, iterations, or_flow)`` gives the kernel of one pass. The kernels with a covariance
+    ``update_shared_once(by_model, iterations, or_flow)`` and ``update_diagonal_once(by_model, iterations,
+    move_variance)`` give the kernels of one pass. The kernels with a covariance
     per pixel are for order 1. A kernel that is never launched is never compiled.
     """
     types = state_types(joints, order, layout)
@@ -50,6 +52,7 @@ def jacobian_kernels(joints: int, order: int = 1, layout: Layout = "matrices") -
         **vars(shared_update_kernels(types)),
         **vars(present_jacobian_kernels(types)),
         update_shared_once=partial(single_pass_kernel, joints, order, layout),
+        update_diagonal_once=partial(diagonal_single_pass_kernel, joints),
         update_diagonal=diagonal_update_kernel(types),
         update_full=full_update_kernel(types),
     )

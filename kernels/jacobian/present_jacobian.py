@@ -11,7 +11,7 @@ wp.set_module_options({"enable_backward": False})
 
 
 def present_jacobian_kernels(types: SimpleNamespace) -> SimpleNamespace:
-    """Kernels ``read_jacobian`` and ``sample_points`` and the function ``jacobian_at`` for a state."""
+    """Kernels ``read_jacobian``, ``sample_points`` and ``coarse_flow`` and the function ``jacobian_at`` for a state."""
     joints, order = types.joints, types.order
     State, Jacobian, StateImage = types.State, types.Jacobian, types.StateImage
     read_state, sample_state = types.read_state, types.sample_state
@@ -73,4 +73,28 @@ def present_jacobian_kernels(types: SimpleNamespace) -> SimpleNamespace:
         state = sample_state(state_in, world, taps)
         jacobian_out[world, point] = jacobian_of(state, displacement_in, world)
 
-    return SimpleNamespace(jacobian_at=jacobian_at, read_jacobian=read_jacobian, sample_points=sample_points)
+    @kernel
+    def coarse_flow(
+        # In:
+        state_in: StateImage,
+        regressor_in: wp.array(dtype=types.StateRow),
+        most: float,
+        # Out:
+        flow_out: wp.array3d(dtype=wp.vec2),  # (worlds, height, width) of a smaller image
+    ):
+        """J dq [px of the image] at the pixels of a smaller one; at most ``most`` long, and 0 where it is no number."""
+        world, row, column = wp.tid()
+        # The pixel of the image at the smaller one's center.
+        y = (2 * row + 1) * state_in.shape[1] // (2 * flow_out.shape[1])
+        x = (2 * column + 1) * state_in.shape[2] // (2 * flow_out.shape[2])
+        u = read_state(state_in, world, y, x) * regressor_in[world]
+        length = wp.length(u)
+        if not wp.isfinite(length):
+            u = wp.vec2(0.0, 0.0)
+        elif length > most:
+            u = u * (most / length)
+        flow_out[world, row, column] = u
+
+    return SimpleNamespace(
+        coarse_flow=coarse_flow, jacobian_at=jacobian_at, read_jacobian=read_jacobian, sample_points=sample_points
+    )

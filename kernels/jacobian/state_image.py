@@ -65,6 +65,49 @@ def state_image(State: Any, columns: int, layout: Layout) -> SimpleNamespace:
     return _matrices(State) if layout == "matrices" else _planes(State, columns)
 
 
+@cache
+def variance_image(joints: int) -> SimpleNamespace:
+    """The same for a vector of N numbers a pixel, always in planes: ``VarianceImage``, ``read_variance``,
+    ``write_variance``, ``sample_variance``, and ``group``, how many numbers lie together. With an odd N a zero follows.
+    """
+    columns = (joints + 1) // 2
+    Matrix = wp.types.matrix((2, columns), wp.float32)
+    JointVector = wp.types.vector(joints, wp.float32)
+    planes = _planes(Matrix, columns)
+    Image = planes.StateImage
+    read_matrix, write_matrix, sample_matrix = planes.read_state, planes.write_state, planes.sample_state
+
+    @wp.func
+    def vector_of(matrix: Matrix) -> JointVector:
+        vector = JointVector()
+        for i in range(wp.static(joints)):
+            vector[i] = matrix[i // wp.static(columns), i % wp.static(columns)]
+        return vector
+
+    @wp.func
+    def read_variance(image: Image, world: int, y: int, x: int) -> JointVector:
+        return vector_of(read_matrix(image, world, y, x))
+
+    @wp.func
+    def write_variance(image: Image, world: int, y: int, x: int, variance: JointVector):
+        matrix = Matrix()
+        for i in range(wp.static(joints)):
+            matrix[i // wp.static(columns), i % wp.static(columns)] = variance[i]
+        write_matrix(image, world, y, x, matrix)
+
+    @wp.func
+    def sample_variance(image: Image, world: int, taps: Taps) -> JointVector:
+        return vector_of(sample_matrix(image, world, taps))
+
+    return SimpleNamespace(
+        VarianceImage=Image,
+        read_variance=read_variance,
+        write_variance=write_variance,
+        sample_variance=sample_variance,
+        group=group_size(columns),
+    )
+
+
 def _matrices(State: Any) -> SimpleNamespace:
     StateImage = wp.array3d(dtype=State)
 

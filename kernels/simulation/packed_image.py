@@ -88,6 +88,7 @@ def packed_to_gray_kernel(
     column_step: int,
     # In:
     packed_in: wp.array2d[wp.uint32],  # (worlds, height width) 0xAARRGGBB
+    place_in: wp.array[int],  # (height width,) where each pixel's color lies
     # Out:
     gray_out: wp.array3d[wp.uint8],
 ):
@@ -96,5 +97,5 @@ def packed_to_gray_kernel(
     y = row_begin + row
     width = gray_out.shape[2]
     for x in range(column, width, column_step):
-        color = int(packed_in[world, y * width + x])
+        color = int(packed_in[world, place_in[y * width + x]])
         gray_out[world, y, x] = luma((color >> 16) & 0xFF, (color >> 8) & 0xFF, color & 0xFF)

@@ -43,6 +43,7 @@ from dense_vs.sims.engine.targets import reachable_targets
 from dense_vs.sims.engine.world import SimWorld
 
 WARM_UP_FRAMES = 2  # run launch by launch before a graph is captured: kernels compile and arrays are made
+LONGEST_GUESS = 16.0  # px, of a flow that J dq may begin the search with; J is anything at first
 CHECK_FRAMES = 30  # between looks at whether all worlds rest
 
 
@@ -54,15 +55,18 @@ class BatchServo:
         point: site, body or geom of the model whose surface point is to be brought to the targets.
         targets: (B, K, 2) [px], or K for that many reachable places, drawn from the seed.
         seed: of babbling, dither and targets; every world has streams of its own.
-        flow: method of :class:`BatchFlow`.
+        flow: method of :class:`BatchFlow`; each frame's search begins at J dq.
         estimator: options of :class:`dense_vs.DenseJacobian` that differ from the default; ``order`` is 1 unless
             given, as the state of order 2 takes 3.5 times the memory with four joints, and ``prediction`` ``"model"``.
         servo, babbling, tracker, episode: options of the parts.
 
     Attributes:
         frames: frames run so far.
-        filter, flow, tracks, episode: the parts, whose arrays are on the device.
+        physics, filter, flow, tracks, episode, babbling: the parts, whose arrays are on the device.
         joint_positions: (B, N) float32 on the device [rad].
+        servo_draws: (B,) random numbers that the servo law has drawn.
+        restarting: (B,) not 0 where the world is put back to its beginning with the next frame.
+        unsound: (B,) how often that was because its state was not finite.
 
     Raises:
         DenseVSError: parts or targets that do not fit; a GPU whose memory does not suffice.
@@ -75,7 +79,7 @@ class BatchServo:
         point: str = "tip",
         targets: Any = 1,
         seed: int = 0,
-        flow: str = "farneback-warp",
+        flow: str = "farneback-guided-warp",
         estimator: EstimatorOptions | None = None,
         servo: ServoOptions | None = None,
         babbling: BabblingOptions | None = None,
@@ -89,8 +93,8 @@ class BatchServo:
         if world.realism is not None:
             raise DenseVSError("the world has realism; expected one without, as a batch renders its own images")
         self.world, self.device = world, world.device
-        self.frames = 0
-        self._physics = world.physics
+        self.frames = self._launched = 0
+        self.physics = world.physics
         self._servo_options = servo or ServoOptions()
         self._babbling_options = babbling or BabblingOptions(frame_time=FRAME_SECONDS)
         self._tracker_options = tracker or TrackerOptions()
@@ -111,7 +115,7 @@ class BatchServo:
     def frame(self) -> None:
         """Physics, image, flow, update, tracking and command of one frame in every world."""
         now = self.filter.now
-        if self.device.is_cuda and self.frames >= WARM_UP_FRAMES:
+        if self.device.is_cuda and self._launched >= WARM_UP_FRAMES:
             if self._graphs[now] is None:
                 with wp.ScopedCapture(self.device) as capture:
                     self._launch()
@@ -121,18 +125,13 @@ class BatchServo:
             self.filter.swap()
         else:
             self._launch()
+            self._launched += 1
         self.world.count_frame()
         self.frames += 1
 
     def run(self, frames: int | None = None) -> None:
         """Run that many frames, or until every world rests."""
-        most = frames
-        if most is None:
-            episode = self._episode_options
-            reaches = self.episode.outcome.shape[1] * (episode.max_frames + 1)
-            # Twice the longest course, for worlds that start again.
-            most = 2 * (self._babble_frames + reaches + 1)
-        for count in range(most):
+        for count in range(self.longest_run if frames is None else frames):
             self.frame()
             if frames is None and count % CHECK_FRAMES == CHECK_FRAMES - 1 and self.resting.all():
                 return
@@ -157,7 +156,13 @@ class BatchServo:
             values = array.numpy()
             values[chosen] = getattr(fresh, name).numpy()[chosen]
             array.assign(values)
-        self._restarting.assign(np.maximum(self._restarting.numpy(), chosen.astype(np.int32)))
+        self.restarting.assign(np.maximum(self.restarting.numpy(), chosen.astype(np.int32)))
+
+    @property
+    def longest_run(self) -> int:
+        """Frames after which a run ends in any case: twice the longest course, for worlds that start again."""
+        reaches = self.episode.outcome.shape[1] * (self._episode_options.max_frames + 1)
+        return 2 * (self._babble_frames + reaches + 1)
 
     @property
     def resting(self) -> np.ndarray:
@@ -192,7 +197,7 @@ class BatchServo:
             frames=episode.frames.numpy(),
             error_px=episode.error.numpy(),
             true_error_px=episode.true_error.numpy(),
-            restarts=self._unsound.numpy(),
+            restarts=self.unsound.numpy(),
         )
 
     def jacobian_errors(self) -> list[JacobianError]:
@@ -224,21 +229,23 @@ class BatchServo:
         joints = options.joints
         threads = world.threads
         scene = world.scene
-        seeds = np.random.default_rng([seed, 13]).integers(0, 2**31, (2, worlds))
+        # By each world's number, so that it is the same robot whoever has the worlds beside it.
+        numbers = range(world.first_world, world.first_world + worlds)
+        seeds = np.stack([np.random.default_rng([seed, 13, number]).integers(0, 2**31, 2) for number in numbers], 1)
         self.flow = BatchFlow(worlds, height, width, method=flow, device=device.alias, threads=threads)
         self.filter = JacobianFilter(options, device, threads, flow=self.flow.flow)
         self._renderer = GrayRenderer(
-            self.flow.gray, scene.model, self._physics.model, self._physics.data, scene.camera, threads
+            self.flow.gray, scene.model, self.physics.model, self.physics.data, scene.camera, threads
         )
         window = self._tracker_options.window if self._tracker_options.method == "aligned" else None
         self.tracks = PointTracks.empty(worlds, 1, window, device)
         self.episode = EpisodeState.empty(targets, device)
         self.joint_positions = wp.zeros((worlds, joints), dtype=float, device=device)
-        self._babbling = BabblingState.empty(seeds[0], joints, device)
+        self.babbling = BabblingState.empty(seeds[0], joints, device)
         self._servo_seeds = wp.array(seeds[1], dtype=wp.uint32, device=device)
-        self._servo_draws = wp.zeros(worlds, dtype=wp.uint32, device=device)
-        self._restarting = wp.full(worlds, 1, dtype=int, device=device)
-        self._unsound = wp.zeros(worlds, dtype=int, device=device)
+        self.servo_draws = wp.zeros(worlds, dtype=wp.uint32, device=device)
+        self.restarting = wp.full(worlds, 1, dtype=int, device=device)
+        self.unsound = wp.zeros(worlds, dtype=int, device=device)
         self._true_points = wp.zeros((worlds, 1), dtype=wp.vec2d, device=device)
         self._limits = limits_array(world.joint_limits, joints, device)
         self._columns = wp.array(scene.model.jnt_qposadr[scene.joint_ids], dtype=int, device=device)
@@ -268,11 +275,11 @@ class BatchServo:
                 stage()
 
     def _move(self) -> None:
-        self.world.step_on_device(self._restarting, self._unsound)
+        self.world.step_on_device(self.restarting, self.unsound)
 
     def _look(self) -> None:
         self._renderer.render()
-        data = self._physics.data
+        data = self.physics.data
         fx, fy, cx, cy = (float(self.world.intrinsics[i]) for i in ((0, 0), (1, 1), (0, 2), (1, 2)))
         wp.launch(
             project_surface_points,
@@ -291,12 +298,14 @@ class BatchServo:
         )
 
     def _estimate_flow(self) -> None:
-        wp.copy(self.flow.restarted, self._restarting)
+        # J dq is where the search begins: what J knows, the flow need not find.
+        joint_motion(self.physics.data.qpos, self._columns, self.restarting, self.joint_positions, self.filter.dq)
+        self.filter.guess_flow(self.flow.guess, LONGEST_GUESS)
+        wp.copy(self.flow.restarted, self.restarting)
         self.flow.update()
 
     def _update_jacobian(self) -> None:
-        joint_motion(self._physics.data.qpos, self._columns, self._restarting, self.joint_positions, self.filter.dq)
-        self.filter.forget(self._restarting)
+        self.filter.forget(self.restarting)
         self.filter.advance_on_device()
 
     def _track(self) -> None:
@@ -314,7 +323,7 @@ class BatchServo:
             self.tracks.points,
             self.tracks.lost,
             self._true_points,
-            self._restarting,
+            self.restarting,
             babble_frames=self._babble_frames,
             tolerance=episode.tolerance,
             settle_frames=episode.settle_frames,
@@ -348,12 +357,12 @@ class BatchServo:
 
     def _command(self) -> None:
         servo, babbling = self._servo_options, self._babbling_options
-        steps = self._physics.joint_step
+        steps = self.physics.joint_step
         steps.zero_()
-        restart_babbling(self._babbling, self._restarting)
-        watch_flow(self._babbling, self.flow.flow, max_flow=babbling.max_flow)
+        restart_babbling(self.babbling, self.restarting)
+        watch_flow(self.babbling, self.flow.flow, max_flow=babbling.max_flow)
         babbling_steps(
-            self._babbling,
+            self.babbling,
             self.joint_positions,
             self._limits,
             self.episode.babbling,
@@ -370,14 +379,14 @@ class BatchServo:
             self._limits,
             self.episode.reaching,
             self._servo_seeds,
-            self._servo_draws,
+            self.servo_draws,
             steps,
             gain=servo.gain,
             damping=servo.damping,
             max_step=servo.max_step,
             dither=servo.dither,
         )
-        self._restarting.zero_()
+        self.restarting.zero_()
 
 
 def _bytes_per_world(options: JacobianOptions) -> int:

@@ -52,3 +52,16 @@ class BatchResults:
     error_px: np.ndarray
     true_error_px: np.ndarray
     restarts: np.ndarray
+
+    def summary(self) -> dict[str, float]:
+        """Shares of all reaches, their errors where they ended [px], and how many worlds began anew."""
+        true = self.true_error_px[np.isfinite(self.true_error_px)]
+        shares = {end.value: float(np.mean(self.outcome == end)) for end in ENDS}
+        return {
+            "worlds": len(self.outcome),
+            "reaches": self.outcome.size,
+            **{f"share {name}": share for name, share in shares.items()},
+            "true error, median [px]": float(np.median(true)) if true.size else float("nan"),
+            "true error, 95th percentile [px]": float(np.percentile(true, 95)) if true.size else float("nan"),
+            "worlds that began anew": int(np.count_nonzero(self.restarts)),
+        }

@@ -4,6 +4,7 @@ from dense_vs.cli.commands import Command
 
 COMMANDS = {
     "arms": Command("dense_vs.sims.cli.arms", "build the scene of a commercial arm with its own meshes"),
+    "batch": Command("dense_vs.sims.cli.batch", "thousands of simulated robots learn and reach, on several GPUs"),
     "depth-train": Command(
         "dense_vs.sims.cli.depth_train", "train the learned depth from masks on simulated sequences"
     ),

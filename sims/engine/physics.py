@@ -6,6 +6,8 @@ ramp over the physics steps of the frame.
 """
 
 from abc import ABC, abstractmethod
+from collections.abc import Mapping
+from typing import Any
 
 import mujoco
 import mujoco_warp as mjw
@@ -233,6 +235,23 @@ class WarpPhysics(Physics):
         for array in (data.qvel, data.qacc_warmstart):
             restore(where, self._rest, array)
         wp.launch(restart_clocks, dim=where.shape, inputs=[where], outputs=[data.time], device=self.device)
+
+    def stored(self) -> dict[str, np.ndarray]:
+        """Arrays (B, ...) that the next frame depends on, by name."""
+        return {name: array.numpy().copy() for name, array in self._kept().items()}
+
+    def restore(self, stored: Mapping[str, np.ndarray]) -> None:
+        """Go on from what :meth:`stored` gave."""
+        for name, array in self._kept().items():
+            array.assign(stored[name])
+        self.update_poses()
+
+    def _kept(self) -> dict[str, Any]:
+        data = self.data
+        names = ("qpos", "qvel", "act", "ctrl", "qacc_warmstart", "time", "mocap_pos", "mocap_quat")
+        arrays = {name: getattr(data, name) for name in names}
+        arrays |= {"target": self._target, "joint_step": self.joint_step}
+        return {name: array for name, array in arrays.items() if array.size}
 
     def update_poses(self) -> None:
         """Poses of the end of the frame; a step leaves those of its start."""

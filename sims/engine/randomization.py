@@ -79,6 +79,12 @@ class DomainRandomization:
         check_whole("texture_sets", self.texture_sets, least=1)
 
 
+def world_rng(seed: int, world: int, purpose: int, *more: int) -> np.random.Generator:
+    """Random numbers of the world of that number, the same whichever process makes it."""
+    # Purposes apart, so that a distractor leaves the posture as it is; textures take [seed, 0].
+    return np.random.default_rng([seed, 1 + purpose, world, *more])
+
+
 class WorldModels:
     """The models of B worlds, as arrays for MuJoCo-Warp and one at a time for MuJoCo.
 
@@ -114,7 +120,10 @@ class WorldModels:
             mujoco.mj_setConst(self._scratch, data)
             for name, values in rows.items():
                 values.append(getattr(self._scratch, name).copy())
-        self._fields = {name: np.stack(values) for name, values in rows.items() if np.ptp(values, axis=0).any()}
+        # Also where one world alone differs from the template: it has to be the same world as among many.
+        self._fields = {
+            name: np.stack(values) for name, values in rows.items() if np.not_equal(values, getattr(model, name)).any()
+        }
 
     def host(self, world: int) -> mujoco.MjModel:
         """The model of a world; valid until the next call."""

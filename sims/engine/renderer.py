@@ -27,6 +27,8 @@ from dense_vs.kernels.simulation.packed_image import (
 )
 from dense_vs.sims.engine.lens import Lens
 
+TILE = (4, 8)  # rows and columns of the pixels that a GPU's warp traces together
+
 
 class RayTracer:
     """Traces the poses in ``data`` for one camera into ``context``, whose arrays stay where they are.
@@ -40,6 +42,7 @@ class RayTracer:
         threads: row bands traced at once on a CPU.
         rays: sets of (height width, 3) unit vectors in MuJoCo's camera axes, one of which is traced at a time; a
             pinhole's unless given.
+        order: (height width,) pixels by ray; row after row unless given, and the output lies in the same order.
         options: of :func:`mujoco_warp.create_render_context`.
     """
 
@@ -53,6 +56,7 @@ class RayTracer:
         device: wp.Device,
         threads: int,
         rays: Sequence[np.ndarray] | None = None,
+        order: np.ndarray | None = None,
         **options: Any,
     ):
         worlds, height, width = shape
@@ -71,6 +75,9 @@ class RayTracer:
                 enable_per_light_ambient=bool(np.any(model.light_ambient > 0)),
                 **options,
             )
+            if order is not None:
+                self.context.ray = wp.array(self.context.ray.numpy()[order], dtype=wp.vec3)
+                self.context.ray_offset = wp.array(self.context.ray_offset.numpy()[order], dtype=wp.vec3)
             self._rays = [self.context.ray]
             if rays is not None:
                 self._rays = [wp.array(some.astype(np.float32), dtype=wp.vec3) for some in rays]
@@ -193,15 +200,18 @@ def color_tracer(
     threads: int,
     *,
     rays: Sequence[np.ndarray] | None = None,
+    order: np.ndarray | None = None,
     shadows: bool = False,
 ) -> RayTracer:
     """Tracer of colors alone, of ``shape``; arguments of :class:`RayTracer` and :class:`Renderer`."""
     colors = {"render_rgb": True, "render_depth": False, "render_seg": False, "use_shadows": shadows}
-    return RayTracer(model, device_model, data, camera, shape, device, threads, rays, **colors)
+    return RayTracer(model, device_model, data, camera, shape, device, threads, rays, order, **colors)
 
 
 class GrayRenderer:
     """Renders the poses in ``data`` into a gray image, and nothing else.
+
+    Rays are traced tile after tile: the 32 of a GPU's warp then meet the same surfaces more often than in a row.
 
     Args:
         gray: (worlds, height, width) uint8 that :meth:`render` writes.
@@ -218,15 +228,23 @@ class GrayRenderer:
         threads: int,
     ):
         device: Any = gray.device
-        self._tracer = color_tracer(model, device_model, data, camera, gray.shape, device, threads)
+        order = tile_order(*gray.shape[1:])
+        place = wp.array(np.argsort(order).astype(np.int32), device=device)
+        self._tracer = color_tracer(model, device_model, data, camera, gray.shape, device, threads, order=order)
         self._to_gray = PixelLaunch(
-            packed_to_gray_kernel, gray.shape, [self._tracer.context.rgb_data, gray], device, threads
+            packed_to_gray_kernel, gray.shape, [self._tracer.context.rgb_data, place, gray], device, threads
         )
 
     def render(self) -> None:
         """Render the present poses of all worlds."""
         self._tracer.trace()
         self._to_gray()
+
+
+def tile_order(height: int, width: int) -> np.ndarray:
+    """Pixels of an image (height width,), tile after tile of :data:`TILE`, and row after row within each."""
+    y, x = np.divmod(np.arange(height * width), width)
+    return np.lexsort((x, y, x // TILE[1], y // TILE[0]))
 
 
 def _shines(model: mujoco.MjModel) -> bool:

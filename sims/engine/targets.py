@@ -56,7 +56,8 @@ def reachable_targets(
     found = []
     for number in range(worlds):
         # The first world's are those of a single one.
-        random = np.random.default_rng([seed, 7] if number == 0 else [seed, 7, number])
+        index = world.first_world + number
+        random = np.random.default_rng([seed, 7] if index == 0 else [seed, 7, index])
         found.append(
             _targets_of_world(
                 world, point, number, count, random, starts[number], least_distance, border, share_of_range, reach
@@ -120,7 +121,8 @@ def _targets_of_world(
         previous = pixel
     if len(targets) < count:
         raise DenseVSError(
-            f"found {len(targets)} targets in {ATTEMPTS} random postures in world {number}; expected {count}. "
+            f"found {len(targets)} targets in {ATTEMPTS} random postures in world {world.first_world + number}; "
+            f"expected {count}. "
             + ", ".join(_CRITERIA[why].format(times, border, least_distance) for why, times in refused.items() if times)
             + f"; {_REMEDIES[max(refused, key=lambda why: refused[why])]}"
         )

@@ -24,7 +24,7 @@ from dense_vs.sims.engine.joint_readings import JointReadings
 from dense_vs.sims.engine.lens import Lens
 from dense_vs.sims.engine.physics import Physics, WarpPhysics, history_times, make_physics
 from dense_vs.sims.engine.pose_memory import PoseMemory
-from dense_vs.sims.engine.randomization import DomainRandomization, WorldModels
+from dense_vs.sims.engine.randomization import DomainRandomization, WorldModels, world_rng
 from dense_vs.sims.engine.realism import Realism, resolve_realism
 from dense_vs.sims.engine.renderer import camera_intrinsics
 from dense_vs.sims.engine.scene import FRAME_SECONDS, Scene, load_scene
@@ -71,6 +71,7 @@ class SimWorld:
         compliance: True, or a :class:`.compliance.Compliance`, for joints that are soft, late and read with noise, as a
             tendon-driven robot's; our robots only. The truth stays exact.
         geom_groups: of an MJCF file's geoms, those drawn; 0, 1 and 2 unless given.
+        first_world: number of the first of these worlds where they are some of many: the same as there.
 
     Attributes:
         samples, viewpoint: rays along a side of a pixel; the camera's pose and lens in float64.
@@ -98,8 +99,11 @@ class SimWorld:
         samples: int | None = None,
         realism: bool | str | Realism = False,
         geom_groups: Sequence[int] | None = None,
+        first_world: int = 0,
     ):
         worlds = check_whole("worlds", worlds, least=1, most=MAX_WORLDS)
+        self.first_world = check_whole("first_world", first_world, least=0)
+        self._numbers = range(self.first_world, self.first_world + worlds)
         self._realism = resolve_realism(realism)
         self._samples = None if samples is None else check_whole("samples", samples, least=1, most=MAX_SAMPLES)
         sides = {"least": 8, "most": MAX_SIDE}
@@ -156,9 +160,9 @@ class SimWorld:
         physics.restart_on_device(restarting)
         self._settle()
 
-    def count_frame(self) -> None:
-        """Note that a captured :meth:`step_on_device` has run once more."""
-        self._frame += 1
+    def count_frame(self, frames: int = 1) -> None:
+        """Note that a captured :meth:`step_on_device` has run that many times more."""
+        self._frame += frames
         self._rendered = False
 
     def frame(self) -> Frame:
@@ -317,7 +321,7 @@ class SimWorld:
     def _load(self, seed: int) -> None:
         worlds, height, width = self._shape
         scene = load_scene(**self._choice, seed=seed)
-        rngs = [_world_rng(seed, world, 2) for world in range(worlds)]
+        rngs = [world_rng(seed, number, 2) for number in self._numbers]
         models = WorldModels(scene.model, scene.camera, rngs, self._randomization)
         self.samples = samples = self._samples or scene.samples
         realism = self._realism or Realism()
@@ -328,7 +332,7 @@ class SimWorld:
         with room_for("a simulation", worlds, pixel_bytes * height * width + BYTES_OF_PHYSICS, self._device):
             physics = make_physics(scene, worlds, self._device, models, self._physics_on_device)
             self._poses = PoseMemory(physics.data)
-            seeds = np.array([_world_rng(seed, world, 4).integers(2**31) for world in range(worlds)])
+            seeds = np.array([world_rng(seed, number, 4).integers(2**31) for number in self._numbers])
             renderer = make_renderer(
                 (scene.model, physics.model, physics.data, scene.camera, self._shape, self._device, self._threads),
                 samples,
@@ -338,17 +342,17 @@ class SimWorld:
                 seeds,
                 realism.shadows or scene.shadows,
             )
-        rngs = [_world_rng(seed, world, 5) for world in range(worlds)]
+        rngs = [world_rng(seed, number, 5) for number in self._numbers]
         self._sway = CameraSway(realism.sway, rngs, scene.camera, self._device) if realism.sway else None
         self.viewpoint = Viewpoint(physics, lens, self._sway)
         self._truth = GroundTruth(scene, physics.data, self._poses, renderer, lens, self._device, self._threads)
         self._scene, self._physics, self._renderer, self._seed = scene, physics, renderer, seed
         self._readings = JointReadings(
-            self._compliance, self._realism, lambda world: _world_rng(seed, world, 3, self._frame)
+            self._compliance, self._realism, lambda world: world_rng(seed, self._numbers[world], 3, self._frame)
         )
         self._distractor: Distractor | None = None
         if scene.distractor >= 0:
-            rngs = [_world_rng(seed, world, 1) for world in range(worlds)]
+            rngs = [world_rng(seed, number, 1) for number in self._numbers]
             path = DistractorPath.draw(rngs, self._choice["distractor"])
             self._distractor = Distractor(path, scene.distractor, self._device)
         self._begin()
@@ -358,7 +362,7 @@ class SimWorld:
         qpos = np.repeat(scene.home_qpos[None], self._shape[0], axis=0)
         columns = scene.model.jnt_qposadr[scene.joint_ids]
         for world, row in enumerate(qpos):
-            offset = _world_rng(self._seed, world, 0).uniform(-1.0, 1.0, len(columns))
+            offset = world_rng(self._seed, self._numbers[world], 0).uniform(-1.0, 1.0, len(columns))
             row[columns] += scene.posture_range * offset
             row[:] = scene.chain.closed(self._physics.models.host(world), row)[0]
         self._physics.reset(qpos)
@@ -393,8 +397,3 @@ class SimWorld:
 
     def _out(self, array: np.ndarray) -> np.ndarray:
         return array[0] if self._shape[0] == 1 else array
-
-
-def _world_rng(seed: int, world: int, purpose: int, *more: int) -> np.random.Generator:
-    # Purposes apart, so that a distractor leaves the posture as it is; textures take [seed, 0].
-    return np.random.default_rng([seed, 1 + purpose, world, *more])

@@ -19,21 +19,25 @@ FORMS = [
     {"order": 1, "prediction": "none"},
     {"covariance": "fixed"},
     {"covariance": "diagonal", "move_variance": True},
+    {"covariance": "diagonal", "prediction_iterations": 1},
+    {"covariance": "diagonal", "prediction": "flow"},
+    {"covariance": "diagonal", "prediction": "none"},
     {"covariance": "full"},
 ]
 
 
-def filters(**options):
-    checked = JacobianOptions(height=HEIGHT, width=WIDTH, joints=JOINTS, worlds=WORLDS, on_bad_flow="skip", **options)
+def filters(joints=JOINTS, **options):
+    checked = JacobianOptions(height=HEIGHT, width=WIDTH, joints=joints, worlds=WORLDS, on_bad_flow="skip", **options)
     cpu = wp.get_device("cpu")
     return [JacobianFilter(checked, cpu, 2, layout=layout) for layout in ("matrices", "planes")]
 
 
 def drive(both, frames, seed=0, hole=True):
     random = np.random.default_rng(seed)
-    smooth = np.kron(random.normal(0, 30, (WORLDS, 3, 3, 2, JOINTS)), np.ones((1, 7, 11, 1, 1)))
+    joints = both[0].options.joints
+    smooth = np.kron(random.normal(0, 30, (WORLDS, 3, 3, 2, joints)), np.ones((1, 7, 11, 1, 1)))
     for _ in range(frames):
-        dq = random.normal(0, 0.03, (WORLDS, JOINTS)).astype(np.float32)
+        dq = random.normal(0, 0.03, (WORLDS, joints)).astype(np.float32)
         flow = np.einsum("whxij,wj->whxi", smooth, dq).astype(np.float32)
         flow += random.normal(0, 0.05, flow.shape).astype(np.float32)
         if hole:
@@ -63,13 +67,19 @@ def test_planes_and_matrices_give_the_same_estimate(options):
     np.testing.assert_allclose(flows[1], flows[0], atol=TOLERANCE * np.abs(flows[0]).max(), rtol=0)
 
 
-@pytest.mark.parametrize("order", [1, 2])
-def test_a_stored_state_goes_on_in_the_other_layout(order):
-    matrices, planes = filters(order=order)
+@pytest.mark.parametrize(
+    "options",
+    [{"order": 1}, {"order": 2}, *({"covariance": "diagonal", "joints": joints} for joints in (1, 2, 3, 4, 7))],
+)
+def test_a_stored_state_goes_on_in_the_other_layout(options):
+    matrices, planes = filters(**options)
     drive([matrices], 3)
     planes.restore(matrices.stored())
     for name, expected in matrices.stored().items():
         np.testing.assert_array_equal(planes.stored()[name], expected)
+    drive([matrices, planes], 2)
+    for name, expected in matrices.stored().items():
+        np.testing.assert_allclose(planes.stored()[name], expected, atol=TOLERANCE * np.abs(expected).max(), rtol=0)
 
 
 @pytest.mark.parametrize("order", [1, 2])
@@ -103,12 +113,12 @@ def test_a_filter_reads_the_flow_where_someone_else_wrote_it():
 
 @pytest.mark.gpu
 @pytest.mark.skipif(not wp.is_cuda_available(), reason="no CUDA device")
-@pytest.mark.parametrize("order", [1, 2])
-def test_the_last_of_very_many_worlds_is_as_good_as_the_first(order):
+@pytest.mark.parametrize("form", [{"order": 1}, {"order": 2}, {"covariance": "diagonal"}], ids=str)
+def test_the_last_of_very_many_worlds_is_as_good_as_the_first(form):
     """More blocks than one axis of a grid holds, and an image that tiles do not divide."""
     height, width, worlds = 243, 325, 260
     rng = np.random.default_rng(0)
-    options = {"height": height, "width": width, "joints": 4, "order": order, "on_bad_flow": "skip"}
+    options = {"height": height, "width": width, "joints": 4, "on_bad_flow": "skip", **form}
     many = JacobianFilter(JacobianOptions(worlds=worlds, **options), wp.get_device("cuda:0"), 1)
     one = JacobianFilter(JacobianOptions(**options), wp.get_device("cpu"), 2)
     for _ in range(3):

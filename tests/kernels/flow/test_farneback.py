@@ -79,12 +79,13 @@ def between(method: Farneback, previous: np.ndarray, present: np.ndarray) -> np.
     return method.flow.numpy().copy()
 
 
+@pytest.mark.parametrize("tiles", [False, True], ids=["passes", "tiles"])
 @pytest.mark.parametrize("size", SIZES, ids=str)
 @pytest.mark.parametrize("name", OPTIONS)
-def test_agrees_with_opencv(name, size):
+def test_agrees_with_opencv(name, size, tiles):
     options = OPTIONS[name]
     previous = texture(*size)
-    method = Farneback(1, *size, options, device="cpu", threads=2)
+    method = Farneback(1, *size, options, device="cpu", threads=2, tiles=tiles)
     for motion, flow in motions(*size).items():
         present = moved(previous, flow)
         u = between(method, previous, present)[0]
