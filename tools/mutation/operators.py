@@ -125,7 +125,7 @@ def _replacements(node: ast.expr) -> Iterator[ast.expr]:
         for table in (TURNED, AT_BORDER):
             if type(node.ops[0]) in table:
                 yield ast.Compare(node.left, [table[type(node.ops[0])]()], node.comparators)
-    elif isinstance(node, ast.BinOp) and type(node.op) in ARITHMETIC and not _text(node):
+    elif isinstance(node, ast.BinOp) and type(node.op) in ARITHMETIC and not _text(node) and not _noise_added(node):
         yield ast.BinOp(node.left, ARITHMETIC[type(node.op)](), node.right)
     elif isinstance(node, ast.BoolOp):
         yield ast.BoolOp(ast.Or() if isinstance(node.op, ast.And) else ast.And(), node.values)
@@ -158,6 +158,11 @@ def _calls(node: ast.Call) -> Iterator[ast.expr]:
 
 def _text(node: ast.BinOp) -> bool:
     return any(isinstance(part, (ast.JoinedStr, ast.List)) or _is_text(part) for part in (node.left, node.right))
+
+
+def _noise_added(node: ast.BinOp) -> bool:
+    """Whether noise of zero mean is added: taken away, it would be of the same distribution."""
+    return isinstance(node.op, (ast.Add, ast.Sub)) and "rng.normal(" in ast.unparse(node.right)
 
 
 def _is_text(node: ast.expr) -> bool:
