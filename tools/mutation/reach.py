@@ -67,8 +67,16 @@ class Reach:
         return setup + sum(self.times[test].rest for test in tests)
 
 
-def measure_reach(root: Path, work: Path, jobs: int, quick: bool) -> None:
-    """Run the tests once under coverage, ``jobs`` of them side by side, and keep what they reached in ``work``."""
+def measure_reach(root: Path, work: Path, jobs: int, quick: bool, tests: list[str]) -> None:
+    """Run the tests once under coverage, ``jobs`` of them side by side, and keep what they reached in ``work``.
+
+    Args:
+        root: of the project.
+        work: folder for what is kept.
+        jobs: processes side by side.
+        quick: leave out tests marked slow.
+        tests: files and folders; all unless given.
+    """
     work.mkdir(parents=True, exist_ok=True)
     for left in work.glob("coverage*"):  # of a run that was stopped
         left.unlink()
@@ -76,7 +84,7 @@ def measure_reach(root: Path, work: Path, jobs: int, quick: bool) -> None:
     command += ["--cov", "--cov-context=test", "--cov-report=", "--cov-fail-under=0"]
     command += ["-n", str(jobs), "--dist", "worksteal"] if jobs > 1 else ["-p", "no:xdist"]
     command += ["-m", "not slow"] if quick else []
-    command += [f"--ignore={folder}" for folder in LEFT_OUT]
+    command += [f"--ignore={folder}" for folder in LEFT_OUT] + tests
     tools = str(Path(__file__).parents[1])
     search = os.pathsep.join(part for part in (tools, os.environ.get("PYTHONPATH")) if part)
     own = {"COVERAGE_FILE": str(work / "coverage"), "MUTATION_TIMES": str(work / "times.json"), "PYTHONPATH": search}

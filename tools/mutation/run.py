@@ -88,7 +88,7 @@ def main() -> None:
     if sys.flags.safe_path:
         os.environ["PYTHONSAFEPATH"] = "1"
     if not arguments.reuse:
-        measure_reach(root, work, arguments.jobs, arguments.quick)
+        measure_reach(root, work, arguments.jobs, arguments.quick, arguments.tests)
     reach = read_reach(root, work)
     groups = {"chosen": tuple(arguments.modules)} if arguments.modules else MODULES
     drawn = draw(root, groups, arguments.each, arguments.seed, arguments.only)
@@ -112,6 +112,7 @@ def _parser() -> argparse.ArgumentParser:
     add("--seed", type=int, default=0, help="of the draw (default: 0)")
     add("--only", default="*", metavar="PATTERN", help="of files, as 'dense_vs/grasp/*' (default: all)")
     add("--modules", nargs="+", metavar="PATTERN", help="files to draw from (default: scores, laws and estimators)")
+    add("--tests", nargs="+", default=[], metavar="PATH", help="tests to ask (default: all)")
     add("--quick", action="store_true", help="leave out tests marked slow")
     add("--reuse", action="store_true", help="do not measure again which tests reach which lines")
     add("--root", type=Path, default=ROOT, help="of the project (default: this one)")
