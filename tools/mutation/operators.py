@@ -1,8 +1,8 @@
 """The chosen mutations of a Python source: each a small wrong step that a programmer could have made.
 
 Comparisons turned round or moved to the border, arithmetic swapped, signs dropped, extremes exchanged, flags and small
-numbers changed, conditions negated. Texts, messages, annotations, drawings and declarations of arguments are left out:
-no figure depends on them.
+numbers changed, conditions negated. Texts, messages, annotations, progress, drawings and declarations of arguments are
+left out: no figure depends on them.
 """
 
 import ast
@@ -46,6 +46,18 @@ AT_BORDER = {ast.Lt: ast.LtE, ast.LtE: ast.Lt, ast.Gt: ast.GtE, ast.GtE: ast.Gt}
 ARITHMETIC = {ast.Add: ast.Sub, ast.Sub: ast.Add, ast.Mult: ast.Div, ast.Div: ast.Mult, ast.Pow: ast.Mult}
 # No figure depends on what these do.
 LEFT_OUT = ("draw", "plot", "add_arguments", "_line", "label", "picture", "__repr__")
+LEFT_OUT_CALLS = (
+    "progress",
+    "print",
+    "draw_",
+    "plot_",
+    "write_tiles",
+    "new_figure",
+    "bar.",
+    "panel.",
+    "axes.",
+    "parser.",
+)
 
 
 @dataclass(frozen=True)
@@ -108,6 +120,8 @@ def _nodes(tree: ast.Module) -> list[tuple[ast.expr, str]]:
                 visit(node.value, function)
             return
         if isinstance(node, ast.Expr) and isinstance(node.value, ast.Constant):
+            return
+        if isinstance(node, ast.Call) and ast.unparse(node.func).startswith(LEFT_OUT_CALLS):
             return
         if isinstance(node, ast.If) and "TYPE_CHECKING" in ast.unparse(node.test):
             return
