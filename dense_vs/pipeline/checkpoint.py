@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from dense_vs.arrays import real_vector
-from dense_vs.checks import check_number
+from dense_vs.checks import check_names, check_number, check_pair
 from dense_vs.errors import DenseVSError
 from dense_vs.files import atomic_write, check_writable, file_path, read_arrays, stored_array
 from dense_vs.jacobian.estimator import DenseJacobian
@@ -73,7 +73,7 @@ class Checkpoint:
     def __init__(self, path: str | os.PathLike[str], joint_names: Sequence[str], *, period: float = PERIOD):
         self.path = file_path(path)
         check_writable(self.path)
-        self.joint_names = tuple(joint_names)
+        self.joint_names = check_names("joint_names", joint_names)
         self.period = check_number("period", period, above=0)
         self._written = -np.inf
         self._thread: Thread | None = None
@@ -89,6 +89,7 @@ class Checkpoint:
         Raises:
             DenseVSError: a file that is no checkpoint, or one of other images or joints.
         """
+        size = check_pair("size", size, least=1, most=1 << 24)
         if not self.path.exists():
             return None
         what = "a checkpoint"
