@@ -17,6 +17,8 @@ from dense_vs.sims.papers.gothoskar import (
     noisy_control,
     noisy_states,
     servo,
+    single_camera,
+    speed,
     stages,
 )
 from dense_vs.sims.papers.gothoskar.servo_runs import _errors
@@ -213,3 +215,78 @@ def test_alarms_and_wrongly_named_cameras_are_counted(monkeypatch, tmp_path):
     assert found["samples until the shifted camera is named, worst"] == 3
     assert found["50/0: gradient norm"] == 50.0
     assert found["40/10: gradient norm"] == 60.0
+
+
+def test_a_query_of_a_hundred_is_timed_by_the_piece(monkeypatch, tmp_path):
+    monkeypatch.setattr(speed, "_queries", lambda seed: dict.fromkeys(speed.PAPER, seed))
+    monkeypatch.setattr(speed, "_median_ms", lambda query, repeats: 100.0 * query + (repeats == 5))
+    monkeypatch.setattr(speed, "draw_bars", lambda *_, **__: None)
+    found = values(speed.run(Namespace(repeats=7, seeds=[1, 2, 9], out=tmp_path)))
+    assert found["forward kinematics"] == 200.0
+    assert found["joints from image, each of 100"] == 2.0
+    assert found["learning from 50 samples"] == 201.0  # five times are enough of it
+
+
+def test_medians_and_worst_of_stages(monkeypatch, tmp_path):
+    trials = [SimpleNamespace(seed=k, evidence=lambda _: SimpleNamespace(observations=Namespace(joints=0, pixels=0)))
+              for k in (1, 2, 9)]  # fmt: skip
+    monkeypatch.setattr(stages, "trials", lambda _: trials)
+    monkeypatch.setattr(stages, "draw_bars", lambda *_, **__: None)
+    monkeypatch.setattr(stages, "_end_to_end", lambda report, _: (100.0 * report, float(report)))
+    monkeypatch.setattr(
+        stages, "_from_random", lambda trial, _, reconstructed: trial.seed * (3.0 if reconstructed else 2)
+    )
+    monkeypatch.setattr(stages, "pixel_error", lambda *_: 0.5)
+    fit = lambda _, seed: SimpleNamespace(report=seed, pixels=lambda _: None)  # noqa: E731
+    monkeypatch.setattr(GenerativeModel, "fit", fit)
+    rows = stages.run(Namespace(samples=50, published=False, seeds=SEEDS, out=tmp_path))
+    found, papers = values(rows), {row.name: row.paper for row in rows}
+    of, worst = "mean squared distance, median", "mean squared distance, worst"
+    for order, factor in (
+        ("before end-to-end", 100.0),
+        ("after end-to-end", 1.0),
+        ("all at once", 2.0),
+        ("cameras and structure, all", 3.0),
+    ):
+        assert (found[f"{order}: {of}"], found[f"{order}: {worst}"]) == (2 * factor, 9 * factor)
+        assert papers[f"{order}: {worst}"] is None
+    assert papers[f"after end-to-end: {of}"] == 0.47
+    assert found["after end-to-end: mean distance, worst"] == 0.5
+
+
+def test_single_camera_rows(monkeypatch, tmp_path):
+    """Means and medians over all images of all seeds; models of one camera see that one alone."""
+
+    class Seen(SimpleNamespace):
+        def __getitem__(self, part):
+            return Seen(pixels=self.pixels[part], image_sizes=[1, 2], intrinsics=np.zeros((2, 4)), joints=None)
+
+    def fit(observations, seed):
+        cameras = observations.pixels.shape[1]
+        return SimpleNamespace(pixels=lambda _: np.full((4, cameras, 1, 2), 3.0 / np.sqrt(2)), cameras=cameras)
+
+    seen = Seen(pixels=np.zeros((60, 2, 1, 2)), image_sizes=[1, 2], intrinsics=np.zeros((2, 4)), joints=None)
+    held_out = SimpleNamespace(observations=SimpleNamespace(joints=None, pixels=np.zeros((4, 2, 1, 2))))
+    evidence = lambda count, purpose=0: held_out if purpose else SimpleNamespace(observations=seen)  # noqa: E731
+    trials = [SimpleNamespace(arm="ur5", seed=k, evidence=evidence) for k in (1, 2)]
+    errors = iter([np.array([1.0, 2.0, 9.0]), np.array([4.0])])
+
+    def inferred(model, _):
+        assert model.cameras == 2
+        return dict.fromkeys(single_camera.PAPER, next(errors))
+
+    monkeypatch.setattr(single_camera, "trials", lambda _: trials)
+    monkeypatch.setattr(single_camera, "draw_bars", lambda *_, **__: None)
+    monkeypatch.setattr(single_camera, "_inferred", inferred)
+    monkeypatch.setattr(single_camera, "_perfect", lambda *_: {})
+    monkeypatch.setattr(single_camera, "replace", lambda few, pixels, **_: SimpleNamespace(pixels=pixels))
+    monkeypatch.setattr(GenerativeModel, "fit", fit)
+    rows = single_camera.run(Namespace(samples=50, learn_from=[20, 50], arm=["ur5"], seeds=SEEDS, out=tmp_path))
+    by = {row.name: row for row in rows}
+    for name, (mean, _) in single_camera.PAPER.items():
+        assert (by[f"ur5: {name}: mean"].ours, by[f"ur5: {name}: median"].ours) == (4.0, 3.0)
+        assert by[f"ur5: {name}: mean"].paper == mean
+        assert by[f"ur5: {name}: mean"].unit == ("rad" if "joints" in name else "px")
+    assert by["learned from one camera, 50 samples: mean"].ours == pytest.approx(3.0)
+    assert by["learned from one camera, 50 samples: mean"].paper == 1.231
+    assert by["learned from one camera, 20 samples: mean"].paper is None

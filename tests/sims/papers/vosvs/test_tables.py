@@ -95,7 +95,8 @@ def learned(seed, one, *, converged, updates, scale):
 def test_learned_elements_stand_beside_the_papers():
     ones = [learned(1, one, converged=one.name != "head", updates=4, scale=0.5) for one in CONFIGURATIONS]
     ones += [learned(2, one, converged=True, updates=None, scale=1.0) for one in CONFIGURATIONS]
-    rows = learn.table_rows(ones, (1, 2))
+    ones += [learned(3, one, converged=True, updates=10, scale=1.0) for one in CONFIGURATIONS]
+    rows = learn.table_rows(ones, (1, 2, 3))
     by = {(row.name, row.seeds): row for row in rows}
     for update in Update:
         assert by[f"converged of 7, {update}", (1,)].ours == 6
@@ -106,11 +107,11 @@ def test_learned_elements_stand_beside_the_papers():
         assert by[f"converged of 7, {update}", (1,)].paper == (
             7 if update in (Update.PRINTED, Update.GUARDED) else None
         )
-    both = (1, 2)
-    assert by[f"base: updates until s*, {Update.GUARDED}", both].ours == 4
+    both = (1, 2, 3)
+    assert by[f"base: updates until s*, {Update.GUARDED}", both].ours == 7
     assert by[f"base: updates until s*, {Update.GUARDED}", both].paper == 14
     assert by[f"head: updates until s*, {Update.GUARDED}", both].paper is None
     part = by[f"head: part of the error in s_x that a step by (10) removes, {Update.GUARDED}", both]
-    assert part.ours == pytest.approx(0.75)
+    assert part.ours == pytest.approx(1.0)
     element = by[f"head: dhead_tilt/ds_y, {Update.GUARDED}", both]
-    assert (element.ours, element.paper, element.unit) == (pytest.approx(0.0015), 0.00183, "rad/px")
+    assert (element.ours, element.paper, element.unit) == (pytest.approx(0.002), 0.00183, "rad/px")
