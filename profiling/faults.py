@@ -13,14 +13,17 @@ import argparse
 import json
 import sys
 from dataclasses import asdict, dataclass
+from functools import partial
 from itertools import groupby
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
 import warp as wp
 
 from dense_vs.files import write_json
+from dense_vs.pipeline.checkpoint import Checkpoint
 from dense_vs.sims import SimWorld
 from dense_vs.sims.engine.faults import FAULTS, FaultInjector
 from dense_vs.sims.papers.dije.reaching import ReachingExperiment
@@ -35,6 +38,8 @@ REACHED = 2.0  # px
 POINTS = {"arm": "tip", "planar": "tip"}
 JOINT = 1  # that is at fault
 INTO_REACH = 6  # frames
+RESTART = "killed and restarted"  # the process: nothing is left but its checkpoint and the robot where it is
+NAMES = (*FAULTS, RESTART)
 
 
 @dataclass
@@ -79,6 +84,53 @@ class FaultTrial:
             self.world, traced=False, point=POINTS[arm], seed=seed, injector=self.injector, on_frame=self._after_frame
         )
         self.run.learn()
+
+    def restart(self) -> None:
+        """Begin anew with what a checkpoint keeps, the robot where it is."""
+        with TemporaryDirectory() as folder:
+            checkpoint = Checkpoint(Path(folder) / "kept.npz", self.world.joint_names)
+            checkpoint.keep(self.run.loop.pipeline, 0.0)
+            checkpoint.end()
+            estimator = self.run.loop.estimator.options
+            kept = checkpoint.resume((estimator.height, estimator.width), device="cpu")
+        assert kept is not None
+        kept.bring_to(self.world.joints()[0])
+        self.run = ReachingExperiment(
+            self.world,
+            traced=False,
+            point=POINTS[self.arm],
+            seed=self.seed,
+            injector=self.injector,
+            on_frame=self._after_frame,
+            estimator=kept.estimator,
+        )
+
+    def meet_restart(self, number: int) -> Row:
+        """The process killed while it babbles, and again in a reach, after which its point has to be chosen anew."""
+        before = self.run.jacobian_error().median
+        self.named = set()
+        self.restart()
+        at_end = self.run.jacobian_error().median
+        self.run.loop.babble(3.0)
+        after = self.run.jacobian_error().median
+        self.run.choose()
+        target, *others = self._targets(number)
+        self.run.reach(target, max_frames=INTO_REACH)
+        self.restart()
+        self.run.loop.babble(3.0)
+        self.frames, self.due, self.places = [], None, {}
+        self.run.choose()
+        during = self.run.reach(target, max_frames=150)
+        runs = [len(list(run)) for silent, run in groupby(off and not said for off, said, _ in self.frames) if silent]
+        worst = max((distance for *_, distance in self.frames), default=0.0)
+        after_px = []
+        for other in others:
+            self.run.choose()
+            after_px.append(self.run.reach(other, max_frames=150).true_error_px)
+        return Row(
+            self.arm, self.seed, RESTART, before, at_end, after, sorted(self.named), during.reach.end.value,
+            during.true_error_px, worst, max(runs, default=0), after_px,
+        )  # fmt: skip
 
     def meet(self, fault: str, number: int) -> Row:
         """A fault while babbling, in a reach, and what is left of both."""
@@ -133,7 +185,7 @@ class FaultTrial:
 def summary(rows: list[dict[str, Any]]) -> list[list[str]]:
     """A line a fault over robots and seeds, ranges where there are several."""
     lines = []
-    for fault in FAULTS:
+    for fault in NAMES:
         of = [row for row in rows if row["fault"] == fault]
         if not of:
             continue
@@ -201,7 +253,7 @@ def main() -> int:
     parser = argparse.ArgumentParser(description="What becomes of J and of reaches when something breaks.")
     parser.add_argument("--arms", nargs="+", default=list(POINTS), choices=list(POINTS), help="robots (default: all)")
     parser.add_argument("--seeds", nargs="+", type=int, default=[0, 1, 2], help="of everything (default: 0 1 2)")
-    parser.add_argument("--faults", nargs="+", default=list(FAULTS), choices=list(FAULTS), help="(default: all)")
+    parser.add_argument("--faults", nargs="+", default=list(NAMES), choices=list(NAMES), help="(default: all)")
     parser.add_argument("--json", type=Path, metavar="FILE", help="write the result here, after every fault")
     parser.add_argument(
         "--page", action="store_true", help="write docs/faults.md from the committed result, run nothing"
@@ -217,7 +269,8 @@ def main() -> int:
         for arm in arguments.arms:
             trial = FaultTrial(arm, seed)
             for fault in arguments.faults:
-                rows.append(asdict(trial.meet(fault, list(FAULTS).index(fault))))
+                meet = trial.meet_restart if fault == RESTART else partial(trial.meet, fault)
+                rows.append(asdict(meet(NAMES.index(fault))))
                 print(json.dumps(rows[-1]), flush=True)
                 if arguments.json is not None:
                     write_json(arguments.json, {**origin, "rows": rows})

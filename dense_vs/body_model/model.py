@@ -279,7 +279,7 @@ class BodyModel:
         cross = np.zeros((3, self.joint_count, 3))
         for n, (wx, wy, wz) in enumerate(axes):
             cross[:, n] = [[0, wz, -wy], [-wz, 0, wx], [wy, -wx, 0]]
-        velocity = (positions @ cross.reshape(3, -1)).reshape(len(positions), -1, 3) + moments
+        velocity = (positions @ cross.reshape(3, -1)).reshape(len(positions), self.joint_count, 3) + moments
         J = np.empty((len(positions), 2, self.joint_count), np.float32)
         scale = self.focal_length / positions[:, 2]
         normal = positions[:, :2] / positions[:, 2:]

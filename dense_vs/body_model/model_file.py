@@ -13,6 +13,7 @@ from dense_vs.files import atomic_write, read_arrays
 
 FORMAT = "dense-vs body model"
 FORMAT_VERSION = 1
+LARGEST_SIDE = 1 << 14  # px
 
 
 @dataclass
@@ -120,5 +121,9 @@ def _check(arrays: dict[str, np.ndarray], path: str) -> None:
     links = arrays["surface_links"]
     if points and not (links.min() >= 0 and links.max() < joints):
         raise DenseVSError(f"{path} is damaged: surface_links reach {links.max()}; expected 0 to {joints - 1}")
-    if not (arrays["focal_length"] > 0 and (arrays["size"] > 0).all()):
-        raise DenseVSError(f"{path} is damaged: focal length or size is not positive")
+    size = arrays["size"]
+    if not (arrays["focal_length"] > 0 and (size > 0).all() and (size <= LARGEST_SIDE).all()):
+        raise DenseVSError(
+            f"{path} is damaged: focal length {arrays['focal_length']} px, size {size.tolist()}; expected numbers "
+            f"above 0, a side of at most {LARGEST_SIDE}"
+        )

@@ -13,7 +13,7 @@ from typing import Any
 import cv2
 import numpy as np
 
-from dense_vs.arrays import real_vector
+from dense_vs.arrays import number_array, plain_array, real_vector
 from dense_vs.checks import check_number, check_whole
 from dense_vs.errors import DenseVSError
 
@@ -72,16 +72,22 @@ class PointTracks:
 
     def __post_init__(self):
         joints = real_vector(self.joints, "joints", (-1, -1))
-        images, points = np.shape(self.pixels)[:2] if np.ndim(self.pixels) == 3 else (0, 0)
-        if np.shape(self.pixels) != (len(joints), points, 2) or points == 0 or images == 0:
+        pixels = number_array(self.pixels, "pixels", finite=False)
+        images, points = pixels.shape[:2] if pixels.ndim == 3 else (0, 0)
+        if pixels.shape != (len(joints), points, 2) or points == 0 or images == 0:
             raise DenseVSError(
-                f"pixels have shape {np.shape(self.pixels)}; expected (T, M, 2) with the {len(joints)} rows of joints"
+                f"pixels have shape {pixels.shape}; expected (T, M, 2) with the {len(joints)} rows of joints"
             )
-        if np.isinf(self.pixels).any():
+        if np.isinf(pixels).any():
             raise DenseVSError("pixels are infinite somewhere; expected finite ones, or NaN where a point is not seen")
-        if np.shape(self.references) != (points,):
-            raise DenseVSError(f"references have shape {np.shape(self.references)}; expected ({points},)")
-        object.__setattr__(self, "joints", joints)
+        references = plain_array(self.references, "references", f"whole numbers of shape ({points},)")
+        if references.shape != (points,) or references.dtype.kind not in "iu":
+            raise DenseVSError(
+                f"references have shape {references.shape} and dtype {references.dtype}; expected whole numbers of "
+                f"shape ({points},)"
+            )
+        for name, array in (("joints", joints), ("pixels", pixels), ("references", references)):
+            object.__setattr__(self, name, array)
 
     @property
     def seen(self) -> np.ndarray:
@@ -107,8 +113,8 @@ def follow_points(
         DenseVSError: images of other kinds or sizes, fewer than 3 of them, or no corner on anything that moves.
     """
     options = options or TrackOptions()
-    q = real_vector(joints, "joints", (len(images), -1))
     _check_images(images)
+    q = real_vector(joints, "joints", (len(images), -1))
     chosen = np.arange(0, len(images), options.stride)
     looked = [np.ascontiguousarray(images[int(k)]) for k in chosen]
     moving = moving_pixels(looked)
@@ -216,6 +222,8 @@ def _correlation(first: np.ndarray, second: np.ndarray, a: np.ndarray, b: np.nda
 
 
 def _check_images(images: Sequence[np.ndarray] | np.ndarray) -> None:
+    if not isinstance(images, (list, tuple, np.ndarray)):
+        raise DenseVSError(f"images are a {type(images).__name__}; expected a list or array of gray images")
     if len(images) < 3:
         raise DenseVSError(f"{len(images)} images; expected at least 3")
     shape = np.shape(images[0])

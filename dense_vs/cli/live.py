@@ -69,6 +69,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--out", type=Path, default=Path("out/live"), metavar="DIR", help="folder for recordings (default: out/live)"
     )
     safe.add_argument(
+        "--checkpoint",
+        type=Path,
+        metavar="FILE",
+        help="keep what is learned in FILE every 3 s, and go on from it at the next start",
+    )
+    safe.add_argument(
         "--format", default=FORMATS[0], help=f"of recordings: {', '.join(FORMATS)} (default: {FORMATS[0]})"
     )
     add_device_arguments(parser)
@@ -94,6 +100,7 @@ def run(arguments: argparse.Namespace) -> None:
         device=arguments.device,
         threads=arguments.threads,
         seed=arguments.seed,
+        checkpoint=arguments.checkpoint,
     )
     session = LiveSession(chosen_source(arguments), options)
     listening = _listen(arguments.host, port)

@@ -6,6 +6,7 @@ from typing import Any
 from dense_vs.checks import check_number
 
 MOST_MISFIT = 5.0  # about what 0.01 rad of noise in joints that are taken as exact comes to
+MOST_NOISE = 1.0  # px of a coordinate that detectors err by, unless it is told; more in the images is a lens far off
 USELESS_MISFIT = 20.0  # joints in degrees, or of other samples, come to 90 and more
 
 
@@ -60,9 +61,10 @@ class FitReport:
         pixel_sigma: estimated noise of a pixel coordinate [px].
         expected_error_px: mean error to be expected on other postures, spread like those learned from, without the
             noise of measuring there; None where it was not computed (actions, Cartesian controllers, method "paper").
-        misfit: rms_px as a multiple of the noise that the images show where no joint is used, about 1 where joints and
-            images belong together; None where it was not computed. Above :data:`MOST_MISFIT` the fit counts as not
-            converged, above :data:`USELESS_MISFIT` :meth:`GenerativeModel.command` refuses to work with it.
+        misfit: rms_px as a multiple of the noise that was told, or that the images show where no joint is used, at most
+            :data:`MOST_NOISE`; about 1 where lenses, joints and images belong together; None where it was not computed.
+            Above :data:`MOST_MISFIT` the fit counts as not converged, above :data:`USELESS_MISFIT`
+            :meth:`GenerativeModel.command` refuses to work with it.
         pose_sigma: estimated noise of rotation [rad] and translation [m], with a Cartesian controller.
     """
 

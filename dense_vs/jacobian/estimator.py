@@ -305,11 +305,14 @@ class DenseJacobian:
         Raises:
             DenseVSError: the file cannot be written.
         """
+        with atomic_write(path) as stream:
+            np.savez(stream, **self.stored())
+
+    def stored(self) -> dict[str, Any]:
+        """The arrays that :meth:`save` writes, by name; on a CPU views, valid until the next ``update``."""
         content: dict[str, Any] = dict(self.filter.stored())
         content |= {"format": FORMAT, "format_version": FORMAT_VERSION}
-        content |= {"options": json.dumps(asdict(self.options)), "updates": self.updates}
-        with atomic_write(path) as stream:
-            np.savez(stream, **content)
+        return content | {"options": json.dumps(asdict(self.options)), "updates": self.updates}
 
     @classmethod
     def load(cls, path: str | os.PathLike[str], *, device: str = "auto", threads: int | None = None) -> "DenseJacobian":

@@ -12,6 +12,7 @@ from collections.abc import Mapping
 from http.cookies import CookieError, SimpleCookie
 from urllib.parse import urlsplit
 
+from dense_vs.checks import shown
 from dense_vs.errors import DenseVSError
 
 COOKIE = "dense_vs_live"
@@ -47,10 +48,13 @@ class Access:
         token: "" where none is needed.
 
     Raises:
-        DenseVSError: a token that is too short.
+        DenseVSError: no texts, or a token that is too short.
     """
 
     def __init__(self, host: str, token: str | None = None):
+        for name, text in (("host", host), ("token", "" if token is None else token)):
+            if not isinstance(text, str):
+                raise DenseVSError(f"{name} is {shown(text)}; expected text")
         self._loopback = is_loopback(host)
         if token is not None and (len(token) < LEAST_TOKEN or not token.isascii() or not token.isalnum()):
             raise DenseVSError(

@@ -1,16 +1,17 @@
 """What a page may ask for, each message checked before it reaches the session. Nothing is evaluated or unpickled."""
 
 import json
-import math
 from collections.abc import Callable, Mapping
 from typing import Any
 
+from dense_vs.checks import check_flag, check_number, check_whole, shown
 from dense_vs.errors import DenseVSError
 from dense_vs.live.mode import Mode
 from dense_vs.live.recording_thread import RecordingThread, new_folder, room_left
 from dense_vs.live.session import LiveSession
 
 MOST_MESSAGE = 4096  # bytes
+LARGEST_WHOLE = 1 << 52
 LEAST_ROOM = 1 << 28  # bytes free before a recording begins
 SPEEDS = (0.01, 10.0)  # rad/s
 
@@ -165,6 +166,8 @@ def parse(text: str) -> dict[str, Any]:
     Raises:
         DenseVSError: too long, no JSON, or no object.
     """
+    if not isinstance(text, str):
+        raise DenseVSError(f"a message is {shown(text)}; expected text")
     if len(text) > MOST_MESSAGE:
         raise DenseVSError(f"a message has {len(text)} characters; expected at most {MOST_MESSAGE}")
     try:
@@ -178,26 +181,17 @@ def parse(text: str) -> dict[str, Any]:
 
 def number(message: Mapping[str, Any], name: str) -> float:
     """A finite number of a message."""
-    value = message.get(name)
-    if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
-        raise DenseVSError(f"{name} is {value!r}; expected a finite number")
-    return float(value)
+    return check_number(name, message.get(name))
 
 
 def whole(message: Mapping[str, Any], name: str) -> int:
     """A whole number of a message."""
-    value = message.get(name)
-    if isinstance(value, bool) or not isinstance(value, int) or abs(value) > 1 << 52:
-        raise DenseVSError(f"{name} is {value!r}; expected a whole number")
-    return value
+    return check_whole(name, message.get(name), least=-LARGEST_WHOLE, most=LARGEST_WHOLE)
 
 
 def flag(message: Mapping[str, Any], name: str) -> bool:
     """True or false of a message."""
-    value = message.get(name)
-    if not isinstance(value, bool):
-        raise DenseVSError(f"{name} is {value!r}; expected true or false")
-    return value
+    return check_flag(name, message.get(name))
 
 
 def pair(message: Mapping[str, Any], name: str) -> tuple[float, float]:

@@ -15,6 +15,7 @@ from typing import Any
 import cv2
 import numpy as np
 
+from dense_vs.arrays import number_array
 from dense_vs.errors import DenseVSError
 from dense_vs.live.snapshot import plain
 from dense_vs.mask_servo.hadamard_broyden import HadamardBroyden
@@ -232,13 +233,14 @@ def checked_box(image: np.ndarray, box: tuple[float, float, float, float]) -> tu
     """A box's x, y, width and height [px], cut to the image and in whole pixels.
 
     Raises:
-        DenseVSError: a gray image, or too small a box.
+        DenseVSError: a gray image, no four finite numbers, or too small a box.
     """
     if image.ndim != 3:
         raise DenseVSError("the camera gives gray images; expected RGB for learning an object")
+    corners = number_array(box, "box", (4,))
     height, width = image.shape[:2]
-    x0, x1 = sorted(int(np.clip(round(side), 0, width - 1)) for side in (box[0], box[2]))
-    y0, y1 = sorted(int(np.clip(round(side), 0, height - 1)) for side in (box[1], box[3]))
+    x0, x1 = sorted(int(np.clip(round(side), 0, width - 1)) for side in corners[[0, 2]])
+    y0, y1 = sorted(int(np.clip(round(side), 0, height - 1)) for side in corners[[1, 3]])
     if min(x1 - x0, y1 - y0) < LEAST_SIDE or (x1 - x0) * (y1 - y0) > 0.8 * width * height:
         raise DenseVSError(
             f"the box is {x1 - x0} x {y1 - y0} px; expected {LEAST_SIDE} px a side and at most 80 % of the image"

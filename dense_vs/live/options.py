@@ -23,6 +23,7 @@ class LiveOptions:
         folder: for recordings.
         record_format: ``"video"``, ``"lerobot"`` or ``"mcap"``.
         device, threads, seed: as of :class:`dense_vs.ServoLoop`.
+        checkpoint: file that what is learned is kept in, and taken from at the start; none unless given.
         stall_seconds: time without an image, or without a new joint reading, after which commands stop [s].
 
     Raises:
@@ -39,6 +40,7 @@ class LiveOptions:
     device: str = "auto"
     threads: int | None = None
     seed: int = 0
+    checkpoint: Path | None = None
     stall_seconds: float = 0.5
 
     def __post_init__(self):

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from dense_vs.arrays import point_array
-from dense_vs.checks import check_number
+from dense_vs.checks import check_number, check_whole
 from dense_vs.errors import DenseVSError
 from dense_vs.flow.estimator import FlowEstimator
 from dense_vs.jacobian.estimator import DenseJacobian
@@ -204,7 +204,7 @@ class LivePoints:
         return point
 
     def _at(self, number: int) -> LivePoint:
-        if number not in self._points:
-            shown = ", ".join(map(str, self._points)) or "none"
-            raise DenseVSError(f"point is {number!r}; expected one of {shown}")
+        if check_whole("point", number) not in self._points:
+            present = ", ".join(map(str, self._points)) or "none"
+            raise DenseVSError(f"point is {number!r}; expected one of {present}")
         return self._points[number]

@@ -20,6 +20,7 @@ from dense_vs.drivers.watchdog import Watchdog
 from dense_vs.errors import DenseVSError
 from dense_vs.jacobian.estimator import DenseJacobian
 from dense_vs.live.gate import GatedRobot, PageGate
+from dense_vs.live.keeping import Keeping
 from dense_vs.live.learning import WINDOW, Learning, sureness
 from dense_vs.live.live_object import LiveObject, ObjectServo
 from dense_vs.live.mode import Mode
@@ -74,6 +75,7 @@ class LiveSession:
         self.object: LiveObject | None = None
         self._object_servo: ObjectServo | None = None
         self.told = Told()
+        self._keeping: Keeping | None = None
         self._requests: SimpleQueue[Callable[[], Any]] = SimpleQueue()
         self._ended = threading.Event()
         self._beat: float | None = None  # when the last frame came, on the computer's clock
@@ -104,6 +106,8 @@ class LiveSession:
         for thread in self._threads:
             if thread.is_alive():
                 thread.join(timeout=5)
+        if self._keeping is not None:
+            self._keeping.end()
         if self.recorder is not None:
             self.recorder.finish()
         if self._watchdog is not None:
@@ -236,6 +240,7 @@ class LiveSession:
 
     def _begin(self) -> None:
         self.use(None)
+        self._keeping = Keeping(self)
         loop = self.running_loop()
         size = loop.estimator.options.height, loop.estimator.options.width
         self.points = LivePoints(*size)
@@ -293,6 +298,8 @@ class LiveSession:
         if self.mode is not Mode.STILL and not self.gate.open:
             self.mode = Mode.STILL
         self._look_after(frame)
+        if self._keeping is not None:
+            self._keeping.frame()
         self._publish(frame, before if frame is not before else None)
 
     def _move(self, loop: ServoLoop) -> Frame:

@@ -213,6 +213,11 @@ class FramePipeline:
             if forget:
                 self.check.restart()
 
+    @property
+    def posture(self) -> np.ndarray:
+        """Joint positions ``(N,)`` that the estimator's J is of now [rad, m]."""
+        return self._moved_to.copy()
+
     def motion(self, joint_step: np.ndarray) -> float:
         """How fast a joint step ``(N,)`` moves the robot in the image: 95 % of what moves by J dq is slower [px]."""
         moved = np.abs(self.estimator.at(self._grid) @ joint_step).max(axis=1)

@@ -170,22 +170,23 @@ class _BagImages:
             self.frame_count = sum(c.msgcount for c in reader.connections if c.topic == topic)
 
     def __iter__(self) -> Iterator[tuple[np.ndarray, float]]:
-        decoder = ImageDecoder(f"{self._bag.path}, {self._topic}")
         last, size = -np.inf, None
+        for image, stamp in self._decoded():
+            if stamp <= last:  # sent twice
+                continue
+            last, size = stamp, size or image.shape
+            if image.shape != size:
+                raise DenseVSError(
+                    f"{self._bag.path} changes the image size on {self._topic} from {size[1]} x {size[0]} to "
+                    f"{image.shape[1]} x {image.shape[0]} at {stamp:.3f} s"
+                )
+            yield image, stamp
+
+    def _decoded(self) -> Iterator[tuple[np.ndarray, float]]:
+        decoder = ImageDecoder(f"{self._bag.path}, {self._topic}")
         for _, time, message in self._bag.messages((self._topic,)):
-            for image, stamp in decoder.decode(message, time):
-                if stamp <= last:  # sent twice
-                    continue
-                last, size = stamp, size or image.shape
-                if image.shape != size:
-                    raise DenseVSError(
-                        f"{self._bag.path} changes the image size on {self._topic} from {size[1]} x {size[0]} to "
-                        f"{image.shape[1]} x {image.shape[0]} at {stamp:.3f} s"
-                    )
-                yield image, stamp
-        for image, stamp in decoder.flush():
-            if stamp > last:
-                yield image, stamp
+            yield from decoder.decode(message, time)
+        yield from decoder.flush()
 
 
 def _stamp(message: Any) -> float:

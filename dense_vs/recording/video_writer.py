@@ -43,6 +43,7 @@ class VideoWriter:
             self._partial.touch()  # PyAV would find out at the first frame
             self._container = av.open(str(self._partial), mode="w", format="mp4")
         self._stream: Any = None
+        self._size: tuple[int, int] | None = None
         self._rate = Fraction(float(fps)).limit_denominator(1000)
         self._quality = quality
         self._frame_class = av.VideoFrame
@@ -57,16 +58,17 @@ class VideoWriter:
             raise DenseVSError(
                 f"frame has shape {image.shape} and dtype {image.dtype}; expected uint8 of shape (H, W, 3)"
             )
+        self._size = self._size or image.shape[:2]
+        if image.shape[:2] != self._size:
+            raise DenseVSError(
+                f"frame of {image.shape[1]} x {image.shape[0]} pixels in a video of {self._size[1]} x {self._size[0]}"
+            )
         height, width = (side - side % 2 for side in image.shape[:2])  # H.264 in 4:2:0 takes even sides
         if self._stream is None:
             self._stream = self._container.add_stream("libx264", rate=self._rate)
             self._stream.width, self._stream.height = width, height
             self._stream.pix_fmt = "yuv420p"
             self._stream.options = {"crf": str(self._quality), "preset": "veryfast"}
-        if (self._stream.height, self._stream.width) != (height, width):
-            raise DenseVSError(
-                f"frame of {width} x {height} pixels in a video of {self._stream.width} x {self._stream.height}"
-            )
         frame = self._frame_class.from_ndarray(np.ascontiguousarray(image[:height, :width]), format="rgb24")
         with self._write_errors():
             for packet in self._stream.encode(frame):

@@ -74,7 +74,7 @@ def read_images(folder: str | os.PathLike[str]) -> list[np.ndarray]:
 
 
 def read_image(path: str | os.PathLike[str]) -> np.ndarray:
-    """An image file as RGB uint8 ``(H, W, 3)``.
+    """An image file as RGB uint8 ``(H, W, 3)``, turned upright as its EXIF data say; its mask is to be as it is shown.
 
     Raises:
         DenseVSError: missing or not an image.

@@ -6,6 +6,7 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
+from dense_vs.checks import check_whole
 from dense_vs.errors import DenseVSError
 from dense_vs.files import output_folder
 from dense_vs.kernels.launch import available_cores
@@ -39,8 +40,11 @@ def run_sweep(
         One outcome a task, in the order of the tasks.
 
     Raises:
-        DenseVSError: the folder cannot be written, another sweep runs in it, or the cluster cannot be reached.
+        DenseVSError: jobs or threads that are no whole numbers of at least 1, the folder cannot be written, another
+            sweep runs in it, or the cluster cannot be reached.
     """
+    jobs = check_whole("jobs", jobs, least=1)
+    threads = None if threads is None else check_whole("threads", threads, least=1)
     folder, version = output_folder(folder).resolve(), source_version()
     with _alone(folder):
         shutil.rmtree(folder / RUNNING, ignore_errors=True)  # attempts that were killed

@@ -15,6 +15,7 @@ from dense_vs.errors import DenseVSError
 from dense_vs.files import output_folder, write_json
 from dense_vs.flow.estimator import FlowEstimator
 from dense_vs.jacobian.estimator import DenseJacobian
+from dense_vs.pipeline.checkpoint import Checkpoint
 from dense_vs.pipeline.frame_pipeline import scaled_size
 from dense_vs.point_servo.law import VisualServo
 from dense_vs.point_servo.tracker import Method, TrackerOptions
@@ -32,6 +33,7 @@ if TYPE_CHECKING:
 
 REACHED_PX = 2.0
 LONGEST = 1e5  # s of babbling, more than a day
+AGAIN = 3.0  # s of babbling after a restart: the point's link is found by motion that this process has seen
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -100,6 +102,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="share of the joints' range that targets are drawn from, 0 to 1 (default: 0.8)",
     )
     parser.add_argument("--no-video", action="store_true", help="do not draw the video")
+    parser.add_argument(
+        "--checkpoint",
+        type=Path,
+        metavar="FILE",
+        help="keep what is learned in FILE every 3 s; where FILE is there already, go on from it and babble only as "
+        f"long as is left of --babble, at least {AGAIN:g} s",
+    )
     add_world_arguments(parser)
 
 
@@ -119,17 +128,20 @@ def run(arguments: argparse.Namespace) -> None:
     world = make_world(arguments)
     if isinstance(point, str):
         _check_point(world, point)
-    height, width = scaled_size((arguments.height, arguments.width), arguments.scale)
-    size: dict[str, Any] = {"height": height, "width": width}
-    joints = len(world.joint_names)
+    size = scaled_size((arguments.height, arguments.width), arguments.scale)
     out = output_folder(arguments.out)
     view = ReachView(world.joint_names)
-    total = round(arguments.babble / FRAME_SECONDS) + 30 * arguments.targets
+    checkpoint = None if arguments.checkpoint is None else Checkpoint(arguments.checkpoint, world.joint_names)
+    estimator, learned_before = _estimator(arguments, checkpoint, world, size)
+    babble = arguments.babble if not learned_before else max(arguments.babble - learned_before, AGAIN)
+    total = round(babble / FRAME_SECONDS) + 30 * arguments.targets
     writer = nullcontext() if arguments.no_video else VideoWriter(out / "reach.mp4", 1 / FRAME_SECONDS)
     with writer as video, progress("babble", total) as bar:
 
         def after_frame(experiment: ReachingExperiment) -> None:
             bar.update()
+            if checkpoint is not None:
+                checkpoint.keep(experiment.loop.pipeline, learned_before + len(experiment.trace.times) * FRAME_SECONDS)
             if video is not None:
                 video.write(view.draw(experiment.loop))
 
@@ -137,14 +149,14 @@ def run(arguments: argparse.Namespace) -> None:
             world,
             point=point,
             seed=arguments.seed,
-            babble_seconds=arguments.babble,
+            babble_seconds=babble,
             scale=arguments.scale,
             on_frame=after_frame,
-            estimator=DenseJacobian(
-                **size, joints=joints, device=arguments.device, threads=arguments.threads, on_bad_flow="skip"
+            estimator=estimator,
+            servo=VisualServo(
+                len(world.joint_names), joint_limits=world.joint_limits, gain=arguments.gain, seed=arguments.seed
             ),
-            servo=VisualServo(joints, joint_limits=world.joint_limits, gain=arguments.gain, seed=arguments.seed),
-            flow=FlowEstimator(arguments.flow, **size),
+            flow=FlowEstimator(arguments.flow, *size),
         )
         learned = experiment.learn()
         experiment.choose(**tracker)
@@ -153,6 +165,8 @@ def run(arguments: argparse.Namespace) -> None:
         for number, target in enumerate(targets):
             bar.set_description(f"target {number + 1} of {len(targets)}")
             measured.append(experiment.reach(target, max_frames=arguments.max_frames))
+    if checkpoint is not None:
+        checkpoint.end()
     seconds = time.perf_counter() - started
     plot_reach(experiment.trace, world.joint_names, out / "reach.png")
     summary = {
@@ -171,7 +185,7 @@ def run(arguments: argparse.Namespace) -> None:
     print(_targets_table(measured))
     close = sum(m.true_error_px < REACHED_PX for m in measured)
     print(
-        f"J error after {arguments.babble:g} s of babbling: {learned.median:.3f} (median over robot pixels), "
+        f"J error after {learned_before + babble:.4g} s of babbling: {learned.median:.3f} (median over robot pixels), "
         f"{learned.inner_median:.3f} at pixels 3 px inside the outline"
     )
     print(
@@ -195,6 +209,21 @@ def _check_point(world: "SimWorld", name: str) -> None:
         raise DenseVSError(f"{error}; --point takes a name or X,Y in pixels, the default is a site 'tip'") from error
     for sentence in point_advice(world, name, seen):
         print(f"note: {sentence}", file=sys.stderr)
+
+
+def _estimator(
+    arguments: argparse.Namespace, checkpoint: Checkpoint | None, world: "SimWorld", size: tuple[int, int]
+) -> tuple[DenseJacobian, float]:
+    """The estimator as the checkpoint has it, at the posture of now, and seconds it has learned; else a new one."""
+    where = {"device": arguments.device, "threads": arguments.threads}
+    kept = None if checkpoint is None else checkpoint.resume(size, **where)
+    if kept is None:
+        height, width = size
+        joints = len(world.joint_names)
+        return DenseJacobian(height=height, width=width, joints=joints, on_bad_flow="skip", **where), 0.0
+    kept.bring_to(world.joints()[0])
+    print(f"going on from {arguments.checkpoint}, learned in {kept.seconds:.1f} s of motion")
+    return kept.estimator, kept.seconds
 
 
 def _tracker_options(arguments: argparse.Namespace) -> dict[str, Any]:

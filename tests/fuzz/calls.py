@@ -5,6 +5,7 @@ from typing import Any
 import numpy as np
 from calls_images import grasp_targets, image_targets
 from calls_models import generative_targets, sims_targets
+from calls_rooms import learning_targets, live_targets
 from target import H, N, Target, W, dq, flow, mask
 
 
@@ -151,4 +152,6 @@ GROUPS = {
     "grasp": grasp_targets,
     "generative": generative_targets,
     "sims": sims_targets,
+    "live": live_targets,
+    "learning": learning_targets,
 }

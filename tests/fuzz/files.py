@@ -1,6 +1,7 @@
 """Every reader of files on damaged files: bytes flipped, cut, doubled; arrays of another shape, type or size."""
 
 import io
+import json
 import zipfile
 from collections.abc import Callable
 from pathlib import Path
@@ -81,6 +82,47 @@ def made(folder: Path) -> list[tuple[Path, Callable[[Path], Any]]]:
         (folder / "mask.png", read_mask),
         (folder / "network.onnx", lambda path: OnnxSegmenter(path).segment(rgb())),
         (folder / "video.mp4", video),
+        *of_rooms(folder),
+    ]
+
+
+def of_rooms(folder: Path) -> list[tuple[Path, Callable[[Path], Any]]]:
+    """Files of the live page, sweeps, the body model and checkpoints."""
+    from calls import estimator
+    from calls_rooms import body, checkpoint
+
+    from dense_vs.body_model import BodyModel
+    from dense_vs.live.state_file import load_state
+    from dense_vs.pipeline.checkpoint import Checkpoint
+    from dense_vs.sweep.figures import SUMMARY_FILE, figures_of
+    from dense_vs.sweep.plan import read_plan
+    from dense_vs.sweep.run_task import OUT_FOLDER, result_folder
+
+    body().save(folder / "body.npz")
+    (folder / "kept.npz").write_bytes(checkpoint().path.read_bytes())
+    plan = '[[experiment]]\ncommand = "reach"\nseeds = "0:3"\n[experiment.options]\nrobot = ["arm", "planar"]\n'
+    (folder / "plan.toml").write_text(f"{plan}targets = 3\nno-video = true\n")
+    task = read_plan(folder / "plan.toml")[0]
+    summary = {"seed": 1, "fps": 30.5, "robot": "arm", "targets": [{"reached": True, "true_error_px": 0.5}]}
+    (folder / "summary.json").write_text(json.dumps(summary))
+
+    def figures(path: Path) -> Any:
+        place = result_folder(folder, task) / OUT_FOLDER
+        place.mkdir(parents=True, exist_ok=True)
+        (place / SUMMARY_FILE).write_bytes(path.read_bytes())
+        return figures_of(folder, task)
+
+    def resumed(path: Path) -> Any:
+        kept = Checkpoint(path, checkpoint().joint_names).resume((H, W), device="cpu", threads=1)
+        kept.bring_to(np.full(3, 0.01))
+        return kept.estimator.to_numpy()
+
+    return [
+        (folder / "kept.npz", resumed),
+        (folder / "jacobian.npz", lambda path: load_state(path, estimator()).to_numpy()),
+        (folder / "body.npz", lambda path: BodyModel.load(path).jacobian(np.zeros(2))),
+        (folder / "plan.toml", lambda path: [task.command_line("out", "rows") for task in read_plan(path)]),
+        (folder / "summary.json", figures),
     ]
 
 

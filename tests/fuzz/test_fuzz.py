@@ -20,6 +20,8 @@ CASES = {
     "jacobian": 1200,
     "generative": 800,
     "sims": 350,
+    "live": 900,
+    "learning": 600,
     "files": 600,
     "commands": 50,
 }

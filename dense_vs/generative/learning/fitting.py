@@ -29,7 +29,7 @@ from dense_vs.generative.reconstruction.initialization import (
     guessed_intrinsics,
     intrinsics_prior,
 )
-from dense_vs.generative.report import MOST_MISFIT, FitReport, Stage
+from dense_vs.generative.report import MOST_MISFIT, MOST_NOISE, FitReport, Stage
 
 STILL = 1e-6  # rad of range: below, a joint did not move
 REJECTION_ROUNDS = 4
@@ -105,7 +105,7 @@ def fit_joint_model(obs: Observations, seed: int, options: FitOptions) -> Fit:
     _finish(report, obs, problem, best, options)
     if options.state != "actions":
         state = best.state
-        report.misfit = report.rms_px / pixel_sigma
+        report.misfit = report.rms_px / (options.pixel_sigma or min(pixel_sigma, MOST_NOISE))
         report.converged = report.converged and report.misfit <= MOST_MISFIT
         known = expected_error(problem, state, obs.pixels, state.joints, max(pixel_sigma, report.rms_px))
         report.expected_error_px = float(np.hypot(known, unexplained_distance(report.rms_px, pixel_sigma)))
@@ -223,7 +223,10 @@ def _from_hand(
     assert best is not None
     assert chosen is not None
     if not np.isfinite(best.cost):
-        raise DenseVSError("no start of the end-to-end stage puts the features in front of their cameras")
+        raise DenseVSError(
+            "learning diverged: no start of the end-to-end stage puts the features in front of their cameras; expected "
+            "focal lengths and centers that are about right"
+        )
     parameters = best.state.parameters.copy()
     parameters.features[~chosen[1]] = np.nan
     parameters.camera_translation[~chosen[0]] = np.nan

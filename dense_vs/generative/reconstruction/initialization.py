@@ -17,6 +17,7 @@ GOOD_BUNDLE = 1.5  # px RMS of a coordinate: above, other methods are tried too
 CERTAIN_BUNDLE = 0.8  # px: above, it may be another minimum than the best, and all are looked at
 FACTORIZATIONS = 4
 REPEATED_BUNDLES = 3
+MOST_BUNDLES = 12  # adjustments in all; sound images need 1 to 6, and lenses that are far off would take minutes
 
 FOCAL_SIGMA, CENTER_SIGMA, DISTORTION_SIGMA = 0.1, 0.03, 0.2  # of given intrinsics: share, share of the width, k1
 UNKNOWN_FOCAL_SIGMA = 0.4
@@ -56,6 +57,41 @@ def intrinsics_prior(obs: Observations, guess: np.ndarray, pixel_sigma: float) -
     return guess, (pixel_sigma / sigma) ** 2
 
 
+class _Bundles:
+    """Adjusts reconstructions until there were enough of them."""
+
+    def __init__(self, pixels: np.ndarray, guess: np.ndarray):
+        self._pixels, self._guess = pixels, guess
+        self._left = MOST_BUNDLES
+
+    @property
+    def half_spent(self) -> bool:
+        """Whether what is left is for the other method."""
+        return 2 * self._left <= MOST_BUNDLES
+
+    @property
+    def spent(self) -> bool:
+        return self._left <= 0
+
+    def adjusted(self, found: Reconstruction) -> Candidate:
+        """Bundle adjustment, repeated from samples posed by its own result while the error stays high."""
+        best = self._once(found)
+        for _ in range(REPEATED_BUNDLES):
+            if best.rms < CERTAIN_BUNDLE or self.spent:
+                break
+            again = self._once(complete(best.found, self._pixels, self._guess))
+            if again.rms > 0.95 * best.rms or again.found.posed.sum() < best.found.posed.sum():
+                break
+            best = again
+        return best
+
+    def _once(self, found: Reconstruction) -> Candidate:
+        self._left -= 1
+        adjusted, intrinsics, solution, weights = adjust_bundle(self._pixels, self._guess, found, max_iterations=60)
+        taken = (weights > 0).sum()
+        return Candidate(adjusted, intrinsics, weights, solution, float(np.sqrt(solution.cost / max(2 * taken, 1))))
+
+
 def candidates(obs: Observations, hand: np.ndarray, rng: np.random.Generator) -> list[Candidate]:
     """Reconstructions from the features ``(m,)`` of the hand, best first.
 
@@ -65,13 +101,14 @@ def candidates(obs: Observations, hand: np.ndarray, rng: np.random.Generator) ->
     pixels = np.where(hand[:, None], obs.pixels, np.nan)
     guess = guessed_intrinsics(obs)
     found: list[Candidate] = []
+    bundles = _Bundles(pixels, guess)
     refusal: DenseVSError | None = None
     cameras = pixels.shape[1]
     if cameras > 1:
         try:
             for first in reconstruct(pixels, guess, rng):
-                found.append(_adjusted(first, pixels, guess))
-                if _sound(found[-1]) and found[-1].rms < CERTAIN_BUNDLE:
+                found.append(bundles.adjusted(first))
+                if bundles.half_spent or (_sound(found[-1]) and found[-1].rms < CERTAIN_BUNDLE):
                     break
         except DenseVSError as error:
             refusal = error
@@ -87,10 +124,12 @@ def candidates(obs: Observations, hand: np.ndarray, rng: np.random.Generator) ->
             except DenseVSError as error:
                 refusal = refusal or error
                 break
-            adjusted = [_adjusted(complete(single, pixels, guess), pixels, guess) for single in pair]
+            adjusted = [bundles.adjusted(complete(single, pixels, guess)) for single in pair]
             found += adjusted
-            if min(c.rms for c in adjusted) < GOOD_BUNDLE:
+            if bundles.spent or min(c.rms for c in adjusted) < GOOD_BUNDLE:
                 break
+        if bundles.spent:
+            break
     if not found:
         raise refusal or DenseVSError("the pixels hold too few features to find structure and motion")
     _refuse_a_line(found)
@@ -116,22 +155,3 @@ def _refuse_a_line(found: list[Candidate]) -> None:
                 f"the features of the hand lie on a line (extents {np.round(extents / extents[0], 4).tolist()}); "
                 "expected at least one well off it, or turns about the line are not seen"
             )
-
-
-def _adjusted(found: Reconstruction, pixels: np.ndarray, guess: np.ndarray) -> Candidate:
-    """Bundle adjustment, repeated from samples posed by its own result while the error stays high."""
-    best = _adjusted_once(found, pixels, guess)
-    for _ in range(REPEATED_BUNDLES):
-        if best.rms < CERTAIN_BUNDLE:
-            break
-        again = _adjusted_once(complete(best.found, pixels, guess), pixels, guess)
-        if again.rms > 0.95 * best.rms or again.found.posed.sum() < best.found.posed.sum():
-            break
-        best = again
-    return best
-
-
-def _adjusted_once(found: Reconstruction, pixels: np.ndarray, guess: np.ndarray) -> Candidate:
-    adjusted, intrinsics, solution, weights = adjust_bundle(pixels, guess, found, max_iterations=60)
-    taken = (weights > 0).sum()
-    return Candidate(adjusted, intrinsics, weights, solution, float(np.sqrt(solution.cost / max(2 * taken, 1))))

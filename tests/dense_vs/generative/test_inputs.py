@@ -6,6 +6,8 @@ from reference_recordings import SIZE, record
 
 from dense_vs import DenseVSError
 from dense_vs.generative import GenerativeModel, Observations
+from dense_vs.generative.reconstruction import initialization
+from dense_vs.generative.reconstruction.bundle_adjustment import adjust_bundle
 
 
 def assert_refused(match, call):
@@ -142,3 +144,29 @@ def test_use_of_a_model(ur5, model):
     assert_refused("capacity", lambda: model.online(0))
     assert_refused("relearn_after", lambda: model.online(relearn_after=-1))
     assert_refused("expected finite", lambda: model.online().add(np.zeros(5), ur5.pixels[0]))
+
+
+def test_work_on_lenses_that_are_far_off_is_bounded(ur5, monkeypatch):
+    """No adjustment finds anything good, so that every method would be tried again and again."""
+    done = []
+
+    def hopeless(pixels, guess, found, max_iterations):
+        done.append(max_iterations)
+        return adjust_bundle(pixels, guess, found, 1)
+
+    monkeypatch.setattr(initialization, "adjust_bundle", hopeless)
+    wrong = ur5.intrinsics * [0.1, 0.1, 1.0, 1.0]
+    assert_refused("learning diverged", lambda: GenerativeModel.fit(ur5.observations(intrinsics=wrong)[:15]))
+    assert 1 < len(done) <= initialization.MOST_BUNDLES + 2  # a pair is adjusted to its end
+
+
+def test_images_far_from_any_lens_are_no_noise(ur5):
+    """Errors of 8 px are no detector's, unless its user says so."""
+    pixels = ur5.pixels + np.random.default_rng(0).normal(0, 8.0, ur5.pixels.shape)
+    noisy = ur5.observations(pixels=pixels)[:25]
+    report = GenerativeModel.fit(noisy).report
+    assert not report.converged
+    assert report.misfit == pytest.approx(report.rms_px)
+    told = GenerativeModel.fit(noisy, pixel_sigma=8.0).report
+    assert told.converged
+    assert told.misfit == pytest.approx(1.0, abs=0.15)

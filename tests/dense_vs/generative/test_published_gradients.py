@@ -73,3 +73,20 @@ def test_chain(captured):
     fit_chain(rng.normal(size=(5, 3)), poses, rng)
     loss, x = captured[0]
     assert_gradient(loss, x + rng.normal(0, 0.1, len(x)))
+
+
+@pytest.mark.parametrize("actions", [False, True])
+def test_the_states_own_penalty(actions):
+    """By itself: beside the pixels' share its gradient would be too small to be seen."""
+    rng = np.random.default_rng(5)
+    joints = rng.normal(size=(4, 3))
+    known = joints + rng.normal(0, 0.1, joints.shape)
+    known = np.diff(known, axis=0) if actions else known
+    off = (np.diff(joints, axis=0) if actions else joints) - known
+    value, gradient = published_stages.state_penalty(joints, known, 400.0)
+    assert value == pytest.approx(400.0 * np.sum(off**2))
+    for place in np.ndindex(joints.shape):
+        step = np.zeros_like(joints)
+        step[place] = STEP
+        there, back = (published_stages.state_penalty(joints + s, known, 400.0)[0] for s in (step, -step))
+        assert gradient[place] == pytest.approx((there - back) / (2 * STEP), rel=1e-5, abs=1e-4)

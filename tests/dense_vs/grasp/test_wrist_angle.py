@@ -119,3 +119,25 @@ def test_jaccard_index():
     np.testing.assert_allclose(intersection_over_union(mask, candidates), [1, 0, 1 / 3, 0])
     with pytest.raises(DenseVSError, match="candidates have shape"):
         intersection_over_union(mask, candidates[:, :5])
+
+
+def test_without_tolerance_the_clearest_angle_itself_is_taken():
+    """The border of the tolerance is inside: with 0 the best is left."""
+    fingers = gripper().finger_masks(ANGLES, INTRINSICS, (HEIGHT, WIDTH))
+    free = choose_wrist_angle(bar(0.3), fingers, ANGLES, clearance_tolerance=0.0, iou_tolerance=0.0)
+    assert free.verdict is WristVerdict.CLEAR
+    assert free.clearance == max(
+        choose_wrist_angle(bar(0.3), fingers[k : k + 1], ANGLES[k : k + 1]).clearance
+        for k in range(len(ANGLES))
+        if free.ious[k] == 0.0
+    )
+
+
+def test_fingers_reach_from_their_tips_back_to_the_camera():
+    """What is nearer is seen farther from the middle: outside by the end at the palm, inside by the tip."""
+    near = GripperModel(
+        opening=0.04, width=0.02, thickness=0.01, length=0.1, T_camera_hand=gripper().T_camera_hand
+    ).finger_masks([0.0], INTRINSICS, (HEIGHT, WIDTH))[0]
+    columns = np.flatnonzero(near.any(axis=0)) - CENTER[0]
+    assert columns.max() == pytest.approx(FOCAL * 0.03 / (DEPTH - 0.1), abs=1.0)
+    assert columns[columns > 0].min() == pytest.approx(FOCAL * 0.02 / DEPTH, abs=1.0)

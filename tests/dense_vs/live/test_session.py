@@ -231,3 +231,41 @@ def test_wide_images_are_made_smaller():
     assert chosen_scale(LiveOptions(), 320) == 1.0
     assert chosen_scale(LiveOptions(), 640) == 0.5
     assert chosen_scale(LiveOptions(scale=0.7), 640) == 0.7
+
+
+def test_what_was_learned_is_kept_and_taken_up_at_the_next_start(tmp_path):
+    options = {"folder": tmp_path, "checkpoint": tmp_path / "kept.npz"}
+    first = session_of(SlidingRobot(), **options)
+    first.start()
+    try:
+        assert wait_for(lambda: first.mode is Mode.STILL, 60)
+        do(first, do="learn")
+        assert wait_for(lambda: said(first, "learned: J explains"), 60), first.board.lines()
+        assert wait_for((tmp_path / "kept.npz").is_file)
+        first.stop("the robot stands while the last of it is kept")
+        time.sleep(3.5)  # a period
+        J_first = np.array(first.running_loop().estimator.at(CENTER)[0])
+    finally:
+        first.end()
+    second = session_of(SlidingRobot(), **options)
+    second.start()
+    try:
+        assert wait_for(lambda: second.mode is Mode.STILL, 60)
+        assert said(second, "going on from"), second.board.lines()
+        np.testing.assert_allclose(second.running_loop().estimator.at(CENTER)[0], J_first, atol=2.0)
+    finally:
+        second.end()
+
+
+def test_a_checkpoint_of_another_robot_is_said_and_left_alone(tmp_path):
+    path = tmp_path / "kept.npz"
+    path.write_bytes(b"something else")
+    session = session_of(SlidingRobot(), folder=tmp_path, checkpoint=path)
+    session.start()
+    try:
+        assert wait_for(lambda: session.mode is Mode.STILL, 60)
+        assert said(session, "no checkpoint is kept: cannot read"), session.board.lines()
+        assert wait_for(lambda: session._number > 5)
+        assert path.read_bytes() == b"something else"
+    finally:
+        session.end()

@@ -114,3 +114,26 @@ def test_bad_input_is_refused_and_changes_nothing():
     ):
         with pytest.raises(DenseVSError, match=message):
             HadamardBroyden(**arguments)
+
+
+def test_a_coupling_of_flags_is_one_of_zeros_and_ones():
+    pinv, dq, de = random_case(3)
+    by_flags, by_numbers = HadamardBroyden(pinv, COUPLING.astype(bool)), HadamardBroyden(pinv, COUPLING)
+    for learner in (by_flags, by_numbers):
+        learner.update(dq, de)
+    np.testing.assert_array_equal(by_flags.pinv, by_numbers.pinv)
+
+
+def test_small_motions_add_up_until_they_are_enough():
+    """Each is below the least motion; the third is learned from with the change since the first, and begins anew."""
+    pinv = 0.001 * np.ones((4, 2))
+    observed, updated = (HadamardBroyden(pinv, COUPLING, min_motion=0.05) for _ in range(2))
+    q, e = np.zeros(4), np.array([40.0, -20.0])
+    step, change = np.full(4, 0.005), np.array([-3.0, 2.0])
+    outcomes = [observed.observe(q + k * step, e + k * change) for k in range(5)]
+    assert outcomes[0] is None
+    assert [one.outcome.value for one in outcomes[1:3]] == ["too little motion"] * 2
+    updated.update(3 * step, 3 * change)
+    assert outcomes[3].outcome == "updated"
+    np.testing.assert_allclose(outcomes[3].pinv, updated.pinv, rtol=1e-12)
+    assert outcomes[4].outcome.value == "too little motion"

@@ -127,3 +127,10 @@ def test_featurewise_update_is_the_scalar_one():
 def test_featurewise_needs_a_feature_for_each_joint(coupling):
     with pytest.raises(DenseVSError, match="one 1 in each row"):
         FeaturewiseBroyden(0.001 * np.eye(2), coupling)
+
+
+def test_a_step_of_less_than_a_pixel_may_be_asked_for():
+    room = FlatRoom(Disc(np.array([0.2, -0.15])))
+    servo(room, max_image_step=0.5)
+    with pytest.raises(DenseVSError, match="max_image_step is 0"):
+        servo(room, max_image_step=0.0)

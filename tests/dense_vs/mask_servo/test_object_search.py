@@ -52,3 +52,11 @@ def test_bad_offsets(options):
 def test_unknown_joints():
     with pytest.raises(DenseVSError, match="joint 'base' is not in the robot; expected one of forward"):
         search_object(FlatRoom(None), FlatRoom(None), FlatRoom(None), joints=("base", "right"))
+
+
+def test_a_few_pixels_are_no_object():
+    room = FlatRoom(Disc(np.array([0.1, 0.1])))
+    seen = search_object(room, room, room, joints=JOINTS)
+    area = seen.quality.area
+    assert search_object(room, room, room, joints=JOINTS, min_area=area, rings=0).found
+    assert not search_object(room, room, room, joints=JOINTS, min_area=area + 1, rings=0).found

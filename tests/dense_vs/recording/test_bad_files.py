@@ -10,7 +10,7 @@ import pytest
 from small_recordings import encode, lerobot_v2, lerobot_v3, moving_images, ros_bag
 
 from dense_vs import DenseVSError
-from dense_vs.recording import VideoReader, open_recording
+from dense_vs.recording import VideoReader, VideoWriter, open_recording
 
 pytest.importorskip("av", reason="video needs PyAV")
 pytest.importorskip("pyarrow", reason="LeRobot folders need pyarrow")
@@ -192,12 +192,36 @@ def test_an_image_that_claims_to_be_huge(tmp_path):
     assert_refused(tmp_path, "60000 x 60000 pixels; expected|cannot be read as an image")
 
 
-def test_a_video_that_changes_its_size(tmp_path):
+@pytest.mark.parametrize("container", ["h264", "mpegts", "mp4", "matroska"])
+def test_a_video_that_changes_its_size(tmp_path, container):
+    """A player would scale what follows to the first size without a word."""
+    import av
+
     large = encode(tmp_path / "a.h264", moving_images(8, size=(96, 128)), form="h264").read_bytes()
     small = encode(tmp_path / "b.h264", moving_images(8, size=(64, 64)), form="h264").read_bytes()
+    path = tmp_path / "both"
     (tmp_path / "both.h264").write_bytes(large + small)
+    with av.open(str(tmp_path / "both.h264")) as source, av.open(str(path), "w", format=container) as target:
+        stream = source.streams.video[0]
+        copy = target.add_stream_from_template(stream)
+        for number, packet in enumerate(packet for packet in source.demux(stream) if packet.size):
+            packet.stream = copy
+            packet.pts = packet.dts = number * round(1 / (30 * packet.time_base))
+            target.mux(packet)
     with pytest.raises(DenseVSError, match="changes its frame size from 128 x 96 to 64 x 64"):
-        list(VideoReader(tmp_path / "both.h264"))
+        list(VideoReader(path))
+
+
+def test_a_frame_of_another_size_is_not_written(tmp_path):
+    with pytest.raises(DenseVSError, match="frame of 129 x 96 pixels in a video of 128 x 96"):
+        write_two(tmp_path / "v.mp4", (96, 128), (96, 129))  # once cut to even sides they would be alike
+    assert not (tmp_path / "v.mp4").exists()
+
+
+def write_two(path, *sizes):
+    with VideoWriter(path) as video:
+        for size in sizes:
+            video.write(np.zeros((*size, 3), np.uint8))
 
 
 def test_memory_does_not_grow_with_length(tmp_path):

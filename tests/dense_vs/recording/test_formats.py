@@ -150,6 +150,24 @@ def test_image_folders(tmp_path, how):
     assert max(differences(frames, images)) == 0  # image_10 comes after image_9
 
 
+@pytest.mark.parametrize("orientation", [1, 3, 6, 8])
+def test_images_of_a_folder_are_turned_upright(tmp_path, orientation):
+    """A camera that was held upside down or sideways says so in the file; J belongs to the image as it is seen."""
+    from PIL import Image
+
+    upright = np.repeat(np.arange(24 * 16, dtype=np.uint8).reshape(24, 16, 1) // 2, 3, axis=2)
+    turns = {1: 0, 3: 2, 6: 1, 8: 3}[orientation]  # quarters, counterclockwise, from what is seen to what is stored
+    stored = Image.fromarray(np.ascontiguousarray(np.rot90(upright, turns)))
+    exif = Image.Exif()
+    exif[0x0112] = orientation
+    for number in range(3):
+        stored.save(tmp_path / f"{number}.png", exif=exif)
+    (tmp_path / "log.csv").write_text("time,a\n0,0\n0.1,1\n0.2,0\n")
+    recording = open_recording(tmp_path)
+    for frame in recording:
+        np.testing.assert_array_equal(frame.image, upright)
+
+
 def test_image_folder_without_times_is_refused(tmp_path):
     import cv2
 

@@ -86,3 +86,19 @@ def test_what_is_no_folder_of_pairs(folder, tmp_path):
     for path in (empty / "none.png", "x" * 5000):
         with pytest.raises(DenseVSError, match=r"cannot read|too long"):
             read_image(path)
+
+
+@pytest.mark.parametrize("orientation", [3, 6])
+def test_images_are_turned_upright_as_their_masks_were_drawn(tmp_path, orientation):
+    from PIL import Image
+
+    exif = Image.Exif()
+    exif[0x0112] = orientation
+    shown = np.zeros((H, W, 3), np.uint8)
+    shown[mask()] = 255
+    stored = np.rot90(shown, {3: 2, 6: 1}[orientation])
+    Image.fromarray(np.ascontiguousarray(stored)).save(tmp_path / "a.jpg", exif=exif, quality=95)
+    write_mask(tmp_path / "a_mask.png", mask())
+    found = AnnotatedFolder.read(tmp_path)
+    assert found.images[0].shape == (H, W, 3)
+    np.testing.assert_array_equal(found.images[0][..., 0] > 128, mask())

@@ -1,0 +1,180 @@
+"""A checkpoint holds what was learned, at any moment that its writer may be killed at, and is taken up from there."""
+
+import os
+import signal
+import subprocess
+import sys
+from pathlib import Path
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from sliding_scene import HEIGHT, WIDTH, J, SlidingRobot, wait_for
+
+from dense_vs import DenseJacobian, DenseVSError, ServoLoop
+from dense_vs.pipeline.checkpoint import Checkpoint
+
+NAMES = ("left", "right")
+REFERENCE = Path(__file__).parents[2] / "reference"
+BABBLER = """
+import sys
+from sliding_scene import SlidingRobot
+from dense_vs import ServoLoop
+from dense_vs.pipeline.checkpoint import Checkpoint
+
+robot = SlidingRobot(pace=False)
+checkpoint = Checkpoint(sys.argv[1], robot.joint_names, period=0.02)
+kept = checkpoint.resume((120, 160), device="cpu", threads=1)
+loop = ServoLoop(robot, robot, device="cpu", threads=1, seed=1, estimator=kept and kept.estimator)
+before = kept.seconds if kept else 0.0
+print("before", before, flush=True)
+while True:
+    loop.babble_once()
+    checkpoint.keep(loop.pipeline, before + loop.frame.time)
+"""
+
+
+def estimator_of(rng, height=24, width=32, joints=2):
+    made = DenseJacobian(height=height, width=width, joints=joints, device="cpu", threads=1)
+    for _ in range(5):
+        made.update(rng.normal(0, 1, (height, width, 2)).astype(np.float32), rng.normal(0, 0.02, joints))
+    return made
+
+
+def pipeline_of(estimator, posture=(0.1, -0.2)):
+    return SimpleNamespace(estimator=estimator, posture=np.array(posture))
+
+
+def written(path, estimator, **options):
+    checkpoint = Checkpoint(path, NAMES, **options)
+    checkpoint.keep(pipeline_of(estimator), 4.5)
+    checkpoint.end()
+    return checkpoint
+
+
+def test_what_was_kept_comes_back_bit_by_bit(tmp_path):
+    rng = np.random.default_rng(0)
+    estimator = estimator_of(rng)
+    kept = written(tmp_path / "c.npz", estimator).resume((24, 32), device="cpu", threads=1)
+    assert kept.seconds == 4.5
+    np.testing.assert_array_equal(kept.positions, [0.1, -0.2])
+    np.testing.assert_array_equal(kept.estimator.to_numpy(), estimator.to_numpy())
+    assert kept.estimator.options == estimator.options
+    flow, dq = rng.normal(0, 1, (24, 32, 2)).astype(np.float32), np.array([0.01, 0.02])
+    for one in (estimator, kept.estimator):
+        one.update(flow, dq)
+    np.testing.assert_array_equal(kept.estimator.to_numpy(), estimator.to_numpy())
+    # It is a saved Jacobian, too.
+    assert DenseJacobian.load(tmp_path / "c.npz", device="cpu").updates == 5
+
+
+def test_no_file_is_no_checkpoint_yet(tmp_path):
+    assert Checkpoint(tmp_path / "c.npz", NAMES).resume((24, 32)) is None
+
+
+def test_it_is_written_when_it_is_time(tmp_path):
+    estimator = estimator_of(np.random.default_rng(0))
+    checkpoint = written(tmp_path / "c.npz", estimator, period=1000.0)
+    before = (tmp_path / "c.npz").stat().st_ino
+    checkpoint.keep(pipeline_of(estimator), 9.0)
+    checkpoint.end()
+    assert (tmp_path / "c.npz").stat().st_ino == before
+    assert checkpoint.resume((24, 32)).seconds == 4.5
+
+
+def test_a_checkpoint_of_something_else_is_refused_and_stays(tmp_path):
+    path = tmp_path / "c.npz"
+    written(path, estimator_of(np.random.default_rng(0)))
+    content = path.read_bytes()
+    with pytest.raises(DenseVSError, match="is of the joints left, right; expected left, elbow"):
+        Checkpoint(path, ("left", "elbow")).resume((24, 32))
+    with pytest.raises(DenseVSError, match=r"\(24, 32, 2, 1\); expected \(48, 64, 2, 1\)"):
+        Checkpoint(path, NAMES).resume((48, 64))
+    assert path.read_bytes() == content
+    estimator_of(np.random.default_rng(0)).save(path)
+    with pytest.raises(DenseVSError, match="is not a checkpoint: it has no joint_names"):
+        Checkpoint(path, NAMES).resume((24, 32))
+    path.write_bytes(content[: len(content) // 2])
+    with pytest.raises(DenseVSError, match=r"cannot read .* as a checkpoint"):
+        Checkpoint(path, NAMES).resume((24, 32))
+    with pytest.raises(DenseVSError, match="cannot write"):
+        Checkpoint(tmp_path / "nowhere" / "c.npz", NAMES)
+    with pytest.raises(DenseVSError, match="period is 0"):
+        Checkpoint(path, NAMES, period=0)
+
+
+def test_a_writing_that_failed_is_said_at_the_next(tmp_path):
+    folder = tmp_path / "gone"
+    folder.mkdir()
+    estimator = estimator_of(np.random.default_rng(0))
+    checkpoint = Checkpoint(folder / "c.npz", NAMES, period=0.001)
+    folder.rmdir()
+    checkpoint.keep(pipeline_of(estimator), 1.0)
+    checkpoint.end()
+    with pytest.raises(DenseVSError, match="cannot write"):
+        checkpoint.keep(pipeline_of(estimator), 1.0)
+
+
+def test_j_is_brought_to_where_the_joints_are_now(tmp_path):
+    """A surface whose J grows to the right, moved by its joint while nothing was running."""
+    estimator = DenseJacobian(height=8, width=200, joints=2, order=1, device="cpu", threads=1)
+    x = np.arange(200.0)
+    known = np.zeros((8, 200, 2, 2), np.float32)
+    known[..., 0, 0] = 50.0 + 0.2 * x
+    estimator.blend(known, np.ones((8, 200)))
+    kept = written(tmp_path / "c.npz", estimator).resume((8, 200), device="cpu", threads=1)
+    kept.bring_to([0.3, 0.6])
+    # Every surface point keeps its J and moves by it: x0 + (50 + 0.2 x0) 0.2 is where it is now.
+    start = (x - 0.2 * 50.0) / (1 + 0.2 * 0.2)
+    moved = kept.estimator.to_numpy()[4, :, 0, 0]
+    np.testing.assert_allclose(moved[30:], 50.0 + 0.2 * start[30:], rtol=2e-3)
+    assert np.abs(moved - known[4, :, 0, 0])[30:].min() > 1.0
+    with pytest.raises(DenseVSError, match="positions"):
+        kept.bring_to([0.2])
+
+
+def test_a_robot_that_is_where_it_was_keeps_its_bits(tmp_path):
+    estimator = estimator_of(np.random.default_rng(0))
+    kept = written(tmp_path / "c.npz", estimator).resume((24, 32), device="cpu", threads=1)
+    kept.bring_to(kept.positions)
+    np.testing.assert_array_equal(kept.estimator.to_numpy(), estimator.to_numpy())
+
+
+def test_killed_again_and_again_it_goes_on(tmp_path):
+    path = tmp_path / "c.npz"
+    environment = {**os.environ, "PYTHONPATH": os.pathsep.join([str(REFERENCE), os.environ.get("PYTHONPATH", "")])}
+    begun = []
+    for _ in range(2):
+        process = subprocess.Popen(
+            [sys.executable, "-c", BABBLER, str(path)], stdout=subprocess.PIPE, text=True, env=environment
+        )
+        try:
+            begun.append(next(float(line.split()[1]) for line in process.stdout if line.startswith("before")))
+            goal = begun[-1] + 3.0  # s of motion
+            reader = Checkpoint(path, NAMES)
+
+            def enough(reader=reader, goal=goal):
+                kept = reader.resume((HEIGHT, WIDTH), device="cpu", threads=1)  # whole, whenever it is read
+                return kept is not None and kept.seconds >= goal
+
+            assert wait_for(enough, 60)
+        finally:
+            process.send_signal(signal.SIGKILL)
+            process.wait(timeout=10)
+            process.stdout.close()
+    assert begun[0] == 0.0
+    assert begun[1] >= 3.0
+    kept = reader.resume((HEIGHT, WIDTH), device="cpu", threads=1)
+    assert kept.seconds >= 6.0
+    np.testing.assert_allclose(kept.estimator.at([[WIDTH / 2, HEIGHT / 2]])[0], J, atol=6.0)
+    robot = SlidingRobot(pace=False)
+    robot.q = kept.positions.copy()
+    loop = ServoLoop(robot, robot, device="cpu", threads=1, seed=1, estimator=kept.estimator)
+    center = np.array([WIDTH / 2, HEIGHT / 2])
+    start = center - J @ robot.q
+    loop.define_point(center, method="aligned")
+    target = center + np.array([9.0, -7.0])
+    assert loop.reach(target).reached
+    assert np.hypot(*(robot.place(start) - target)) < 2.0
+    Checkpoint(path, NAMES).keep(loop.pipeline, 0.0)  # a new writing takes away what the killed ones left
+    assert wait_for(lambda: [file.name for file in tmp_path.iterdir()] == ["c.npz"], 10)

@@ -1,0 +1,142 @@
+"""The live page, sweeps, the body model and checkpoints with good arguments."""
+
+from functools import cache
+from pathlib import Path
+from tempfile import mkdtemp
+from typing import Any
+
+import numpy as np
+from target import H, N, Target, W, gray, rgb
+
+
+@cache
+def folder() -> Path:
+    return Path(mkdtemp(prefix="dense-vs-fuzz-"))
+
+
+def moving(images: int = 9) -> np.ndarray:
+    """Gray images of a board that slides by a pixel each."""
+    board = np.random.default_rng(3).integers(0, 255, (48, 80)).astype(np.uint8)
+    return np.stack([board[:, k : k + 64] for k in range(images)])
+
+
+@cache
+def body() -> Any:
+    """A body model of two links, made by hand: fitting takes seconds."""
+    from dense_vs.body_model import BodyModel
+    from dense_vs.body_model.chain import Chain
+    from dense_vs.body_model.model_file import ModelContent
+    from dense_vs.body_model.surface import Surface
+
+    chain = Chain(np.array([[0, 0, 1.0], [0, 1.0, 0]]), np.array([[0, 0, 1.0], [0.1, 0, 1.0]]), np.zeros(2),
+                  np.array([-1, 0]))  # fmt: skip
+    places = np.random.default_rng(0).uniform([-0.4, -0.3, 0.9], [0.4, 0.3, 1.1], (200, 3))
+    surface = Surface(places, (places[:, 0] > 0.1).astype(int), np.ones(200), np.full(200, 90, np.uint8))
+    limits = np.array([[-1.0, 1.0]] * 2)
+    return BodyModel(ModelContent(chain, 40.0, (W / 2, H / 2), (H, W), surface, np.ones(2, bool), limits, 0.4))
+
+
+@cache
+def checkpoint() -> Any:
+    from types import SimpleNamespace
+
+    from calls import estimator
+
+    from dense_vs.pipeline.checkpoint import Checkpoint
+
+    one = Checkpoint(folder() / "kept.npz", ("a", "b", "c"))
+    one.keep(SimpleNamespace(estimator=estimator(), posture=np.zeros(N)), 1.0)
+    one.end()
+    return one
+
+
+def live_targets() -> list[Target]:
+    """What the page sends, and how a session is set up."""
+    from calls import estimator
+
+    from dense_vs.live.access import Access
+    from dense_vs.live.actions import flag, number, pair, parse, whole
+    from dense_vs.live.gate import PageGate
+    from dense_vs.live.live_object import checked_box, mask_of_box
+    from dense_vs.live.options import LiveOptions, chosen_scale
+    from dense_vs.live.points import LivePoints
+    from dense_vs.pipeline.frame_pipeline import Frame
+
+    frame = Frame(0.0, rgb(), gray(), np.zeros(N), None)
+
+    def points() -> Any:
+        made = LivePoints(H, W)
+        made.add((10.0, 12.0), [frame], estimator())
+        return made
+
+    def of(read: Any) -> Any:
+        return lambda value: read({"it": value}, "it")
+
+    return [
+        Target("LiveOptions", lambda **o: chosen_scale(LiveOptions(**o), 640),
+               lambda: {"scale": 0.5, "max_speed": 1.0, "stall_seconds": 0.5}, weight=2.0),
+        Target("number", of(number), lambda: {"value": 1.5}),
+        Target("whole", of(whole), lambda: {"value": 3}),
+        Target("flag", of(flag), lambda: {"value": True}),
+        Target("pair", of(pair), lambda: {"value": [3.0, 4.0]}),
+        Target("parse", lambda text: sorted(parse(text)), lambda: {"text": '{"do": "stop"}'}),
+        Target("Access", lambda **o: Access(**o).token, lambda: {"host": "127.0.0.1", "token": "abcdefghijklmnop"}),
+        Target("PageGate", lambda max_speed: PageGate(max_speed).max_speed, lambda: {"max_speed": 1.0}),
+        Target("checked_box", checked_box, lambda: {"image": rgb(), "box": (4.0, 5.0, 20.0, 18.0)}, kept=("image",),
+               weight=2.0),
+        Target("mask_of_box", lambda box: mask_of_box(rgb(), checked_box(rgb(), box)).sum(),
+               lambda: {"box": (4.0, 5.0, 20.0, 18.0)}),
+        Target("LivePoints.add", lambda self, place: self.add(place, [frame], estimator()).place,
+               lambda: {"self": points(), "place": [10.0, 12.0]}),
+        Target("LivePoints.aim", lambda self, number, target: self.aim(number, target),
+               lambda: {"self": points(), "number": 1, "target": [11.0, 12.0]}),
+        Target("LivePoints.weigh", lambda self, number, weight: self.weigh(number, weight),
+               lambda: {"self": points(), "number": 1, "weight": 0.5}),
+        Target("LivePoints.remove", lambda self, number: self.remove(number), lambda: {"self": points(), "number": 1}),
+    ]  # fmt: skip
+
+
+def learning_targets() -> list[Target]:
+    """The body model's options and tracks, checkpoints, sweeps."""
+    from dense_vs.body_model import FitOptions, PointTracks, SurfaceOptions, TrackOptions, follow_points
+    from dense_vs.pipeline.checkpoint import Checkpoint
+    from dense_vs.sweep.run_sweep import run_sweep
+
+    def tracks() -> dict[str, Any]:
+        return {
+            "joints": np.zeros((5, 2)),
+            "pixels": np.random.default_rng(0).uniform(0, 20, (5, 4, 2)),
+            "references": np.zeros(4, int),
+            "size": (H, W),
+        }
+
+    return [
+        Target("TrackOptions", lambda **o: TrackOptions(**o).window,
+               lambda: {"stride": 1, "reference_every": 4, "reach": 4, "per_cell": 2, "window": 9, "max_return": 0.7,
+                        "min_correlation": 0.75}),
+        Target("FitOptions", lambda **o: FitOptions(**o).noise,
+               lambda: {"focal_length": 60.0, "focal_deviation": 0.15, "noise": 0.5, "starts": 2, "rounds": 2,
+                        "believed": 0.4, "seed": 0, "most_tracks": 40, "most_images": 10}),
+        Target("SurfaceOptions", lambda **o: SurfaceOptions(**o).keyframes,
+               lambda: {"keyframes": 5, "compared": 14, "reach": 40, "depth_steps": 10, "same_depth": 0.08}),
+        Target("PointTracks", lambda **o: PointTracks(**o).seen.sum(), tracks, kept=("size",), weight=2.0),
+        Target("follow_points", lambda images, joints: follow_points(images, joints, TrackOptions(stride=1)).seen.sum(),
+               lambda: {"images": moving(), "joints": np.linspace(0, 0.1, 9)[:, None]}, weight=0.5),
+        *[
+            Target(f"BodyModel.{name}", lambda q, name=name: getattr(body(), name)(q), lambda: {"q": np.zeros(2)},
+                   may_be_nan=True)
+            for name in ("image", "jacobian", "points")
+        ],
+        Target("BodyModel.flow", lambda **o: body().flow(**o), lambda: {"q": np.zeros(2), "dq": np.full(2, 0.01)}),
+        Target("BodyModel.trace", lambda **o: body().trace(**o),
+               lambda: {"pixels": np.array([[16.0, 12.0]]), "q_seen": np.zeros(2), "q": np.full(2, 0.1)},
+               may_be_nan=True),
+        Target("Checkpoint", lambda period: Checkpoint(folder() / "new.npz", ("a",), period=period).period,
+               lambda: {"period": 3.0}),
+        Target("Checkpoint.resume", lambda size: checkpoint().resume(size, device="cpu", threads=1).seconds,
+               lambda: {"size": (H, W)}),
+        Target("Kept.bring_to", lambda positions: checkpoint().resume((H, W), device="cpu", threads=1).bring_to(
+            positions), lambda: {"positions": np.full(N, 0.01)}),
+        Target("run_sweep", lambda jobs, threads: run_sweep([], folder() / "sweep", jobs=jobs, threads=threads),
+               lambda: {"jobs": 1, "threads": 1}, weight=0.5),
+    ]  # fmt: skip

@@ -1,0 +1,292 @@
+"""What becomes of runs in the tables: counts, medians and shares of runs made by hand."""
+
+from argparse import Namespace
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from dense_vs.generative import GenerativeModel
+from dense_vs.sims.papers.gothoskar import (
+    camera_shift,
+    figures,
+    grasp,
+    guided_motion,
+    insertion,
+    kfold,
+    noisy_control,
+    noisy_states,
+    servo,
+    single_camera,
+    speed,
+    stages,
+)
+from dense_vs.sims.papers.gothoskar.servo_runs import _errors
+
+SEEDS = [3, 4]
+
+
+def values(rows):
+    return {row.name: row.ours for row in rows}
+
+
+def test_servo_rows():
+    table = np.array([[90.0, 0.9, 0.4], [80.0, 5.0, 0.8], [70.0, 7.0, 3.0], [60.0, 0.99, 1.0]])
+    rows = servo._rows("independent", {"model": table}, Namespace(sigma=0.01, seeds=SEEDS))
+    found = values(rows)
+    assert found["independent noise 0.01: model: moves to below 1 px, median"] == 1.5  # 1, 2, never, 1
+    assert found["independent noise 0.01: model: share ever below 1 px"] == 0.75
+    assert found["independent noise 0.01: model: final error, median"] == pytest.approx(0.9)
+    (row, *_) = servo._rows("exact", {"IBVS": table}, Namespace(sigma=0.01, seeds=SEEDS))
+    assert row.name.startswith("exact: IBVS:")
+
+
+def test_rows_of_noisy_control():
+    done = [
+        noisy_control._Servo(np.array([[50.0, 4.0], [50.0, 0.5]]), 2.0, 0.7, 3.0, 0.6),
+        noisy_control._Servo(np.array([[50.0, 6.0]]), 4.0, 0.9, 5.0, 0.8),
+    ]
+    rows = noisy_control._rows("joint", "independent", 0.01, done, (3, 4))
+    found, start = values(rows), "joint, independent noise 0.01:"
+    assert found[f"{start} error after the last move, median"] == 4.0
+    assert found[f"{start} share ever below 1 px"] == pytest.approx(1 / 3)
+    assert found[f"{start} error of the model, mean"] == pytest.approx(0.8)
+    assert found[f"{start} error of the model, worst"] == 0.9
+    assert found[f"{start} error of the model that takes actions for exact, worst"] == 5.0
+    assert found[f"{start} error of the model, bound (Cramer-Rao), mean"] == pytest.approx(0.7)
+    assert found[f"{start} what one move's noise leaves, median"] == 3.0
+    papers = {row.name: row.paper for row in rows}
+    assert papers[f"{start} error after the last move, median"] == noisy_control.PAPER_FINAL_PX.get(("joint", 0.01))
+    other = noisy_control._rows("cartesian", "proportional", 0.01, done, (3, 4))
+    assert len(other) == 3
+    assert other[0].paper is None
+
+
+def test_error_of_tasks_counts_what_is_behind_a_camera_as_far_off():
+    exact = np.array([[[[10.0, 20.0], [np.nan, np.nan]]], [[[10.0, 20.0], [30.0, 40.0]]]])
+    shown = np.array([[[[13.0, 24.0], [0.0, 0.0]]], [[[10.0, 20.0], [np.nan, np.nan]]]])
+    arm = SimpleNamespace(projections=lambda poses: shown)
+    np.testing.assert_allclose(_errors(arm, None, SimpleNamespace(exact=exact)), [5.0, 5000.0])
+
+
+def test_offset_of_joints_is_taken_out_and_nothing_else():
+    true = np.array([[0.1, 0.2], [0.3, 0.4]])
+    model = SimpleNamespace(postures=true - [0.05, -0.02], pixels=lambda joints: np.repeat(joints[:, None, None], 1, 1))
+    learned_from = SimpleNamespace(truth=SimpleNamespace(joints=true))
+    held_out = np.array([[1.0, 2.0]])
+    pixels = (held_out - [0.05, -0.02])[:, None, None] + [3.0, 4.0]
+    test = SimpleNamespace(truth=SimpleNamespace(joints=held_out, pixels=pixels))
+    assert noisy_control._aligned_error(model, learned_from, test) == pytest.approx(5.0)
+
+
+def test_folds_are_learned_from_what_is_not_in_them(monkeypatch, tmp_path):
+    class Samples(np.ndarray):
+        observations = property(lambda self: self)
+
+    scored = []
+    trial = SimpleNamespace(
+        seed=0,
+        evidence=lambda count: np.arange(count).view(Samples),
+        rng=lambda _: np.random.default_rng(0),
+    )
+
+    def held_out_error(train, fold):
+        assert not np.intersect1d(train, fold).size
+        np.testing.assert_array_equal(np.union1d(train, fold), np.arange(20))
+        scored.append(len(fold))
+        return float(len(scored))
+
+    monkeypatch.setattr(kfold, "trials", lambda _: [trial])
+    monkeypatch.setattr(kfold, "held_out_error", held_out_error)
+    monkeypatch.setattr(kfold, "draw_bars", lambda *_, **__: None)
+    monkeypatch.setattr(GenerativeModel, "fit", lambda samples, seed: samples)
+    found = values(kfold.run(Namespace(samples=20, folds=[2, 4], seeds=SEEDS, out=tmp_path)))
+    assert scored == [10, 10, 5, 5, 5, 5]
+    assert found["k = 2: mean"] == 1.5
+    assert found["k = 4: worst"] == 6.0
+
+
+def test_losses_of_the_stage_that_learns_everything_are_means_over_detections():
+    report = SimpleNamespace(
+        stages=[SimpleNamespace(name=n, initial_loss=a, loss=b) for n, a, b in (("x", 9, 9), ("end to end", 80, 4))]
+    )
+    assert stages._end_to_end(report, SimpleNamespace(seen=np.ones((2, 2, 2), bool))) == (10.0, 0.5)
+
+
+@pytest.mark.parametrize(("controller", "truth"), [("joint", 7.0), ("cartesian", 9.0)])
+def test_noisy_readings_are_scored_on_exact_postures(monkeypatch, controller, truth):
+    """Learned from what was read with noise, tested on the truth of the same controller."""
+    told = {}
+
+    def evidence(samples, joint_noise=0.0, pose_noise=None):
+        told.update(samples=samples, joint_noise=joint_noise, pose_noise=pose_noise)
+        return SimpleNamespace(observations="read")
+
+    def fit(observations, state, controller, seed):
+        assert (observations, state, seed) == ("read", "noisy", 5)
+        return SimpleNamespace(pixels=lambda exact: np.full((1, 1, 1, 2), exact))
+
+    monkeypatch.setattr(GenerativeModel, "fit", fit)
+    held_out = SimpleNamespace(
+        truth=SimpleNamespace(joints=7.0, poses=9.0), observations=SimpleNamespace(pixels=np.zeros((1, 1, 1, 2)))
+    )
+    trial = SimpleNamespace(seed=5, evidence=evidence)
+    error = noisy_states._error(trial, controller, "noisy", 0.02, 50, held_out)
+    assert error == pytest.approx(truth * np.sqrt(2))
+    assert (told["joint_noise"], told["pose_noise"]) == ((0.02, None) if controller == "joint" else (0.0, 0.02))
+
+
+class Cell(SimpleNamespace):
+    """A cell that takes every call."""
+
+    def __getattr__(self, _):
+        return lambda *_, **__: None
+
+
+@pytest.fixture
+def cells(monkeypatch):
+    """Seeds whose arms are learned at once."""
+    guide = SimpleNamespace(model=SimpleNamespace(report=SimpleNamespace(mean_error_px=0.6)))
+    for module in (grasp, insertion):
+        monkeypatch.setattr(module, "make_cell", lambda *_, **__: Cell())
+    monkeypatch.setattr(guided_motion, "learn_arm", lambda *_: guide)
+    monkeypatch.setattr(guided_motion, "learn_structure", lambda *_, **__: np.zeros((8, 3)))
+    monkeypatch.setattr(figures, "draw_images", lambda *_: None)
+    return Namespace(arm="ur5", tries=3, seeds=SEEDS, samples=50, out=None)
+
+
+def test_grasps_are_counted(cells, monkeypatch):
+    outcomes = iter([True, False, True, False, False, True])
+    monkeypatch.setattr(grasp, "grasp", lambda *_: next(outcomes))
+    rows = grasp.run(cells)
+    assert [(row.ours, row.seeds) for row in rows[:2]] == [(2.0, (3,)), (1.0, (4,))]
+    assert values(rows)["ur5: share grasped"] == 0.5
+    assert values(rows)["error of the learned arm, worst"] == 0.6
+
+
+def test_insertions_are_counted_by_their_depth(cells, monkeypatch):
+    depths = iter([0.0, 0.036, 0.04, 0.034, 0.01, 0.035])
+    monkeypatch.setattr(insertion, "insert", lambda *_: next(depths))
+    rows = insertion.run(cells)
+    assert [(row.ours, row.seeds) for row in rows[:2]] == [(2.0, (3,)), (1.0, (4,))]
+    assert values(rows)["ur5: share inserted"] == 0.5
+    assert values(rows)["depth of 40 mm, median"] == pytest.approx(34.5)
+
+
+def test_alarms_and_wrongly_named_cameras_are_counted(monkeypatch, tmp_path):
+    """Two false alarms before the shift; the camera is named at the third sample after it, another one at two."""
+    from dense_vs.sims.marked_arm import evidence
+
+    said, shifted = [], 1
+    named = [(0,) if s in (4, 9) else () for s in range(camera_shift.BUFFER)]
+    named += [(), (0,), (shifted,), (0, shifted), *[(shifted,)] * 6]
+
+    def add(*_):
+        said.append(1)
+        return SimpleNamespace(
+            moved_cameras=named[len(said) - 1], everything_moved=False, gradient_norm=float(len(said))
+        )
+
+    camera = SimpleNamespace(shifted=lambda *_: camera)
+
+    arm = SimpleNamespace(cameras=(camera, camera))
+    monkeypatch.setattr("dataclasses.replace", lambda arm, **_: arm)
+    monkeypatch.setattr(evidence, "draw_joints", lambda arm, count, *_: np.zeros((count, 6)))
+    observed = lambda arm, joints, *_: SimpleNamespace(  # noqa: E731
+        observations=SimpleNamespace(joints=joints, pixels=joints)
+    )
+    monkeypatch.setattr(evidence, "observe", observed)
+    rng = SimpleNamespace(integers=lambda _: shifted)
+    trial = SimpleNamespace(
+        seed=0,
+        postures="normal",
+        observed_arm=lambda: arm,
+        rng=lambda _: rng,
+        evidence=lambda count: SimpleNamespace(observations=None),
+    )
+    monkeypatch.setattr(camera_shift, "trials", lambda _: [trial])
+    monkeypatch.setattr(camera_shift, "draw_lines", lambda *_, **__: None)
+    model = SimpleNamespace(online=lambda capacity: SimpleNamespace(add=add))
+    monkeypatch.setattr(GenerativeModel, "fit", lambda observations, seed: model)
+    arguments = Namespace(cameras=2, metres=0.02, radians=0.02, seeds=[0], arm=["ur5"], out=tmp_path)
+    found = values(camera_shift.run(arguments))
+    assert found["alarms in 50 samples before any shift"] == 2
+    assert found["other cameras named in 10 samples after it"] == 2
+    assert found["samples until the shifted camera is named, worst"] == 3
+    assert found["50/0: gradient norm"] == 50.0
+    assert found["40/10: gradient norm"] == 60.0
+
+
+def test_a_query_of_a_hundred_is_timed_by_the_piece(monkeypatch, tmp_path):
+    monkeypatch.setattr(speed, "_queries", lambda seed: dict.fromkeys(speed.PAPER, seed))
+    monkeypatch.setattr(speed, "_median_ms", lambda query, repeats: 100.0 * query + (repeats == 5))
+    monkeypatch.setattr(speed, "draw_bars", lambda *_, **__: None)
+    found = values(speed.run(Namespace(repeats=7, seeds=[1, 2, 9], out=tmp_path)))
+    assert found["forward kinematics"] == 200.0
+    assert found["joints from image, each of 100"] == 2.0
+    assert found["learning from 50 samples"] == 201.0  # five times are enough of it
+
+
+def test_medians_and_worst_of_stages(monkeypatch, tmp_path):
+    trials = [SimpleNamespace(seed=k, evidence=lambda _: SimpleNamespace(observations=Namespace(joints=0, pixels=0)))
+              for k in (1, 2, 9)]  # fmt: skip
+    monkeypatch.setattr(stages, "trials", lambda _: trials)
+    monkeypatch.setattr(stages, "draw_bars", lambda *_, **__: None)
+    monkeypatch.setattr(stages, "_end_to_end", lambda report, _: (100.0 * report, float(report)))
+    monkeypatch.setattr(
+        stages, "_from_random", lambda trial, _, reconstructed: trial.seed * (3.0 if reconstructed else 2)
+    )
+    monkeypatch.setattr(stages, "pixel_error", lambda *_: 0.5)
+    fit = lambda _, seed: SimpleNamespace(report=seed, pixels=lambda _: None)  # noqa: E731
+    monkeypatch.setattr(GenerativeModel, "fit", fit)
+    rows = stages.run(Namespace(samples=50, published=False, seeds=SEEDS, out=tmp_path))
+    found, papers = values(rows), {row.name: row.paper for row in rows}
+    of, worst = "mean squared distance, median", "mean squared distance, worst"
+    for order, factor in (
+        ("before end-to-end", 100.0),
+        ("after end-to-end", 1.0),
+        ("all at once", 2.0),
+        ("cameras and structure, all", 3.0),
+    ):
+        assert (found[f"{order}: {of}"], found[f"{order}: {worst}"]) == (2 * factor, 9 * factor)
+        assert papers[f"{order}: {worst}"] is None
+    assert papers[f"after end-to-end: {of}"] == 0.47
+    assert found["after end-to-end: mean distance, worst"] == 0.5
+
+
+def test_single_camera_rows(monkeypatch, tmp_path):
+    """Means and medians over all images of all seeds; models of one camera see that one alone."""
+
+    class Seen(SimpleNamespace):
+        def __getitem__(self, part):
+            return Seen(pixels=self.pixels[part], image_sizes=[1, 2], intrinsics=np.zeros((2, 4)), joints=None)
+
+    def fit(observations, seed):
+        cameras = observations.pixels.shape[1]
+        return SimpleNamespace(pixels=lambda _: np.full((4, cameras, 1, 2), 3.0 / np.sqrt(2)), cameras=cameras)
+
+    seen = Seen(pixels=np.zeros((60, 2, 1, 2)), image_sizes=[1, 2], intrinsics=np.zeros((2, 4)), joints=None)
+    held_out = SimpleNamespace(observations=SimpleNamespace(joints=None, pixels=np.zeros((4, 2, 1, 2))))
+    evidence = lambda count, purpose=0: held_out if purpose else SimpleNamespace(observations=seen)  # noqa: E731
+    trials = [SimpleNamespace(arm="ur5", seed=k, evidence=evidence) for k in (1, 2)]
+    errors = iter([np.array([1.0, 2.0, 9.0]), np.array([4.0])])
+
+    def inferred(model, _):
+        assert model.cameras == 2
+        return dict.fromkeys(single_camera.PAPER, next(errors))
+
+    monkeypatch.setattr(single_camera, "trials", lambda _: trials)
+    monkeypatch.setattr(single_camera, "draw_bars", lambda *_, **__: None)
+    monkeypatch.setattr(single_camera, "_inferred", inferred)
+    monkeypatch.setattr(single_camera, "_perfect", lambda *_: {})
+    monkeypatch.setattr(single_camera, "replace", lambda few, pixels, **_: SimpleNamespace(pixels=pixels))
+    monkeypatch.setattr(GenerativeModel, "fit", fit)
+    rows = single_camera.run(Namespace(samples=50, learn_from=[20, 50], arm=["ur5"], seeds=SEEDS, out=tmp_path))
+    by = {row.name: row for row in rows}
+    for name, (mean, _) in single_camera.PAPER.items():
+        assert (by[f"ur5: {name}: mean"].ours, by[f"ur5: {name}: median"].ours) == (4.0, 3.0)
+        assert by[f"ur5: {name}: mean"].paper == mean
+        assert by[f"ur5: {name}: mean"].unit == ("rad" if "joints" in name else "px")
+    assert by["learned from one camera, 50 samples: mean"].ours == pytest.approx(3.0)
+    assert by["learned from one camera, 50 samples: mean"].paper == 1.231
+    assert by["learned from one camera, 20 samples: mean"].paper is None

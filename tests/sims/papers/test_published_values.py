@@ -1,0 +1,102 @@
+"""What stands beside our figures is what the papers print: their tables, copied once more by hand."""
+
+import pytest
+
+from dense_vs.sims.papers.gothoskar import (
+    camera_shift,
+    few_samples,
+    kfold,
+    noisy_control,
+    noisy_states,
+    single_camera,
+    speed,
+    stages,
+)
+from dense_vs.sims.papers.vosvs.configurations import configuration
+
+TABLE_4 = """
+2 0.5600 0.0205
+3 0.5502 0.0417
+4 0.5577 0.0663
+5 0.6368 0.2268
+6 0.5445 0.0667
+"""
+TABLE_5 = """
+30 49.3582 43.5229
+40 3.2066 2.3041
+50 0.6235 0.0143
+60 0.6168 0.0082
+70 0.5991 0.0082
+"""
+TABLE_7 = "40.618 945.384 1788.127 2666.490 3404.664 4287.491 5127.693 5930.182 6762.114 7630.604 8403.353"
+TABLE_8 = """
+0.01 observed 1.715 0.086
+0.01 noisy 1.394 0.109
+0.02 observed 3.393 0.211
+0.02 noisy 2.298 0.274
+0.03 observed 6.077 0.453
+0.03 noisy 4.434 0.635
+"""
+
+
+def rows(text):
+    return [line.split() for line in text.split("\n") if line]
+
+
+def test_gothoskar_tables_1_and_2():
+    assert (stages.PAPER_BEFORE, stages.PAPER_AFTER) == (414.21, 0.47)
+    assert (stages.PAPER_ALL, stages.PAPER_CAMERA_ALL) == (549.4, 27077.9)
+
+
+def test_gothoskar_table_3():
+    assert {name: value for name, value in speed.PAPER.items() if value is not None} == {
+        "forward kinematics": 1.27,
+        "forward cameras and features": 1.43,
+        "forward end-to-end": 2.58,
+        "loss (pixels)": 0.041,
+        "gradient end-to-end, T = 50": 16.1,
+        "pose from image": 0.511,
+        "joints from image, nothing known": 102.0,
+    }
+
+
+@pytest.mark.parametrize(("table", "ours"), [(TABLE_4, kfold.PAPER), (TABLE_5, few_samples.PAPER)])
+def test_gothoskar_tables_4_and_5(table, ours):
+    assert ours == {int(count): (float(mean), float(deviation)) for count, mean, deviation in rows(table)}
+
+
+def test_gothoskar_table_6():
+    assert single_camera.PAPER == {
+        "both cameras: joints": (0.0536, 0.0134),
+        "one camera: joints": (0.0519, 0.0095),
+        "both cameras: reprojection": (1.1441, 0.1450),
+        "one camera: reprojection": (1.6608, 0.2262),
+    }
+    assert single_camera.PAPER_LEARNED == (1.231, 0.705)
+
+
+def test_gothoskar_table_7():
+    assert tuple(float(value) for value in TABLE_7.split()) == camera_shift.PAPER
+    assert camera_shift.BUFFER == 50
+
+
+def test_gothoskar_table_8():
+    table = {(float(sigma), state): (float(mean), float(off)) for sigma, state, mean, off in rows(TABLE_8)}
+    assert table == noisy_states.PAPER
+    assert noisy_control.PAPER_FINAL_PX == {("cartesian", 0.02): 5.0}  # in the text beside Fig. 10
+
+
+@pytest.mark.parametrize(
+    ("name", "joints", "learned"),
+    [
+        ("head", "head_pan head_tilt", (0.00173, 0.00183)),
+        ("arm lift", "arm_lift arm_roll", (-0.00157, 0.00321)),
+        ("arm wrist", "wrist_flex arm_roll", (-0.00221, 0.00445)),
+        ("arm both", "arm_lift wrist_flex arm_roll", (-0.00036, -0.00392, 0.00328)),
+        ("base", "base_forward base_lateral", (-0.00179, 0.00173)),
+        ("base grasp", "base_forward base_lateral", (-0.0004, 0.0004)),
+    ],
+)
+def test_vos_vs_table_1(name, joints, learned):
+    one = configuration(name)
+    assert (" ".join(one.joints), one.learned) == (joints, learned)

@@ -1,0 +1,132 @@
+"""The mutation run on a project of one module: what tests tell apart is killed, the rest survives."""
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+pytest.importorskip("pytest_cov")
+pytest.importorskip("xdist")
+
+PROGRAM = Path(__file__).parents[2] / "tools" / "mutation" / "run.py"
+SCORE = """
+LIMIT = 2.0
+
+
+def share(errors):
+    return sum(one < LIMIT for one in errors) / len(errors)
+
+
+def slow_share(errors):
+    return sum(one < 3.0 for one in errors) / len(errors)
+
+
+def unseen(errors):
+    return max(errors) + 1
+"""
+TESTS = """
+import pytest
+
+from tiny.score import share, slow_share
+
+
+def test_share():
+    assert share([1.0, 3.0, 1.0, 1.0, 5.0]) == 0.6
+
+
+@pytest.mark.slow
+def test_slow_share():
+    assert slow_share([1.0, 3.0, 2.0, 2.0, 30.0]) == 0.6
+
+
+def test_that_fails_of_itself():
+    assert share([]) == 0
+"""
+SETTINGS = """
+[tool.pytest.ini_options]
+pythonpath = ["."]
+markers = ["slow: takes long"]
+[tool.coverage.run]
+branch = true
+source = ["tiny"]
+"""
+
+
+@pytest.fixture
+def project(tmp_path):
+    for folder in ("tiny", "tests"):
+        (tmp_path / folder).mkdir()
+    (tmp_path / "tiny" / "__init__.py").touch()
+    (tmp_path / "tiny" / "score.py").write_text(SCORE)
+    (tmp_path / "tests" / "test_score.py").write_text(TESTS)
+    (tmp_path / "pyproject.toml").write_text(SETTINGS)
+    return tmp_path
+
+
+def command(project, *options):
+    return [
+        *(sys.executable, PROGRAM, "--root", project, "--modules", "tiny/*.py"),
+        *("--minutes", "2", "--each", "50", "--json", project / "result.json", *options),
+    ]
+
+
+def test_what_tests_tell_apart_is_killed(project):
+    done = subprocess.run(command(project, "--jobs", "2"), check=False, capture_output=True, text=True, timeout=300)
+    assert done.returncode == 0, done.stdout + done.stderr
+    result = json.loads((project / "result.json").read_text())
+    survivors = {(one["function"], one["before"], one["after"]): one for one in result["survivors"]}
+    # No error of test_share is 2, so the border may belong to either side; 3 is the border of the slow test.
+    assert set(survivors) == {
+        ("share", "one < LIMIT", "one <= LIMIT"),
+        ("unseen", "max(errors)", "min(errors)"),
+        ("unseen", "max(errors) + 1", "max(errors) - 1"),
+    }
+    assert survivors["share", "one < LIMIT", "one <= LIMIT"]["reason"] == "no test tells them apart yet"
+    assert survivors["unseen", "max(errors)", "min(errors)"]["reason"] == "no test reaches this line"
+    # A constant, two comparisons, a quotient; the same of the slow function; two that nothing reaches.
+    assert result["shares"]["all"] == {"mutations": 10, "killed": 7, "timeouts": 0, "share_killed": 0.7}
+    assert result["controls"] == {"run": 1, "failed": []}
+    assert result["tests_failed_without_mutation"] == ["tests/test_score.py::test_that_fails_of_itself"]
+    assert result["errors"] == []
+    assert not list((project / "out" / "mutation").glob("trial-*"))
+
+
+@pytest.mark.slow
+def test_without_slow_tests_their_lines_are_reached_by_none(project):
+    subprocess.run(command(project, "--quick"), check=True, capture_output=True, timeout=300)
+    result = json.loads((project / "result.json").read_text())
+    reasons = {one["reason"] for one in result["survivors"] if one["function"] == "slow_share"}
+    assert reasons == {"no test reaches this line"}
+    assert result["shares"]["all"]["killed"] == 3
+
+
+@pytest.mark.slow
+def test_a_run_that_is_stopped_leaves_what_it_has(project):
+    (project / "tiny" / "hanging.py").write_text("def once(value):\n    return value + 1\n")
+    (project / "tests" / "test_hanging.py").write_text(
+        "import time\n\nfrom tiny.hanging import once\n\n\n"
+        "def test_once():\n    if once(1) != 2:\n        time.sleep(600)\n"
+    )
+    run = subprocess.Popen(command(project, "--jobs", "2"), stdout=subprocess.DEVNULL, start_new_session=True)
+    try:
+        end = time.monotonic() + 120
+        done = 0
+        while time.monotonic() < end and done < 10:  # all but the one that hangs
+            time.sleep(0.1)
+            if (project / "result.json").is_file():
+                done = json.loads((project / "result.json").read_text())["shares"].get("all", {"mutations": 0})[
+                    "mutations"
+                ]
+        run.send_signal(signal.SIGTERM)
+        assert run.wait(timeout=30) != 0
+        result = json.loads((project / "result.json").read_text())
+        assert result["shares"]["all"]["mutations"] == 10
+        assert result["drawn"] == 11
+    finally:
+        if run.poll() is None:
+            os.killpg(run.pid, signal.SIGKILL)
