@@ -191,10 +191,6 @@ class BodyTracker:
         if apart < OWN_GATE and share > 0:
             place = place + share * (found[0] - place)
             self._own_map = turned
-        if apart < OWN_GATE and share == 1:
-            others = self._live != POINT
-            self._live = np.append(POINT, self._live[others])
-            self._places = np.vstack([place, self._places[others]])
         self.point = place
 
     def _uncertainty(self, q: np.ndarray) -> float:
