@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from dense_vs.cli.main import main
+from dense_vs.sims.papers.gothoskar import speed
 
 PERFECT_PX = 0.627  # mean distance that the pixels' noise alone makes
 
@@ -58,6 +59,25 @@ def test_two_cameras_reproject_better_than_one(reproduce):
 @pytest.mark.slow
 def test_every_query_takes_time(reproduce):
     values = reproduce("speed", "--repeats", "1")
-    assert len(values) == 10
+    assert len(values) == 11 + 3  # the paper's table, and ours
     assert all(0 < value < np.inf for value in values.values())
-    assert values["learning from 50 samples"] > values["forward end-to-end"]
+    assert values["Learning from 50 samples"] > values["Forward End-to-End"]
+    assert values["Infer Joints from Pose"] > values["Forward Kinematics"]
+
+
+def test_queries_that_are_timed_answer_what_they_are_named_for():
+    queries = speed._queries(2)
+    assert queries["Loss (Pixel)"]() < 4 * 24 * 0.5  # px^2 of 12 features in 2 cameras at half a pixel of noise
+    assert queries["Loss (Cartesian Pose)"]() < 0.15  # one image turns the hand by some hundredths of a radian
+    joints, left = queries["Infer Joints from Pose"]()
+    solved = joints[left.argmin()]
+    assert left.min() < 1e-8
+    np.testing.assert_allclose(solved, queries["Infer Joints from Image"](), atol=0.05)
+    # 6 axes and points of 2 each, 12 features of 3, a camera's pose of 6 and the lenses of both, of 4.
+    assert queries["Gradient End-to-End"]().shared_gradient.shape == (6 * 4 + 12 * 3 + 6 + 2 * 4,)
+    value, gradient = queries["Gradient Kinematics"]()
+    assert 0 < value < 50 * 0.15
+    assert gradient.shape == (6 + 6 * 4,)
+    of_cameras = queries["Gradient Camera/Feature"]()
+    assert of_cameras.local_gradient.shape == (50, 6)
+    assert of_cameras.shared_gradient.shape == (12 * 3 + 6 + 2 * 4,)
