@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from dense_vs.cli.main import main
-from dense_vs.sims.papers.gothoskar import speed
+from dense_vs.sims.papers.gothoskar import drift, speed
+from dense_vs.sims.papers.gothoskar.arm_trials import Trial
 
 PERFECT_PX = 0.627  # mean distance that the pixels' noise alone makes
 
@@ -81,3 +82,24 @@ def test_queries_that_are_timed_answer_what_they_are_named_for():
     of_cameras = queries["Gradient Camera/Feature"]()
     assert of_cameras.local_gradient.shape == (50, 6)
     assert of_cameras.shared_gradient.shape == (12 * 3 + 6 + 2 * 4,)
+
+
+@pytest.mark.slow
+def test_a_followed_drift_ends_nearer_than_a_kept_model(reproduce):
+    values = reproduce("drift", "--arm", "ur5", "--samples", "40", "--slip", "0.005", "--warm", "0.01", "--seed", "2")
+    for start in ("structure drifts by 0.005 m:", "camera:1 drifts by 0.01 of its lens:"):
+        kept, followed = (values[f"{start} error at the end, {name}, mean"] for name in ("kept", "followed"))
+        assert PERFECT_PX < values[f"{start} error before, mean"] < 0.8
+        assert PERFECT_PX < followed < 0.6 * kept
+        assert followed <= values[f"{start} worst error on the way, followed"]
+        assert 1 <= values[f"{start} steps in 40 observations"] <= 40
+        assert values[f"{start} of 1 drifts, taken for a moved camera"] == 0
+
+
+def test_a_drift_is_as_large_as_asked():
+    arm, way = Trial("ur5", 2, 2, "normal").observed_arm(), np.array([3.0, 0.0, -4.0, 1.0])
+    slipped = drift.drifted_arm(arm, "structure", 0.005, way)
+    np.testing.assert_allclose(slipped.features - arm.features, np.tile([0.003, 0.0, -0.004], (12, 1)))
+    warm = drift.drifted_arm(arm, "camera:1", 0.01, np.array([3.0, 1.0, -4.0, 1.0]))
+    np.testing.assert_allclose(warm.cameras[1].intrinsics / arm.cameras[1].intrinsics, [1.01, 1.01, 0.99, 1.01])
+    assert warm.cameras[0] is arm.cameras[0]
