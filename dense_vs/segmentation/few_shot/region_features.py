@@ -54,8 +54,7 @@ def region_features(
 
     Args:
         figures: of the superpixels.
-        pixels: the superpixels.
-        tree: over them.
+        pixels, tree: the superpixels, and the tree over them.
         likely: probability of the object (n,).
         words: histogram (n, K) of color words.
         examples: normalized histograms (m, K) of the object in the annotated images.

@@ -155,7 +155,8 @@ class FewShotSegmenter:
             return None
         height, width = image.shape[:2]
         rows, columns = (
-            _grown(self._previous.any(axis=axis), length, margin) for axis, length in ((1, height), (0, width))
+            _grown(np.atleast_1d(self._previous.any(axis=axis)), length, margin)
+            for axis, length in ((1, height), (0, width))
         )
         region = self._find(image, rows, columns)
         if region is None:
