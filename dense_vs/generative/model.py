@@ -211,7 +211,7 @@ class GenerativeModel:
             expected = (len(images) - 1, p.joint_count)
             if actions.shape != expected:
                 raise DenseVSError(f"actions have shape {actions.shape}; expected finite {expected}")
-        if self._inference is None:
+        if self._inference is None or self._inference.parameters is not p:
             self._inference = JointInference(p, self.postures, self.report.pixel_sigma or 0.5)
         if actions is not None:
             sigma = self.report.joint_sigma or EXACT_STEP
@@ -228,7 +228,7 @@ class GenerativeModel:
         fewer than four features of the hand to each camera.
         """
         images, single = self._images(pixels)
-        if self._pose_inference is None:
+        if self._pose_inference is None or self._pose_inference.parameters is not self.parameters:
             self._pose_inference = PoseInference(self.parameters, self._hand(), self._known_poses())
         rotation, translation, _ = self._pose_inference(images)
         poses = np.tile(np.eye(4), (len(images), 1, 1))
@@ -318,7 +318,7 @@ class GenerativeModel:
             self.postures, self.report.still_joints = obs.joints, []
             self._dh = from_lines(parameters.axes, parameters.points, parameters.home) if self._dh else None
         self.image_sizes = list(obs.image_sizes) if len(obs.image_sizes) >= len(self.image_sizes) else self.image_sizes
-        self.parameters, self._inference, self._pose_inference = parameters, None, None
+        self.parameters = parameters
         return report
 
     def online(self, capacity: int = 50, relearn_after: int = 0) -> OnlineLearner:

@@ -14,11 +14,18 @@ import mujoco_warp as mjw
 import numpy as np
 import warp as wp
 
+from dense_vs.errors import DenseVSError
 from dense_vs.kernels.simulation.joint_command import move_targets_kernel, ramp_control_kernel
 from dense_vs.kernels.simulation.world_restart import find_unsound_worlds, restart_clocks, restore
 from dense_vs.sims.engine.randomization import DomainRandomization, WorldModels
 from dense_vs.sims.engine.scene import FRAME_SECONDS, Scene
 
+# What MuJoCo warns of before it silently begins anew: positions, speeds or accelerations that are huge or not numbers.
+_UNSTABLE = {
+    "position": mujoco.mjtWarning.mjWARN_BADQPOS,
+    "speed": mujoco.mjtWarning.mjWARN_BADQVEL,
+    "acceleration": mujoco.mjtWarning.mjWARN_BADQACC,
+}
 _FILTERS = (int(mujoco.mjtDyn.mjDYN_FILTER), int(mujoco.mjtDyn.mjDYN_FILTEREXACT))
 
 
@@ -100,6 +107,7 @@ class HostPhysics(Physics):
         self._poses = [(view, source.reshape(view.shape)) for view, source in pairs]
         self._mocap_position = self.data.mocap_pos.numpy()
         self._time = self.data.time.numpy()
+        self._sound = np.zeros(mujoco.mj_stateSize(self._model, mujoco.mjtState.mjSTATE_INTEGRATION))
 
     def reset(self, qpos: np.ndarray) -> None:
         """Rest at qpos (1, nq) at time 0."""
@@ -113,17 +121,24 @@ class HostPhysics(Physics):
         self._time[0] = 0.0
 
     def advance(self, step: np.ndarray) -> None:
-        """One frame."""
+        """One frame.
+
+        Raises:
+            DenseVSError: the simulation became unstable; the state is that before the frame.
+        """
         scene, state = self.scene, self._state
+        mujoco.mj_getState(self._model, state, self._sound, mujoco.mjtState.mjSTATE_INTEGRATION)
         previous = self._target
-        self._target = np.clip(previous + step[0], *scene.joint_limits.T)
-        self._history = np.empty((1, scene.substeps, len(previous)))
+        target = np.clip(previous + step[0], *scene.joint_limits.T)
+        history = np.empty((1, scene.substeps, len(previous)))
         for s in range(scene.substeps):
             fraction = (s + 1) / scene.substeps
-            position = previous + fraction * (self._target - previous)
+            position = previous + fraction * (target - previous)
             state.ctrl[scene.actuators] = scene.ctrl_per_position * position
             mujoco.mj_step(self._model, state)
-            self._history[0, s] = state.qpos[self._qpos_columns]
+            history[0, s] = state.qpos[self._qpos_columns]
+        self._require_stable()
+        self._target, self._history = target, history
         self._time[0] = state.time
 
     def update_poses(self) -> None:
@@ -146,6 +161,25 @@ class HostPhysics(Physics):
     def host_state(self, world: int) -> mujoco.MjData:
         """The engine's own state."""
         return self._state
+
+    def _require_stable(self) -> None:
+        """Put the state before the frame back and raise, where MuJoCo has begun anew within the frame."""
+        model, state = self._model, self._state
+        found = [(what, state.warning[kind]) for what, kind in _UNSTABLE.items() if state.warning[kind].number]
+        if not found:
+            return
+        what, warning = found[0]
+        # Positions are counted by coordinates, speeds and accelerations by degrees of freedom.
+        joint_of = np.repeat(np.arange(model.njnt), _coordinates(model)) if what == "position" else model.dof_jntid
+        body = model.body(model.jnt_bodyid[joint_of[warning.lastinfo]]).name
+        mujoco.mj_resetData(model, state)  # the counts of warnings too
+        mujoco.mj_setState(model, state, self._sound, mujoco.mjtState.mjSTATE_INTEGRATION)
+        mujoco.mj_forward(model, state)
+        raise DenseVSError(
+            f"the simulation became unstable after {state.time:.3f} s: the {what} of body {body!r} is huge or not a "
+            f"number; expected what steps of {model.opt.timestep:g} s can follow. Look for bodies that began inside "
+            "one another, or that are very light or stiff. The state is that before this frame"
+        )
 
 
 class WarpPhysics(Physics):
@@ -283,6 +317,11 @@ class WarpPhysics(Physics):
         mujoco.mj_comPos(model, state)
         mujoco.mj_camlight(model, state)
         return state
+
+
+def _coordinates(model: mujoco.MjModel) -> np.ndarray:
+    """How many entries of qpos each joint has."""
+    return np.diff(np.append(model.jnt_qposadr, model.nq))
 
 
 def _put_data(model: mujoco.MjModel, state: mujoco.MjData, worlds: int) -> mjw.Data:

@@ -24,6 +24,8 @@ FINGERS = ("left_finger", "right_finger")
 OPENING = 0.135  # m, largest
 BASE = slice(7, 10)
 _CHAIN_SLOPE = 0.05  # rad, of a chain that is dropped; its loops are of some six links
+_HEAPS = 100  # tries to lay a chain clear of everything
+_OVERLAP = 0.001  # m, that a chain may begin inside what it falls on
 _BACK_OFF = 0.015  # m or rad, of the base from what it touched
 # Joint speeds [rad/s, m/s]; a motion takes as long as its slowest joint.
 SPEEDS = np.array([1.0, 1.0, 0.25, 0.8, 1.2, 1.2, 1.5, 0.3, 0.3, 0.6])
@@ -42,7 +44,8 @@ class MobileWorld:
         slip: standard deviation of the base's odometry error, as a share of each motion.
 
     Raises:
-        DenseVSError: an unknown object, a device that is not the CPU.
+        DenseVSError: an unknown object, a device that is not the CPU. Whatever lets time pass raises it too where the
+            simulation becomes unstable; the world is then as it was before that frame, never back at its beginning.
     """
 
     def __init__(
@@ -220,9 +223,28 @@ class MobileWorld:
     def lay_chain(self, name: str, position: Any, rng: np.random.Generator, step: float = 1.0) -> None:
         """Drop a chain in a random heap around a position (3,): each link turned against the one before it.
 
-        It falls from a slope that lifts every link over those that it crosses: links inside one another would burst
-        apart, faster than the engine can follow.
+        It falls from a slope that lifts every link over those that it crosses, and from nowhere inside anything else,
+        as a higher support beside its own: what begins inside something bursts out, faster than the engine can follow.
+
+        Raises:
+            DenseVSError: no such heap found; nothing has moved.
         """
+        before = self.state.qpos.copy(), self.state.qvel.copy()
+        for _ in range(_HEAPS):
+            self._draw_heap(name, position, rng, step)
+            if self._deepest_overlap(name) < _OVERLAP:
+                break
+        else:
+            self.state.qpos[:], self.state.qvel[:] = before
+            self._settled()
+            raise DenseVSError(
+                f"{name!r} cannot be laid at {np.asarray(position).tolist()}: each of {_HEAPS} heaps began inside "
+                "something else; expected free space around"
+            )
+        self.wait(30)
+
+    def _draw_heap(self, name: str, position: Any, rng: np.random.Generator, step: float) -> None:
+        """Put a chain's links where it is to fall from."""
         self._place(name, position, rng.uniform(-np.pi, np.pi))
         body = self.objects[name].body
         column = self.model.joint(body).qposadr[0]
@@ -241,7 +263,13 @@ class MobileWorld:
             joint = self.model.joint(f"{body}_{link}").qposadr[0]
             angle = turn * rng.uniform(0.5, 1.1) * step
             self.state.qpos[joint : joint + 4] = [np.cos(angle / 2), *(np.sin(angle / 2) * upright)]
-        self.wait(30)
+
+    def _deepest_overlap(self, name: str) -> float:
+        """How deep an object is inside something, or its parts inside one another [m]; 0 for not at all."""
+        mujoco.mj_fwdPosition(self.model, self.state)
+        contact = self.state.contact
+        touches = np.isin(contact.geom, self.geoms(name)).any(axis=1)
+        return float(-contact.dist[touches].min(initial=0.0))
 
     def store(self, names: Sequence[str] | None = None) -> None:
         """Put objects away, out of sight."""
@@ -287,10 +315,11 @@ class MobileWorld:
         return np.array([self.state.body(body).xpos[2] for body in bodies])
 
     def _advance(self, step: np.ndarray) -> None:
+        """A frame; an error where the simulation became unstable, the state then that before the frame."""
         if self.before_frame is not None:
             self.before_frame()
-        self._target = np.clip(self._target + step, *self.scene.joint_limits.T)
         self.physics.advance(step[None])
+        self._target = np.clip(self._target + step, *self.scene.joint_limits.T)
         self.frames += 1
 
     def _base_touches(self) -> bool:

@@ -45,6 +45,7 @@ PAPERS = {
         "gothoskar",
         "the generative model of an arm: kinematics, markers and cameras learned together",
         camera_shift="Table 7: gradient norm after a camera was shifted; which camera, and after how many samples",
+        drift="online learning: a slow drift of the held part or of a lens, followed by gradients",
         few_samples="Table 5, Fig. 3: error against the number of training samples",
         grasp="Fig. 12: grasp a block with an inaccurate arm",
         insertion="Fig. 13: insert a peg with 1 mm clearance with an inaccurate arm",

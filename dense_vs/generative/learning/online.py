@@ -3,16 +3,19 @@
 The paper's Online Learning and Change-Point Detection. In a learned model the gradients of the buffer are nearly zero;
 they spike when a camera moves. Beyond the paper, they are kept apart by camera and sample and set against what pixel
 noise would give, so one sample already names the camera, and a threshold needs no tuning.
+
+Small changes, as a part that slips in the hand or a lens that drifts, are followed by gradient steps on the buffer.
 """
 
 from collections import deque
+from collections.abc import Collection
 from dataclasses import dataclass
 from typing import Any, Protocol
 
 import numpy as np
 
 from dense_vs.arrays import number_array
-from dense_vs.checks import check_whole
+from dense_vs.checks import check_number, check_whole
 from dense_vs.errors import DenseVSError
 from dense_vs.generative.kinematics.placement import CAMERA_POINTS
 from dense_vs.generative.least_squares.pixel_problem import Free, PixelProblem, State
@@ -21,6 +24,8 @@ from dense_vs.generative.parameters import ModelParameters, finite_rows
 from dense_vs.generative.report import FitReport
 
 CHANGED = 4.0  # errors this many times the noise say that something changed
+DRIFTED = 6.0  # gradients this many times what noise gives say that a part drifted; learning's own error makes 2 or so
+FOLLOWED = "'structure' or 'camera:I'"
 MEDIAN_OF_NOISE = 1.1774  # px of a distance per px of noise of a coordinate
 
 
@@ -116,17 +121,8 @@ class OnlineLearner:
 
         Beside them the cameras' ratios ``(c,)``, as in :class:`Change`.
         """
-        p = self.model.parameters
-        known = finite_rows(p.features)
-        joints = np.array([q for q, _ in self.buffer])
-        pixels = np.where(known[:, None], np.array([x for _, x in self.buffer]), np.nan)
-        free = Free(kinematics=True, features=known, cameras=True, intrinsics=True)
-        problem = PixelProblem(pixels, p.links, p.joint_count, free)
-        finite = p.copy()
-        finite.features = np.nan_to_num(finite.features)
-        state = State(finite, joints)
-        behind = problem.seen & ~np.isfinite(problem.pixel_errors(state))
-        problem.reweight(np.where(behind, 0.0, 1.0))
+        known = finite_rows(self.model.parameters.features)
+        problem, state = self._problem(Free(kinematics=True, features=known, cameras=True, intrinsics=True))
         equations = problem.linearize(state)
         gradient, variance = 2 * equations.shared_gradient, self._pixel_sigma() ** 2
         columns, norms, ratios, rest = problem.columns, [], [], np.ones(len(gradient), dtype=bool)
@@ -138,6 +134,66 @@ class OnlineLearner:
             ratios.append(half @ step / (variance * len(own)))
             rest[own] = False
         return np.array([*norms, np.linalg.norm(gradient[rest])]), np.array(ratios)
+
+    def follow(self, what: str, rate: float = 0.5) -> float:
+        """Move a part a step down the gradient of the buffer's loss, where that is larger than noise makes it.
+
+        The paper's online learning, with its threshold on the gradients. Beyond the paper, the step is scaled by the
+        inverse of J^T J, so that no step size depends on units. Call it after :meth:`add`. A buffer of few samples
+        follows faster, one of many more smoothly.
+
+        Args:
+            what: ``"structure"``, the features, or ``"camera:I"``, the pose and lens of one camera.
+            rate: share of the whole step, above 0 and at most 1.
+
+        Returns:
+            The gradient over what pixel noise gives, as in :class:`Change`; above :data:`DRIFTED` the step was made.
+
+        Raises:
+            DenseVSError: another part or rate, an empty buffer, or a camera that :attr:`ignored` holds.
+        """
+        rate = check_number("rate", rate, above=0.0, most=1.0)
+        problem, state = self._problem(self._drifting(what), self.ignored)
+        equations = problem.linearize(state)
+        gradient = equations.shared_gradient
+        step = np.linalg.lstsq(equations.shared, gradient, rcond=1e-9)[0]
+        held = np.count_nonzero(equations.shared.diagonal())
+        ratio = float(gradient @ step) / (self._expected_sigma() ** 2 * max(held, 1))
+        if ratio > DRIFTED:
+            moved = problem.move(state, -rate * step).parameters
+            moved.features[~finite_rows(self.model.parameters.features)] = np.nan
+            if problem.cost(State(moved, state.joints)) < equations.cost:
+                self.model.parameters = moved
+        return ratio
+
+    def _drifting(self, what: str) -> Free:
+        """The unknowns of a part that :meth:`follow` names."""
+        count = len(self.model.parameters.intrinsics)
+        camera = what.removeprefix("camera:") if isinstance(what, str) else ""
+        if not self.buffer:
+            raise DenseVSError("the buffer is empty; expected observations to follow, by add()")
+        if what == "structure":
+            return Free(features=finite_rows(self.model.parameters.features))
+        if camera == what or not camera.isdecimal() or int(camera) >= count:
+            raise DenseVSError(f"what is {what!r}; expected {FOLLOWED}, I below {count}")
+        if int(camera) in self.ignored:
+            raise DenseVSError(f"camera {camera} has moved and is ignored; relearn it: gradients follow small changes")
+        chosen = np.arange(count) == int(camera)
+        return Free(cameras=chosen, intrinsics=chosen)
+
+    def _problem(self, free: Free, without: Collection[int] = ()) -> tuple[PixelProblem, State]:
+        """The buffer's loss, Gothoskar (6), by some unknowns, without some cameras, and where the model stands."""
+        p = self.model.parameters
+        joints = np.array([q for q, _ in self.buffer])
+        pixels = np.where(finite_rows(p.features)[:, None], np.array([x for _, x in self.buffer]), np.nan)
+        pixels[:, sorted(without)] = np.nan
+        problem = PixelProblem(pixels, p.links, p.joint_count, free)
+        finite = p.copy()
+        finite.features = np.nan_to_num(finite.features)
+        state = State(finite, joints)
+        behind = problem.seen & ~np.isfinite(problem.pixel_errors(state))
+        problem.reweight(np.where(behind, 0.0, 1.0))
+        return problem, state
 
     def _useful(self, camera: int) -> int:
         """Samples since it moved in which a camera sees enough of the model's features to be placed by."""

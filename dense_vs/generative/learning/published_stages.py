@@ -108,23 +108,28 @@ def fit_chain(joints: np.ndarray, poses: np.ndarray, rng: np.random.Generator) -
 
     def loss_of(batch: np.ndarray) -> Loss:
         def loss(x: np.ndarray) -> tuple[float, np.ndarray]:
-            dh = unpack(x)
-            frames = dh.frames(joints[batch])
-            difference = frames[:, -1] - poses[batch]
-            distance = np.sqrt((difference**2).sum(axis=(1, 2))) + 1e-12
-            pull = (difference / distance[:, None, None]) @ frames[:, -1].swapaxes(1, 2)
-            moment = np.stack(
-                [pull[:, 2, 1] - pull[:, 1, 2], pull[:, 0, 2] - pull[:, 2, 0], pull[:, 1, 0] - pull[:, 0, 1]], 1
-            )
-            gradient = chain_gradient(frames, moment, pull[:, :3, 3])
+            value, gradient = pose_loss(unpack(x), joints[batch], poses[batch])
             gradient[:3] = left_jacobian(x[None, :3])[0].T @ gradient[:3]
-            return float(distance.sum()), gradient
+            return value, gradient
 
         return loss
 
     x = np.zeros(6 + 4 * count)
     x, stage = minimize_by_minibatches("kinematics", loss_of, x, len(joints), rng, clock, 12 * len(joints))
     return unpack(x), stage
+
+
+def pose_loss(dh: DenavitHartenberg, joints: np.ndarray, poses: np.ndarray) -> tuple[float, np.ndarray]:
+    """Gothoskar (4), the sum of Frobenius distances to poses ``(T, 4, 4)``, and its gradient ``(6 + 4 n,)``.
+
+    The gradient is by a turn and a shift of the base and by the rows of the table.
+    """
+    frames = dh.frames(joints)
+    difference = frames[:, -1] - poses
+    distance = np.sqrt((difference**2).sum(axis=(1, 2))) + 1e-12
+    pull = (difference / distance[:, None, None]) @ frames[:, -1].swapaxes(1, 2)
+    moment = np.stack([pull[:, 2, 1] - pull[:, 1, 2], pull[:, 0, 2] - pull[:, 2, 0], pull[:, 1, 0] - pull[:, 0, 1]], 1)
+    return float(distance.sum()), chain_gradient(frames, moment, pull[:, :3, 3])
 
 
 def fit_everything(

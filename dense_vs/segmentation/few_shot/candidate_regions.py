@@ -27,12 +27,13 @@ GRID = 4  # px between the pixels that are classified
 
 @dataclass(frozen=True)
 class SeenImage:
-    """An image reduced to superpixels, before anything that was learned is used."""
+    """An image, or a window of one, reduced to superpixels, before anything that was learned is used."""
 
     channels: PixelChannels
     pixels: Superpixels
     figures: SuperpixelFigures
     features: PixelFeatures
+    image_area: int  # px of the whole image
 
 
 @dataclass(frozen=True)
@@ -46,12 +47,17 @@ class Candidates:
     features: np.ndarray  # (C, F)
 
 
-def see(image: np.ndarray) -> SeenImage:
-    """Superpixels and their features of an RGB uint8 image, already reduced."""
+def see(image: np.ndarray, image_area: int | None = None) -> SeenImage:
+    """Superpixels and their features of an RGB uint8 image, already reduced.
+
+    Args:
+        image: the image, or a window of it.
+        image_area: pixels of the whole image, where it is a window.
+    """
     channels = pixel_channels(image)
     pixels = find_superpixels(channels, min(CELL, *image.shape[:2]))
     figures = superpixel_figures(channels, pixels)
-    return SeenImage(channels, pixels, figures, PixelFeatures(channels))
+    return SeenImage(channels, pixels, figures, PixelFeatures(channels), image_area or pixels.labels.size)
 
 
 def candidate_regions(
@@ -70,7 +76,7 @@ def candidate_regions(
     trees, index, nodes, areas, rows = [], [], [], [], []
     for number, color in enumerate(COLOR_WEIGHTS):
         tree = region_tree(seen.pixels, merge_features(seen.figures, seen.pixels, likely, color))
-        features = region_features(seen.figures, seen.pixels, tree, likely, histogram, examples)
+        features = region_features(seen.figures, seen.pixels, tree, likely, histogram, examples, seen.image_area)
         area = tree.node_sums(seen.pixels.area[:, None])[:, 0]
         kept = np.flatnonzero(area >= min_area)
         trees.append(tree)

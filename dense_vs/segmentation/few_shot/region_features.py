@@ -48,16 +48,17 @@ def region_features(
     likely: np.ndarray,
     words: np.ndarray,
     examples: np.ndarray,
+    image_area: int,
 ) -> np.ndarray:
     """Features (N, F) float32 that separate the nodes of the tree that are the object from the others.
 
     Args:
         figures: of the superpixels.
-        pixels: the superpixels.
-        tree: over them.
+        pixels, tree: the superpixels, and the tree over them.
         likely: probability of the object (n,).
         words: histogram (n, K) of color words.
         examples: normalized histograms (m, K) of the object in the annotated images.
+        image_area: pixels of the whole image.
     """
     area = pixels.area[:, None]
     doubt = likely[:, None] * area
@@ -116,7 +117,7 @@ def region_features(
             np.log(parent_height / own_height),
             likeness.max(axis=1, keepdims=True),
             likeness.mean(axis=1, keepdims=True),
-            np.log(size / pixels.labels.size),
+            np.log(size / image_area),
         ],
         axis=1,
     ).astype(np.float32)

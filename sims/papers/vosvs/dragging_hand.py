@@ -1,9 +1,7 @@
 """A hand that drags a chain's end about the floor on a winding way, with a jerk now and then, and stays in the room."""
 
-import mujoco
 import numpy as np
 
-from dense_vs.errors import DenseVSError
 from dense_vs.sims.engine.scene import FRAME_SECONDS
 from dense_vs.sims.mobile_manipulator.world import MobileWorld
 
@@ -31,16 +29,9 @@ class DraggingHand:
         self._heading = rng.uniform(-np.pi, np.pi)
         self._velocity = np.zeros(2)
         self._place = world.pull_chain(name, None)
-        self._faults = self._instabilities()
 
     def __call__(self) -> None:
-        """Move for a frame.
-
-        Raises:
-            DenseVSError: the physics engine gave up and began anew, so that nothing is where it was.
-        """
-        if self._instabilities() != self._faults:
-            raise DenseVSError(f"the simulation of {self._name!r} became unstable; expected a motion it can follow")
+        """Move for a frame."""
         away = self._place[:2] - self._middle
         self._heading += 0.05 * self._rng.standard_normal()
         if np.hypot(*away) > ROOM and away @ [np.cos(self._heading), np.sin(self._heading)] > 0:
@@ -57,7 +48,3 @@ class DraggingHand:
     def let_go(self) -> None:
         """Hold nothing any more."""
         self._world.pull_chain(self._name, None)
-
-    def _instabilities(self) -> int:
-        kinds = (mujoco.mjtWarning.mjWARN_BADQPOS, mujoco.mjtWarning.mjWARN_BADQVEL, mujoco.mjtWarning.mjWARN_BADQACC)
-        return sum(int(self._world.state.warning[kind].number) for kind in kinds)

@@ -1,12 +1,17 @@
 """The few-shot segmenter on drawn images whose masks are exact, and what superpixels make of small objects."""
 
+from dataclasses import asdict
+
 import cv2
 import numpy as np
 import pytest
 
 from dense_vs.errors import DenseVSError
 from dense_vs.segmentation import FewShotSegmenter
+from dense_vs.segmentation.few_shot import segmenter as module
+from dense_vs.segmentation.few_shot.candidate_regions import see
 from dense_vs.segmentation.few_shot.pixel_channels import pixel_channels
+from dense_vs.segmentation.few_shot.segmenter import FewShotOptions
 from dense_vs.segmentation.few_shot.superpixels import find_superpixels
 
 HEIGHT, WIDTH = 160, 200
@@ -74,6 +79,70 @@ def test_file_keeps_what_was_learned(segmenter, tmp_path):
     np.testing.assert_array_equal(again.segment(image), segmenter.segment(image))
 
 
+def shown_at(x, y, rng):
+    """An image of the ellipse with its middle at (x, y), and its mask."""
+    image, _ = drawn(rng, 0)
+    mask = np.zeros((HEIGHT, WIDTH), np.uint8)
+    cv2.ellipse(mask, (x, y), (18, 11), 30, 0, 360, 1, -1)
+    image[mask > 0] = (200, 60, 40)
+    return image, mask.astype(bool)
+
+
+@pytest.fixture
+def tracker(segmenter, tmp_path, monkeypatch):
+    """The segmenter with a window, and the sizes of the images that it has looked at."""
+    segmenter.save(tmp_path / "object.npz")
+    tracker = FewShotSegmenter.load(tmp_path / "object.npz")
+    tracker.options = FewShotOptions(**(asdict(tracker.options) | {"window": 16}))
+    sizes = []
+
+    def look(image, image_area=None):
+        sizes.append(image.shape[:2])
+        return see(image, image_area)
+
+    monkeypatch.setattr(module, "see", look)
+    return tracker, sizes
+
+
+def overlap(found, mask):
+    return (found & mask).sum() / (found | mask).sum()
+
+
+@pytest.mark.slow
+def test_an_object_that_moves_little_is_looked_for_where_it_was(tracker):
+    tracker, sizes = tracker
+    rng = np.random.default_rng(6)
+    for number in range(6):
+        image, mask = shown_at(60 + 8 * number, 80, rng)
+        assert overlap(tracker.segment(image), mask) > 0.8
+    assert sizes[0] == (HEIGHT, WIDTH)
+    assert len(sizes) == 6
+    assert max(height * width for height, width in sizes[1:]) < 0.35 * HEIGHT * WIDTH
+
+
+@pytest.mark.slow
+def test_an_object_that_leaves_its_window_is_looked_for_everywhere(tracker):
+    tracker, sizes = tracker
+    rng = np.random.default_rng(7)
+    for x, y in ((50, 50), (150, 110), (150 - 24, 110), (190, 150), (8, 8)):  # away, to the edge, into the corners
+        image, mask = shown_at(x, y, rng)
+        assert overlap(tracker.segment(image), mask) > 0.7
+    assert sizes.count((HEIGHT, WIDTH)) >= 4
+    assert not tracker.segment(drawn(rng, 0)[0]).any()
+    assert tracker.score == 0.0
+
+
+def test_a_window_stays_in_the_image_and_on_the_grid():
+    for first, last, length in ((0, 3, 120), (100, 119, 120), (50, 60, 240), (0, 119, 60), (119, 119, 16)):
+        taken = np.zeros(120, dtype=bool)
+        taken[first : last + 1] = True
+        window = module._grown(taken, length, 10)
+        assert window.start % 8 == 0
+        assert 0 <= window.start <= max(first * length // 120 - 10, 0)
+        assert min((last + 1) * length // 120 + 9, length) <= window.stop <= length
+        assert window.stop - window.start >= 16
+
+
 def test_small_blob_is_a_superpixel_wherever_it_lies():
     for shift in range(8):  # over a cell of the grid of seeds
         image = np.full((96, 96, 3), 110, np.uint8)
@@ -86,7 +155,12 @@ def test_small_blob_is_a_superpixel_wherever_it_lies():
 
 @pytest.mark.parametrize(
     ("options", "message"),
-    [({"size": 8}, "size is 8"), ({"min_score": 1.5}, "min_score is 1.5"), ({"seed": -1}, "seed is -1")],
+    [
+        ({"size": 8}, "size is 8"),
+        ({"min_score": 1.5}, "min_score is 1.5"),
+        ({"seed": -1}, "seed is -1"),
+        ({"window": -1}, "window is -1"),
+    ],
 )
 def test_options_out_of_range(options, message):
     with pytest.raises(DenseVSError, match=message):

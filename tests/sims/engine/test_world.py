@@ -285,3 +285,23 @@ def test_bad_reset_changes_nothing(small):
         with pytest.raises(DenseVSError, match="seed"):
             small.reset(seed=seed)
     np.testing.assert_array_equal(small.frame().rgb, image)
+
+
+@pytest.mark.parametrize("entry", ["qpos", "qvel"])
+def test_unstable_simulation_is_an_error_that_leaves_the_world(small, entry):
+    home, _ = small.joints()
+    small.step([0.02, -0.03, 0.01])
+    state = small.physics.host_state(0)
+    joints, time = state.qpos.copy(), state.time
+    kept = getattr(state, entry)[1]
+    getattr(state, entry)[1] = np.nan
+    with pytest.raises(DenseVSError, match=r"unstable after 0\.033 s"):
+        small.step([0.02, -0.03, 0.01])
+    assert np.isnan(getattr(state, entry)[1])
+    getattr(state, entry)[1] = kept
+    assert state.time == time
+    np.testing.assert_array_equal(state.qpos, joints)
+    assert small.time == pytest.approx(1 / 30)
+    for _ in range(10):
+        small.step()
+    np.testing.assert_allclose(small.joints()[0] - home, [0.02, -0.03, 0.01], atol=1e-4)

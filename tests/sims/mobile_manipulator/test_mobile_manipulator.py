@@ -1,5 +1,6 @@
 """The mobile manipulator: its cameras and joints as Table 1 of VOS-VS has them, real contact, objects as published."""
 
+import mujoco
 import numpy as np
 import pytest
 
@@ -195,11 +196,45 @@ def test_unknown_names():
 
 
 @pytest.mark.slow
-def test_dropped_chain_does_not_burst():
-    """Links that began inside one another made the engine's state infinite in one of some hundred heaps."""
+def test_dropped_chain_begins_inside_nothing(monkeypatch):
+    """Neither links inside one another nor links inside the higher bin beside theirs: both burst apart."""
     world = MobileWorld(["Plastic Chain"], seed=0, device="cpu")
+    deepest = []
+
+    def wait(frames):
+        mujoco.mj_forward(world.model, world.state)
+        deepest.append(world.state.contact.dist.min())
+        MobileWorld.wait(world, frames)
+
+    monkeypatch.setattr(world, "wait", wait)
     rng = np.random.default_rng(0)
     for _ in range(18):
         world.lay_chain("Plastic Chain", (1.0, 0.0, 0.125), rng)
-    assert not any(warning.number for warning in world.state.warning)
+    assert len(deepest) == 18
+    assert min(deepest) > -0.001
     assert world.lowest_point("Plastic Chain") > -0.01
+
+
+def test_chain_that_has_no_room_stays_where_it_is():
+    world = MobileWorld(["Plastic Chain"], seed=0, device="cpu")
+    before = world.state.qpos.copy()
+    with pytest.raises(DenseVSError, match="expected free space"):
+        world.lay_chain("Plastic Chain", (1.0, 0.55, 0.1), np.random.default_rng(0))
+    np.testing.assert_array_equal(world.state.qpos, before)
+
+
+def test_world_that_becomes_unstable_says_so_and_stays():
+    """MuJoCo would put everything back to its beginning, with a line on the terminal, and go on."""
+    world = MobileWorld(["Tuna"], seed=0, device="cpu")
+    world.place("Tuna", (1.0, 0.0, 0.125))
+    before, frames = world.state.qpos.copy(), world.frames
+    for _ in range(2):
+        world.state.qvel[world.model.joint("tuna").dofadr[0] + 2] = 1e11
+        with pytest.raises(DenseVSError, match=r"unstable.*speed of body 'tuna'"):
+            world.wait(1)
+        np.testing.assert_array_equal(world.state.qpos, before)
+        assert world.frames == frames
+    world.state.qvel[:] = 0.0
+    world.wait(3)
+    assert world.frames == frames + 3
+    np.testing.assert_allclose(world.object_center("Tuna")[2], 0.14, atol=0.01)
