@@ -142,7 +142,7 @@ class BodyFeatures:
         candidates = np.flatnonzero(self.learned)
         tried = []
         for link in candidates:
-            here = rays * self._usual_depths(link, rotation[:, link], translation[:, link])[:, None]
+            here = rays * self._usual_depths(int(link), rotation[:, link], translation[:, link])[:, None]
             start = np.einsum("kji,kj->ki", rotation[:, link], here - translation[:, link])
             on_link = np.full(count, link)
             center = float(self.center[0]), float(self.center[1])
