@@ -46,8 +46,7 @@ class ServoLoop:
         flow: of the estimator's size; the default method unless given.
         babbling: the motion before J is known; the default unless given.
         scale: factor on the image size.
-        threads: CPU threads of an estimator made here.
-        device: of an estimator made here.
+        threads, device: CPU threads and device of an estimator made here.
         seed: of babbling and dither made here.
         command_period: time between commands [s], for a robot that takes a new one only so often; in the frames between
             them J is learned and the commanded step is zero. A command every frame unless given.
@@ -147,7 +146,7 @@ class ServoLoop:
 
     @property
     def body_model(self) -> BodyModel | None:
-        """What is known of the robot's body; None where nothing is."""
+        """Of the robot; None where none is known."""
         return self._body.model
 
     @property

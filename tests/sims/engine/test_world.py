@@ -205,8 +205,8 @@ def test_a_robot_carries_commands_out_over_time(small):
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        ({"robot": "leg"}, r"robot 'leg' .*'arm', 'planar',.* or the path"),
-        ({"robot": "no/such/file.xml"}, r"no/such/file.xml.*'arm', 'planar',"),
+        ({"robot": "leg"}, r"robot 'leg' .*'arm', 'painted', 'planar',.* or the path"),
+        ({"robot": "no/such/file.xml"}, r"no/such/file.xml.*'arm', 'painted', 'planar',"),
         ({"joints": ["thumb"]}, r"joint 'thumb'.*joint1, joint2, joint3"),
         ({"joints": []}, r"joints is \(\); expected .*joint1"),
         ({"joints": "joint1"}, r"joints is 'joint1'; expected a sequence"),

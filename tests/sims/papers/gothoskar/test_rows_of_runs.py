@@ -222,9 +222,9 @@ def test_a_query_of_a_hundred_is_timed_by_the_piece(monkeypatch, tmp_path):
     monkeypatch.setattr(speed, "_median_ms", lambda query, repeats: 100.0 * query + (repeats == 5))
     monkeypatch.setattr(speed, "draw_bars", lambda *_, **__: None)
     found = values(speed.run(Namespace(repeats=7, seeds=[1, 2, 9], out=tmp_path)))
-    assert found["forward kinematics"] == 200.0
-    assert found["joints from image, each of 100"] == 2.0
-    assert found["learning from 50 samples"] == 201.0  # five times are enough of it
+    assert found["Forward Kinematics"] == 200.0
+    assert found["Infer Joints from Image, each of 100"] == 2.0
+    assert found["Learning from 50 samples"] == 201.0  # five times are enough of it
 
 
 def test_medians_and_worst_of_stages(monkeypatch, tmp_path):
