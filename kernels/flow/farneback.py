@@ -2,8 +2,8 @@
 
 Levels of the pyramid, border handling and the meaning of every option follow OpenCV's
 ``calcOpticalFlowFarneback``, so that the two agree; what is computed at a pixel is in
-``polynomial_expansion.py``, ``displacement_equations.py`` and ``displacement_solution.py``. It is computed in passes over
-the image, or in tiles (``tile_level.py``), which keep what lies between out of a GPU's memory.
+``polynomial_expansion.py``, ``displacement_equations.py`` and ``displacement_solution.py``. It is computed in passes
+over the image, or in tiles (``tile_level.py``), which keep what lies between out of a GPU's memory.
 """
 
 from collections.abc import Callable

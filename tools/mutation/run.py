@@ -85,6 +85,8 @@ def main() -> None:
     os.chdir(root)
     # Forked processes cannot use a GPU, and as many as there are cores would not fit on one.
     os.environ.update(CUDA_VISIBLE_DEVICES="", OMP_NUM_THREADS="1")
+    for name in [name for name in os.environ if name.startswith("PYTEST_")]:  # of a test that runs this
+        del os.environ[name]
     if sys.flags.safe_path:
         os.environ["PYTHONSAFEPATH"] = "1"
     if not arguments.reuse:
