@@ -41,11 +41,20 @@ class State(IntEnum):
 
 @dataclass(frozen=True)
 class Keyframe:
-    """A posture ``(N,)`` [rad] and what was seen in it: indices ``(K,)`` of features, places ``(K, 2)`` [px]."""
+    """A posture ``(N,)`` [rad] and what was seen in it: indices ``(K,)`` of features, places ``(K, 2)`` [px], image."""
 
     positions: np.ndarray
     features: np.ndarray
     places: np.ndarray
+    image: np.ndarray
+
+    def with_place(self, feature: int, place: np.ndarray | None) -> "Keyframe":
+        """The keyframe with another place ``(2,)`` of one feature; without it for None."""
+        others = self.features != feature
+        features, places = self.features[others], self.places[others]
+        if place is None:
+            return Keyframe(self.positions, features, places, self.image)
+        return Keyframe(self.positions, np.append(features, feature), np.vstack([places, place]), self.image)
 
 
 class BodyFeatures:
@@ -62,6 +71,7 @@ class BodyFeatures:
         points: ``(M, 3)`` in the home posture, in the chain's unit of length.
         states: ``(M,)`` of :class:`State`.
         keyframes: oldest first.
+        lasting: features whose keyframes are kept for longest.
     """
 
     def __init__(self, chain: Chain, focal: float, center: np.ndarray, learned: np.ndarray):
@@ -71,6 +81,7 @@ class BodyFeatures:
         self.points = np.zeros((0, 3))
         self.states = np.zeros(0, int)
         self.keyframes: list[Keyframe] = []
+        self.lasting = np.zeros(0, int)
 
     def __len__(self) -> int:
         return len(self.links)
@@ -87,7 +98,10 @@ class BodyFeatures:
         """Take a keyframe; of too many, some of the oldest go."""
         self.keyframes.append(keyframe)
         if len(self.keyframes) > MOST_KEYFRAMES:
-            del self.keyframes[1 : MOST_KEYFRAMES // 2 : 6]
+            old = self.keyframes[1 : MOST_KEYFRAMES // 2]
+            spare = [one for one in old if not np.isin(self.lasting, one.features).any()] or old
+            gone = {id(one) for one in spare[::6]}
+            self.keyframes = [one for one in self.keyframes if id(one) not in gone]
 
     def seen_on(self, link: int, features: np.ndarray) -> np.ndarray:
         """Which of some features are known to be on a link, bool."""
@@ -163,8 +177,13 @@ class BodyFeatures:
         depths = self.points[on] @ rotation[:, 2].T + translation[:, 2]
         return np.maximum(np.median(depths, axis=0), 0.1)
 
-    def refine(self, preferred: np.ndarray) -> None:
-        """Adjust chain, focal length and features to the keyframes; ``preferred`` features take part first."""
+    def refine(self, preferred: np.ndarray, kept: np.ndarray) -> None:
+        """Adjust chain, focal length and features to the keyframes.
+
+        Args:
+            preferred: features that take part first.
+            kept: those that are placed anew on the chain even where they take no part.
+        """
         counts = np.bincount(np.concatenate([one.features for one in self.keyframes]), minlength=len(self))
         used = np.flatnonzero((self.states == State.KNOWN) & (counts >= LEAST_SEEN))
         if len(used) < 2 * LEAST_SEEN:
@@ -182,3 +201,15 @@ class BodyFeatures:
         )  # fmt: skip
         self.chain, self.focal = state.chain, state.focal
         self.points[used] = state.points
+        self._follow(np.setdiff1d(kept, used))
+
+    def _follow(self, features: np.ndarray) -> None:
+        """Place features anew that took no part in an adjustment: the unit of length drifts with the chain."""
+        features = features[self.states[features] == State.KNOWN]
+        if not len(features):
+            return
+        postures, places = self.tracks(features)
+        center = float(self.center[0]), float(self.center[1])
+        self.points[features] = place_points(
+            self.chain, self.focal, center, postures, places, self.links[features], self.points[features], NOISE
+        ).points

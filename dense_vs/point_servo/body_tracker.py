@@ -16,6 +16,7 @@ from dense_vs.body_model.chain import Chain
 from dense_vs.point_servo.body_features import BodyFeatures, Keyframe, State
 from dense_vs.point_servo.feature_flow import carried, new_features
 from dense_vs.point_servo.point_depth import UNKNOWN, PointDepth, depth_of_features, point_depth, tried_depths
+from dense_vs.point_servo.point_look import PointLook
 from dense_vs.point_servo.surface_patches import SurfacePatches
 
 POINT = 0  # index of the point among the features
@@ -27,14 +28,20 @@ GATE = 2.0  # px from where its link's features are, at which one is given up
 WIDE = 28.0  # px, standard deviation of the weight by which the link's features correct the point
 LEAST_SEEN = 3  # features of the link that have to be in sight
 LIKE, ALIKE = 0.8, 0.87  # correlations between which the point's own look comes to count alone
-OWN_GATE = 3.0  # px from what its link says, within which it counts
 OWN_DRIFT = 0.5  # px, standard deviation of the place by the own look at least
+ASIDE = 1.0  # px, standard deviation of the expected place, the depth aside, while looking back
+ROUNDS = 3  # of looking back for the point itself, each with the depth that the former gave
+AGAIN = 8  # keyframes in which it is sought again whenever there is a new one, as the chain is known better by then
+BELIEVED = 0.72  # correlation from which a place of the point's own look tells its depth
+LEAST_OPEN = 0.05  # of the logarithm of the depth, left open in a search: places that repeat a guess tell nothing
 MOST_UNCERTAIN = 0.8  # px, standard deviation of the point's place up to which it is certain
 DOUBT = 1.5  # times the depth's standard deviation: places of features around share their errors
 BASIC = 0.3  # px, of any place
 BACK_WINDOW = 15  # px, side of the patches by which features are compared while looking back
 SURE, REALIGNED = 0.9, 1.0  # correlation with the first look, and px, for a place to be corrected by that look
 UNLIKE = 0.5  # correlation at which a feature is given up while looking back
+SMALL = 0.01  # of the logarithm of the depth, for derivatives
+NOWHERE = np.zeros(2)
 VOTES = 7  # features around, which say what link the point is on where its own places do not
 
 
@@ -74,6 +81,7 @@ class BodyTracker:
         lost_after: int = 15,
     ):
         self.features = BodyFeatures(chain, focal, center, learned)
+        self.features.lasting = np.array([POINT])
         self._lost_after = lost_after
         self._gray, positions = history[-1]
         self._positions = self._defined_at = self._kept_at = np.array(positions, dtype=np.float64)
@@ -82,13 +90,17 @@ class BodyTracker:
         self._offset = np.zeros(2)
         self.seen, self.unseen, self._spread = 0, 0, 1.0
         self._by_own = np.inf
-        self._look = SurfacePatches(window)
-        self._own_pixels = self._look.taken(self._gray, self.point[None], same)
-        self._own_map = np.eye(2)[None]
+        self._sighting: np.ndarray | None = None
+        self._next = 0
+        self._look = PointLook(self._gray, self.point, same, window)
         self.correlation = np.ones(1, np.float32)
-        self._look_back(history, body)
         self._depth: PointDepth | None = None
+        self._look_back(history, body)
         self._place_point()
+        for _ in range(ROUNDS):
+            self._find_in(range(len(self.features.keyframes) - 1))
+            self._place_point()
+        self._refine()
         self.uncertainty = self._uncertainty(self._positions)
 
     @property
@@ -184,14 +196,59 @@ class BodyTracker:
         if not np.isfinite(place).all() or np.abs(place).max() > 1e5:  # behind the camera, by a chain that is wrong
             self.unseen = max(self.unseen, 1)
             return
-        found, turned, self.correlation = self._look.align(self._own_pixels, gray, place[None], self._own_map)
-        share = float(np.clip((self.correlation[0] - LIKE) / (ALIKE - LIKE), 0, 1))
-        apart = float(np.linalg.norm(found[0] - place))
-        self._by_own = max(apart, OWN_DRIFT) if share == 1 else np.inf
-        if apart < OWN_GATE and share > 0:
-            place = place + share * (found[0] - place)
-            self._own_map = turned
+        self._by_own, self._sighting = np.inf, None
+        if self._depth is not None:
+            spread = BASIC + self._spread / np.sqrt(max(self.seen, 1))
+            place = self._by_look(q, gray, place, spread)
         self.point = place
+
+    def _by_look(self, q: np.ndarray, gray: np.ndarray, place: np.ndarray, spread: float) -> np.ndarray:
+        """The place as the point's own look corrects it."""
+        _, affine, by_depth = self._view(q[None])
+        covariance = self._covariance(by_depth[0], spread)
+        found, correlation = self._look.found(gray, place, affine[0], covariance)
+        self.correlation = np.array([correlation], np.float32)
+        share = float(np.clip((correlation - LIKE) / (ALIKE - LIKE), 0, 1))
+        if share == 1:
+            self._by_own = max(float(np.linalg.norm(found - place)), OWN_DRIFT)
+        if share > 0:
+            self._sighting = found
+        return place + share * (found - place)
+
+    def _covariance(self, by_depth: np.ndarray, aside: float) -> np.ndarray:
+        """Of the expected place [px^2], by the depth and by what else may be off [px]."""
+        assert self._depth is not None
+        off = max(DOUBT * self._depth.deviation, LEAST_OPEN) * by_depth
+        return np.outer(off, off) + aside**2 * np.eye(2)
+
+    def _view(self, postures: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """How the point's surroundings are seen in postures ``(T, N)`` [rad].
+
+        Returns:
+            Expected places ``(T, 2)`` [px], maps ``(T, 2, 2)`` of px about the point in the first image to px there,
+            and places by the logarithm of the depth ``(T, 2)`` [px].
+        """
+        assert self._depth is not None
+        features, depth = self.features, self._depth.depth
+        rotation, translation = features.chain.link_poses(postures)
+        beside = ((0, 0), (1, 0), (0, 1), (0, 0))
+        depths = (depth, depth, depth, depth * np.exp(SMALL))
+        home = np.array([self._at_depth(d, np.array(b)) for d, b in zip(depths, beside, strict=True)])
+        there = np.einsum("tij,kj->tki", rotation[:, self._link], home) + translation[:, None, self._link]
+        places = features.pixels(there.reshape(-1, 3)).reshape(len(postures), 4, 2)
+        maps = np.stack([places[:, 1] - places[:, 0], places[:, 2] - places[:, 0]], axis=-1)
+        return places[:, 0], maps, (places[:, 3] - places[:, 0]) / SMALL
+
+    def _find_in(self, keyframes: Sequence[int]) -> None:
+        """Find the point itself in the images of some keyframes."""
+        features = self.features
+        if self._depth is None or not len(keyframes):
+            return
+        chosen = [features.keyframes[k] for k in keyframes]
+        expected, maps, by_depth = self._view(np.array([one.positions for one in chosen]))
+        for k, one, place, map_, off in zip(keyframes, chosen, expected, maps, by_depth, strict=True):
+            found, correlation = self._look.found(one.image, place, map_, self._covariance(off, ASIDE))
+            features.keyframes[k] = one.with_place(POINT, found if correlation > BELIEVED else None)
 
     def _uncertainty(self, q: np.ndarray) -> float:
         """Standard deviation [px]: by the depth, whose error shows as the link turns, and by the link's features.
@@ -200,20 +257,14 @@ class BodyTracker:
         """
         if self._depth is None:
             return np.inf
-        features, small = self.features, 0.01
-        before = features.points[POINT].copy()
-        here = features.project(np.array([POINT]), q)[0]
-        features.points[POINT] = self._at_depth(self._depth.depth * (1 + small))
-        there = features.project(np.array([POINT]), q)[0]
-        features.points[POINT] = before
-        by_depth = DOUBT * float(np.linalg.norm(there - here)) / small * self._depth.deviation
+        by_depth = DOUBT * self._depth.deviation * float(np.linalg.norm(self._view(q[None])[2]))
         return float(np.hypot(min(by_depth, self._by_own), BASIC + self._spread / np.sqrt(max(self.seen, 1))))
 
-    def _at_depth(self, depth: float | np.ndarray) -> np.ndarray:
-        """The point in the home posture ``(..., 3)``, if it has that depth where it was defined."""
+    def _at_depth(self, depth: float | np.ndarray, beside: np.ndarray = NOWHERE) -> np.ndarray:
+        """The point, or what is so many px beside it, in the home posture ``(..., 3)``; of that depth when defined."""
         features = self.features
         rotation, translation = features.chain.link_poses(self._defined_at[None])
-        ray = np.append((self._pixel - features.center) / features.focal, 1.0)
+        ray = np.append((self._pixel + beside - features.center) / features.focal, 1.0)
         here = np.multiply.outer(depth, ray)
         return (here - translation[0, self._link]) @ rotation[0, self._link]
 
@@ -239,15 +290,23 @@ class BodyTracker:
         features.points[POINT] = self._at_depth(self._depth.depth)
         features.states[POINT] = State.KNOWN
 
+    def _refine(self) -> None:
+        """Chain, features and the point, adjusted to all keyframes."""
+        self.features.refine(np.append(self._live, POINT), self._first[self._first != POINT])
+        self._place_point()
+
     def _keep(self, gray: np.ndarray, q: np.ndarray) -> None:
         """A keyframe: learn from it, and look for new features."""
         features = self.features
-        features.keep(Keyframe(q.copy(), self._live.copy(), self._places.copy()))
+        keyframe = Keyframe(q.copy(), self._live.copy(), self._places.copy(), gray)
+        features.keep(keyframe.with_place(POINT, self._sighting))
         self._kept_at = q
         young = (features.states[self._live] == State.YOUNG) & (self._live != POINT)
         features.assign(self._live[young])
-        features.refine(self._live)
-        self._place_point()
+        others = len(features.keyframes) - 1
+        self._find_in(sorted({k % others for k in range(self._next, self._next + AGAIN)}))
+        self._next += AGAIN
+        self._refine()
         kept = features.states[self._live] != State.DROPPED
         self._live, self._places = self._live[kept], self._places[kept]
         self._look_for_more(gray)
@@ -276,7 +335,7 @@ class BodyTracker:
         self._live, self._places = np.append(self._live, numbers), np.vstack([self._places, found])
         last = features.keyframes[-1]
         features.keyframes[-1] = Keyframe(
-            last.positions, np.append(last.features, numbers), np.vstack([last.places, found])
+            last.positions, np.append(last.features, numbers), np.vstack([last.places, found]), last.image
         )
 
     def _look_back(self, history: Sequence[tuple[np.ndarray, np.ndarray]], body: np.ndarray) -> None:
@@ -288,19 +347,21 @@ class BodyTracker:
         pixels = patches.taken(gray, begun)
         maps = np.tile(np.eye(2), (len(begun), 1, 1))
         live, places, later = numbers, begun.copy(), gray
-        kept = [Keyframe(self._defined_at.copy(), live, places)]
+        kept = [Keyframe(self._defined_at.copy(), live, places, gray)]
         for image, q in [*history[:-1]][::-1]:
             found, believed = carried(later, image, places, places)
             live, places = live[believed], found[believed]
+            later = image
             if not len(live):
-                break
+                kept.append(Keyframe(np.array(q, dtype=np.float64), live, places, image))
+                continue
             aligned, turned, correlation = patches.align(pixels[live], image, places, maps[live])
             sure = (correlation > SURE) & (np.linalg.norm(aligned - places, axis=1) < REALIGNED)
             places = np.where(sure[:, None], aligned, places)
             maps[live[sure]] = turned[sure]
             alike = correlation > UNLIKE
-            live, places, later = live[alike], places[alike], image
-            kept.append(Keyframe(np.array(q, dtype=np.float64), live, places))
+            live, places = live[alike], places[alike]
+            kept.append(Keyframe(np.array(q, dtype=np.float64), live, places, image))
         features.keyframes = kept[::-1]
         self._live, self._places = numbers, begun.copy()
         features.assign(numbers)
@@ -310,5 +371,5 @@ class BodyTracker:
                 near = np.argsort(np.linalg.norm(begun[known] - self._pixel, axis=1))[:VOTES]
                 features.links[POINT] = int(np.bincount(features.links[known[near]]).argmax())
         kept_on = features.states != State.DROPPED
-        kept_on[POINT] = True
+        kept_on[POINT] = False  # it is known by its own look
         self._live, self._places = numbers[kept_on], begun[kept_on]

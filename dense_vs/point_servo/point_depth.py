@@ -5,12 +5,13 @@ from dataclasses import dataclass
 import numpy as np
 
 NEAR = 14.0  # px, standard deviation of the weight by which features around count
-LEAST_SPREAD = 0.02  # of the logarithm of the depth by the features around
+LEAST_SPREAD = 0.03  # of the logarithm of the depth by the features around
 LEAST_NEAR = 3  # features on the link
-OWN_WEIGHT = 0.3  # of the point's own places, which slide along plain surfaces
-OWN_PLACES = 20  # as many places of their own count, however many there are
+OWN_WEIGHT = 1.0  # of the point's own places
+OWN_PLACES = 10  # as many places of their own count, however many there are
 NOISE = 0.5  # px, of its own places
-RANGE, STEPS = 0.25, 51  # of the logarithm of the depth about that of the features around
+RANGE, STEPS = 0.25, 251  # of the logarithm of the depth about that of the features around
+ASIDE = 5  # steps, over which the cost's curvature is measured
 UNKNOWN = 0.25  # standard deviation of the logarithm where nothing tells
 
 
@@ -49,8 +50,9 @@ def point_depth(around: PointDepth, errors: np.ndarray) -> PointDepth:
     counted = max(1.0, errors.shape[1] / OWN_PLACES)
     cost = OWN_WEIGHT * np.log1p((errors / NOISE) ** 2).sum(axis=1) / counted + (steps / around.deviation) ** 2
     best = int(np.argmin(cost))
-    middle = min(max(best, 2), STEPS - 3)
-    curvature = (cost[middle - 2] - 2 * cost[middle] + cost[middle + 2]) / (2 * (steps[1] - steps[0])) ** 2
+    middle = min(max(best, ASIDE), STEPS - 1 - ASIDE)
+    size = steps[1] - steps[0]
+    curvature = (cost[middle - ASIDE] - 2 * cost[middle] + cost[middle + ASIDE]) / (ASIDE * size) ** 2
     deviation = 1 / np.sqrt(max(curvature / 2, 1 / UNKNOWN**2))
     return PointDepth(around.depth * float(np.exp(steps[best])), float(deviation))
 

@@ -5,6 +5,7 @@ import pytest
 from planar_scene import PlanarScene
 
 from dense_vs.body_model.chain import Chain
+from dense_vs.point_servo.body_features import MOST_KEYFRAMES
 from dense_vs.point_servo.body_tracker import BodyTracker
 
 START = np.array([60.0, 50.0])
@@ -89,16 +90,43 @@ def test_it_follows_beyond_the_postures_it_has_seen(plate):
     np.testing.assert_array_equal(tracker.points, tracker.point[None])
 
 
-def test_a_chain_that_is_somewhat_wrong_is_refined_on_the_way(plate):
+def test_a_chain_that_is_somewhat_wrong_is_refined(plate):
     wrong = plate.chain.moved(np.random.default_rng(1).normal(0, 0.02, (3, 4)))
     tracker, far = make(plate, chain=wrong), np.array([0.4, 0.3, -0.3])
+    rotation, shift = (value[0, 2] for value in wrong.link_poses(far[None]))
+    here = rotation @ np.append((START - plate.center) / plate.focal, 1.0) + shift
+    before = np.linalg.norm(plate.center + plate.focal * here[:2] / here[2] - plate.place(far))
 
     def off():
         return np.linalg.norm(tracker.features.project(np.array([0]), far)[0] - plate.place(far))
 
-    before = off()
+    assert before > 1.5
+    assert off() < 0.3 * before  # by the images before the point was defined
     assert np.max(follow(tracker, plate, END)) < 1.0
-    assert off() < 0.5 * before
+    assert off() < 0.3 * before
+
+
+def test_the_point_itself_is_found_in_images_before_and_tells_its_depth(plate):
+    history = babbled(plate)
+    tracker = make(plate, history)
+    postures, places = tracker.features.tracks(np.array([0]))
+    seen = np.isfinite(places[:, 0, 0])
+    assert seen.sum() > 40
+    off = [np.linalg.norm(place[0] - plate.place(q)) for q, place in zip(postures[seen], places[seen], strict=True)]
+    assert np.median(off) < 0.3
+    assert abs(tracker._depth.depth - 1.0) < 0.01  # the plate's plane, in the chain's unit
+    assert tracker._depth.deviation < 0.02
+
+
+def test_places_of_the_point_are_kept_when_keyframes_are_many(plate):
+    tracker = make(plate)
+    features = tracker.features
+    own = sum(0 in one.features for one in features.keyframes)
+    empty = features.keyframes[-1].with_place(0, None)
+    for _ in range(3 * MOST_KEYFRAMES):
+        features.keep(empty)
+    assert len(features.keyframes) <= MOST_KEYFRAMES
+    assert sum(0 in one.features for one in features.keyframes) == own
 
 
 def test_a_covered_point_is_predicted_flagged_and_found_again(plate):
