@@ -25,6 +25,8 @@ class BodyPrior:
             ``BodyModel.known`` does.
         share: by which J is drawn at every measured motion; with 1 it is the model's wherever that has the body.
         least_agreement: below it the model has no say.
+        told: gives ``(N, N)`` at a posture ``(N,)``, which joint steps the model's J speaks of, as
+            ``PostureMemory.told`` does; of all unless given. In other directions J stays as it is.
 
     Attributes:
         agreement: share of the image motion on the body that the model explained lately; 1 is all, below 0 is worse
@@ -40,8 +42,9 @@ class BodyPrior:
         *,
         share: float = 1.0,
         least_agreement: float = 0.5,
+        told: Callable[[np.ndarray], np.ndarray] | None = None,
     ):
-        self.known = known
+        self.known, self.told = known, told
         self.share = check_number("share", share, above=0, most=1)
         self.least_agreement = check_number("least_agreement", least_agreement, most=1)
         self.agreement = 1.0
@@ -54,7 +57,7 @@ class BodyPrior:
     def begin(self, estimator: DenseJacobian, positions: np.ndarray, share: float = 1.0) -> None:
         """Start from the model's J at a posture ``(N,)`` [rad], or draw what is there to it by a share."""
         J, body = self.known(positions)
-        estimator.blend(J, np.float32(share) * body.astype(np.float32))
+        estimator.blend(self._completed(J, estimator, positions), np.float32(share) * body.astype(np.float32))
 
     def correct(self, estimator: DenseJacobian, positions: np.ndarray, flow: np.ndarray, span: np.ndarray) -> None:
         """After a measured motion: judge the model by it, and draw J to the model's if it agrees.
@@ -75,4 +78,11 @@ class BodyPrior:
             moved = np.maximum(np.linalg.norm(measured[counted], axis=1), MOVING).sum()
             self.agreement = MEMORY * self.agreement + (1 - MEMORY) * (1 - float(off / moved))
         if self.agrees:
-            estimator.blend(J, self.share * body.astype(np.float32))
+            estimator.blend(self._completed(J, estimator, positions), self.share * body.astype(np.float32))
+
+    def _completed(self, J: np.ndarray, estimator: DenseJacobian, positions: np.ndarray) -> np.ndarray:
+        """The model's J, with the estimator's in the directions that the model does not speak of."""
+        if self.told is None:
+            return J
+        told = np.asarray(self.told(positions), dtype=np.float32)
+        return J + estimator.to_numpy() @ (np.eye(len(told), dtype=np.float32) - told)
