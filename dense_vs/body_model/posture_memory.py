@@ -273,7 +273,7 @@ class PostureMemory:
         return J, body
 
     def told(self, q: Any) -> np.ndarray:
-        """Which joint steps J at a posture ``(N,)`` [rad] speaks of, float32 ``(N, N)``: it gives the true J times this.
+        """Which joint steps J at a posture ``(N,)`` [rad] speaks of, float32 ``(N, N)``: J is the true one times this.
 
         The identity where the recording told all of J, 0 far from all postures, and 0 for a step in a direction that
         the joints never moved in: J says nothing of it, which is not that it moves nothing.

@@ -6,15 +6,37 @@ wrong: the share of the image motion that it explains is watched, and below a bo
 """
 
 from collections.abc import Callable
+from typing import Protocol
 
+import cv2
 import numpy as np
 
 from dense_vs.checks import check_number
+from dense_vs.errors import DenseVSError
 from dense_vs.jacobian.estimator import DenseJacobian
 
 MEMORY = 0.9  # of the agreement, from one measured motion to the next
 MOVING = 0.5  # px by the model: pixels that move less say nothing
 LEAST_PIXELS = 50
+# Of a chain, found on simulated arms, and of J remembered by posture, found on three reaches of a humanoid. What is
+# remembered is coarser than what is measured now, so it has less say, but keeps it as long as it explains anything.
+CHAIN_SHARE, CHAIN_AGREEMENT = 0.7, 0.5
+MEMORY_SHARE, MEMORY_AGREEMENT = 0.2, 0.0
+
+
+class KnownBody(Protocol):
+    """What :class:`BodyModel` and :class:`PostureMemory` have in common."""
+
+    size: tuple[int, int]
+
+    @property
+    def joint_count(self) -> int:
+        """N."""
+        ...
+
+    def known(self, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """J ``(H, W, 2, N)`` [px/rad] and the body's pixels ``(H, W)`` at a posture."""
+        ...
 
 
 class BodyPrior:
@@ -48,6 +70,39 @@ class BodyPrior:
         self.share = check_number("share", share, above=0, most=1)
         self.least_agreement = check_number("least_agreement", least_agreement, most=1)
         self.agreement = 1.0
+
+    @classmethod
+    def of(cls, body: KnownBody, size: tuple[int, int], joints: int) -> "BodyPrior":
+        """The prior of a saved body, in images of any scale.
+
+        Args:
+            body: a body model, or J remembered by posture.
+            size: (height, width) of the estimator's images [px].
+            joints: of the estimator.
+
+        Raises:
+            DenseVSError: another number of joints, or images of another shape.
+        """
+        scale = size[1] / body.size[1]
+        if joints != body.joint_count or abs(scale * body.size[0] - size[0]) > 1:
+            raise DenseVSError(
+                f"the body is of {body.size[1]} x {body.size[0]} px and {body.joint_count} joints; expected "
+                f"{size[1]} x {size[0]} px, or another scale of it, and {joints} joints"
+            )
+
+        def known(q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+            J, mask = body.known(q)
+            if size == body.size:
+                return J, mask
+            flat = np.ascontiguousarray(J.reshape(*body.size, -1))
+            resized = cv2.resize(flat, size[::-1], interpolation=cv2.INTER_LINEAR) * np.float32(scale)
+            there = cv2.resize(mask.astype(np.uint8), size[::-1], interpolation=cv2.INTER_NEAREST).astype(bool)
+            return resized.reshape(*size, 2, joints), there
+
+        told = getattr(body, "told", None)
+        if told is None:
+            return cls(known, share=CHAIN_SHARE, least_agreement=CHAIN_AGREEMENT)
+        return cls(known, share=MEMORY_SHARE, least_agreement=MEMORY_AGREEMENT, told=told)
 
     @property
     def agrees(self) -> bool:
