@@ -6,9 +6,10 @@ May import: the ground and :mod:`dense_vs.generative`, whose least squares and r
 """
 
 from dense_vs.body_model.fit import FitOptions
+from dense_vs.body_model.keyframes import Keyframes, MemoryOptions
 from dense_vs.body_model.load_body import load_body
 from dense_vs.body_model.model import BodyImage, BodyModel, BodyPoints
-from dense_vs.body_model.posture_memory import Keyframes, MemoryFit, MemoryOptions, PostureMemory
+from dense_vs.body_model.posture_memory import MemoryFit, PostureMemory
 from dense_vs.body_model.surface import SurfaceOptions
 from dense_vs.body_model.tracks import PointTracks, TrackOptions, follow_points
 

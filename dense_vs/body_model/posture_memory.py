@@ -7,9 +7,8 @@ over postures: by a Gaussian process with the covariance of two flows u = J dq,
     cov(u_k, u_l) = exp(-|q_k - q_l|^2 / 2) dq_k . dq_l,
 
 postures q in units of a length for each joint and steps dq in units of usual steps. It is the same for all pixels, so
-one factorization serves the whole image. M keyframes stand for all images (subset of regressors, Quiñonero-Candela &
-Rasmussen 2005), and the R largest eigenvectors b_r of their covariance for the keyframes. The model is R small images
-w_r with
+one factorization serves the whole image. Keyframes q_m, dq_m stand for all images, and R vectors b_r for the keyframes
+(``keyframes``). The model is R small images w_r with
 
     J(q) = sum_r w_r c_r^T,   c_r = sum_m b_rm exp(-|q - q_m|^2 / 2) dq_m,
 
@@ -17,155 +16,29 @@ zero far from all postures seen, and zero in directions that the joints never mo
 """
 
 import os
-from dataclasses import dataclass, replace
 from typing import Any
 
 import cv2
 import numpy as np
 from scipy.linalg import cho_factor, cho_solve
 
-from dense_vs.arrays import real_vector
-from dense_vs.checks import check_number, check_pair, check_whole
+from dense_vs.body_model.keyframes import (
+    LEAST,
+    MOST,
+    MOST_KEYFRAMES,
+    MOST_STEP,
+    Keyframes,
+    MemoryOptions,
+    bounded_joints,
+)
+from dense_vs.checks import check_pair
 from dense_vs.errors import DenseVSError
 from dense_vs.files import atomic_write, read_arrays, stored_array
 
 FORMAT = "dense-vs posture memory"
 FORMAT_VERSION = 1
 LARGEST_SIDE = 1 << 14  # px
-MOST_STORED = 4096  # keyframes that a file may hold
-_SAME = 1e-6  # of the largest variance: a step that the keyframes have told already
-_LEAST_SHARE = 1e-5  # of the largest eigenvalue of the keyframes' covariance, for an eigenvector that is kept
-
-
-@dataclass(frozen=True, kw_only=True)
-class MemoryOptions:
-    """How much is remembered; found on three reaches of a humanoid (``profiling/real_robot.py``).
-
-    Attributes:
-        length: over which J is alike, in standard deviations of each joint's positions.
-        noise: variance of a flow, as a multiple of that of J times a usual step.
-        keyframes: most that are kept.
-        step: pixels of the image in a row for one of the memory.
-        body: motion of the body by usual steps, as a multiple of the 99th percentile of all pixels; what moves less is
-            no part of it.
-    """
-
-    length: float = 4.0
-    noise: float = 0.2
-    keyframes: int = 192
-    step: int = 4
-    body: float = 0.15
-
-    def __post_init__(self):
-        check_number("length", self.length, above=0)
-        check_number("noise", self.noise, above=0)
-        check_whole("keyframes", self.keyframes, least=1, most=MOST_STORED)
-        check_whole("step", self.step, least=1)
-        check_number("body", self.body, above=0, below=1)
-
-
-@dataclass(frozen=True)
-class Keyframes:
-    """Postures and steps that stand for all of a recording's.
-
-    Attributes:
-        positions: ``(M, N)`` [rad].
-        steps: ``(M, N)`` [rad].
-        lengths: ``(N,)`` over which J is alike [rad]; infinite for a joint that is not learned.
-        usual: ``(N,)`` root mean square step [rad]; 0 for a joint that is not learned.
-        basis: ``(M, R)`` eigenvectors of the keyframes' covariance over the roots of their eigenvalues.
-    """
-
-    positions: np.ndarray
-    steps: np.ndarray
-    lengths: np.ndarray
-    usual: np.ndarray
-    basis: np.ndarray
-
-    @classmethod
-    def choose(
-        cls, positions: Any, steps: Any, learned: Any = None, options: MemoryOptions | None = None
-    ) -> "Keyframes":
-        """Those that tell most of a recording: each the one that the ones before it tell least of.
-
-        Args:
-            positions: ``(K, N)`` [rad], as the joint log has them; no image is needed.
-            steps: ``(K, N)`` from the image before [rad].
-            learned: bool ``(N,)``, joints that count; all that move unless given.
-
-        Raises:
-            DenseVSError: shapes that differ, or joints that never move.
-        """
-        options = options or MemoryOptions()
-        q = real_vector(positions, "positions", (-1, -1))
-        dq = real_vector(steps, "steps", q.shape)
-        usual = np.sqrt(np.mean(dq**2, axis=0)) if len(dq) else np.zeros(q.shape[1])
-        spread = q.std(axis=0) if len(q) else usual
-        counted = (usual > 0) & (spread > 0)
-        if learned is not None:
-            counted &= np.asarray(learned, dtype=bool)
-        if not counted.any():
-            raise DenseVSError(f"none of {q.shape[1]} joints moves in {len(q)} images; expected joints that move")
-        lengths, units = np.where(counted, options.length * spread, np.inf), np.where(counted, usual, 0.0)
-        nothing = cls(q[:0], dq[:0], lengths, units, np.zeros((0, 0)))
-        pivots = nothing._pivots(q, dq, options.keyframes)
-        chosen = replace(nothing, positions=q[pivots], steps=dq[pivots])
-        values, vectors = np.linalg.eigh(chosen._covariance(chosen.positions, chosen.steps))
-        kept = values > _LEAST_SHARE * values[-1]
-        return replace(chosen, basis=vectors[:, kept] / np.sqrt(values[kept]))
-
-    def _pivots(self, q: np.ndarray, dq: np.ndarray, most: int) -> list[int]:
-        """The first pivots of an incomplete Cholesky factorization of the covariance of all."""
-        unit = self._unit(dq)
-        rest = np.sum(unit**2, axis=1)
-        factor = np.zeros((len(q), min(most, len(q))))
-        enough, chosen = _SAME * rest.max(initial=0.0), []
-        for m in range(factor.shape[1]):
-            pivot = int(rest.argmax())
-            if rest[pivot] <= enough:
-                break
-            chosen.append(pivot)
-            column = self._alike(q, q[[pivot]])[:, 0] * (unit @ unit[pivot])
-            factor[:, m] = (column - factor @ factor[pivot]) / np.sqrt(rest[pivot])
-            rest = np.maximum(rest - factor[:, m] ** 2, 0.0)
-        return chosen
-
-    @property
-    def rank(self) -> int:
-        """R."""
-        return self.basis.shape[1]
-
-    def features(self, positions: np.ndarray, steps: np.ndarray) -> np.ndarray:
-        """``(K, R)``, what each image is multiplied by for the flow at postures ``(K, N)`` by steps ``(K, N)``."""
-        return self._covariance(positions, steps) @ self.basis
-
-    def columns(self, q: np.ndarray) -> np.ndarray:
-        """What each image is multiplied by for J at a posture ``(N,)``: ``(R, N)`` [1/rad]."""
-        unit = self._unit(self._unit(self.steps))  # dq . dq_m in these units, by each joint of dq
-        return self.basis.T @ (self.alike(q[None])[0][:, None] * unit)
-
-    def alike(self, positions: np.ndarray) -> np.ndarray:
-        """``(K, M)`` how alike J is at postures ``(K, N)`` and the keyframes', 0 to 1."""
-        return self._alike(positions, self.positions)
-
-    def _covariance(self, positions: np.ndarray, steps: np.ndarray) -> np.ndarray:
-        """``(K, M)`` of flows at postures by steps with those of the keyframes."""
-        return self.alike(positions) * (self._unit(steps) @ self._unit(self.steps).T)
-
-    def learned_units(self) -> np.ndarray:
-        """Steps ``(N,)`` [rad] that are 1 in the model's units; 0 for a joint that is not learned."""
-        return self.usual * np.sqrt(max(1, int((self.usual > 0).sum())))
-
-    def _unit(self, steps: np.ndarray) -> np.ndarray:
-        """Steps in the model's units, of length 1 where all joints make their usual ones."""
-        unit = self.learned_units()
-        return np.where(unit > 0, steps / np.where(unit > 0, unit, 1.0), 0.0)
-
-    def _alike(self, a: np.ndarray, b: np.ndarray) -> np.ndarray:
-        """How alike J is at postures ``(K, N)`` and ``(M, N)``, 0 to 1."""
-        first, second = a / self.lengths, b / self.lengths
-        squared = np.sum((first[:, None] - second[None]) ** 2, axis=2)
-        return np.exp(-0.5 * squared)
+_NO_FLOW = float(1 << 17)  # px; more is not the motion of an image
 
 
 class MemoryFit:
@@ -189,8 +62,8 @@ class MemoryFit:
         """Take one image.
 
         Args:
-            flow: ``(H, W, 2)`` [px], stored at the pixels of the image whose posture is given; what is not finite
-                counts as at rest.
+            flow: ``(H, W, 2)`` [px], stored at the pixels of the image whose posture is given; what is not finite,
+                or 2^17 px and more, counts as at rest.
             positions: ``(N,)`` [rad].
             step: ``(N,)`` joint displacement of the flow [rad].
 
@@ -198,13 +71,14 @@ class MemoryFit:
             DenseVSError: other shapes, or joints that are not finite; nothing has changed then.
         """
         joints = self.keyframes.positions.shape[1]
-        q, dq = real_vector(positions, "positions", (joints,)), real_vector(step, "step", (joints,))
+        q, dq = bounded_joints(positions, "positions", (joints,)), bounded_joints(step, "step", (joints,))
         image = np.asarray(flow)
         if image.shape != (*self.size, 2) or image.dtype.kind != "f":
             raise DenseVSError(
                 f"flow has shape {image.shape} and dtype {image.dtype}; expected floating point {(*self.size, 2)}"
             )
-        finite = np.where(np.isfinite(image).all(axis=2, keepdims=True), image, 0).astype(np.float32)
+        known = (np.abs(image) < _NO_FLOW).all(axis=2, keepdims=True)  # false where it is not finite
+        finite = np.where(known, image, 0).astype(np.float32)
         small = cv2.resize(finite, self._grid[::-1], interpolation=cv2.INTER_AREA)
         row = self.keyframes.features(q[None], dq[None])[0]
         self._squares += np.outer(row, row)
@@ -341,7 +215,7 @@ class PostureMemory:
             raise DenseVSError(f"{path} is damaged: {error}") from error
 
     def _joints(self, value: Any, name: str) -> np.ndarray:
-        return real_vector(value, name, (self.joint_count,))
+        return bounded_joints(value, name, (self.joint_count,))
 
     def _small(self, q: Any) -> np.ndarray:
         """J at a posture in the memory's own pixels, float32 ``(h, w, 2, N)`` [px/rad]."""
@@ -365,24 +239,32 @@ def _read(arrays: dict[str, np.ndarray]) -> PostureMemory:
     """The memory of a file's arrays."""
     positions = stored_array(arrays, "positions", (-1, -1))
     frames, joints = positions.shape
-    if not (0 < frames <= MOST_STORED and joints):
-        raise DenseVSError(f"positions has shape {positions.shape}; expected 1 to {MOST_STORED} rows")
+    if not (0 < frames <= MOST_KEYFRAMES and joints):
+        raise DenseVSError(f"positions has shape {positions.shape}; expected 1 to {MOST_KEYFRAMES} rows")
     steps = stored_array(arrays, "steps", (frames, joints))
     lengths = stored_array(arrays, "lengths", (joints,), finite=False)
     usual = stored_array(arrays, "usual", (joints,))
-    if not ((lengths > 0).all() and (usual >= 0).all() and np.isfinite(lengths[usual > 0]).all()):
-        raise DenseVSError("lengths or usual steps are not above 0")
+    moves = usual > 0
+    within = (lengths > LEAST) & (usual >= 0) & (~moves | (np.isfinite(lengths) & (usual > LEAST)))
+    if not within.all():
+        raise DenseVSError(f"lengths are {lengths}, usual steps {usual}; expected finite numbers above 0")
     height, width = (int(side) for side in stored_array(arrays, "size", (2,), "iu"))
     if not (0 < height <= LARGEST_SIDE and 0 < width <= LARGEST_SIDE):
         raise DenseVSError(f"size is {height} x {width}; expected sides of 1 to {LARGEST_SIDE}")
     scale = float(stored_array(arrays, "scale", ()))
     body = float(stored_array(arrays, "body", ()))
-    if not (scale > 0 and 0 < body < 1):
+    if not (0 < scale < MOST and 0 < body < 1):
         raise DenseVSError(f"scale is {scale}, body {body}; expected one above 0 and one between 0 and 1")
     basis = stored_array(arrays, "basis", (frames, -1))
+    for name, array in (("positions", positions), ("steps", steps), ("basis", basis)):
+        bounded_joints(array, name, array.shape)
     keyframes = Keyframes(*(array.astype(np.float64) for array in (positions, steps, lengths, usual, basis)))
     images = stored_array(arrays, "images", (keyframes.rank, -1, -1, 2))
-    if not (0 < images.shape[1] <= height and 0 < images.shape[2] <= width):
-        raise DenseVSError(f"images have shape {images.shape}; expected at most {height} x {width} px")
+    h, w = images.shape[1:3]
+    if not (0 < h <= height <= MOST_STEP * h and 0 < w <= width <= MOST_STEP * w):
+        raise DenseVSError(
+            f"images have shape {images.shape}; expected {height} x {width} px or up to {MOST_STEP} less"
+        )
     certainty = stored_array(arrays, "certainty", (keyframes.rank, keyframes.rank)).astype(np.float64)
+    bounded_joints(certainty, "certainty", certainty.shape)
     return PostureMemory((height, width), keyframes, images.astype(np.float32) * np.float32(scale), certainty, body)

@@ -105,7 +105,7 @@ def run(arguments: argparse.Namespace) -> None:
 
 
 @dataclass
-class _Learned:
+class Learned:
     """Both kinds, as far as they were learned, and what each explains of the motion held out."""
 
     chain: BodyModel | None
@@ -150,12 +150,12 @@ def _check(arguments: argparse.Namespace) -> None:
     check_writable(arguments.out)
 
 
-def _learn(seen: SeenBody, arguments: argparse.Namespace) -> _Learned:
+def _learn(seen: SeenBody, arguments: argparse.Namespace) -> Learned:
     """Learn what is asked for: from the first images, judged by the others, then from all."""
     cut = seen.cut(arguments.held_out)
     if not 2 < cut <= len(seen.images):
         raise DenseVSError(f"{len(seen.images)} images, {cut} of them to learn from; expected more, or less held out")
-    found = _Learned(None, None, None, None, ExplainedFlow(), ExplainedFlow(), "")
+    found = Learned(None, None, None, None, ExplainedFlow(), ExplainedFlow(), "")
     part = None
     if arguments.kind != "posture":
         try:
@@ -171,7 +171,7 @@ def _learn(seen: SeenBody, arguments: argparse.Namespace) -> _Learned:
     return found
 
 
-def _learn_chain(seen: SeenBody, cut: int, options: FitOptions, found: _Learned) -> BodyModel | None:
+def _learn_chain(seen: SeenBody, cut: int, options: FitOptions, found: Learned) -> BodyModel | None:
     """Fit a chain to all images; that of the first ones, where some are held out."""
     joints = np.array(seen.joints)
     found.tracks = tracks = follow_points(seen.images, joints)
@@ -207,7 +207,7 @@ def _learn_memory(seen: SeenBody, cut: int, explained: ExplainedFlow) -> Posture
     return fit.solved()
 
 
-def _rows(seen: SeenBody, learned: _Learned, body: BodyModel | PostureMemory) -> list[list[str]]:
+def _rows(seen: SeenBody, learned: Learned, body: BodyModel | PostureMemory) -> list[list[str]]:
     rows = [["images", str(len(seen.images))], ["episodes", str(len(seen.starts))]]
     if isinstance(body, BodyModel):
         assert learned.tracks is not None

@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 
-from dense_vs.body_model.posture_memory import Keyframes, MemoryFit, MemoryOptions, PostureMemory
+from dense_vs.body_model.keyframes import Keyframes, MemoryOptions
+from dense_vs.body_model.posture_memory import MemoryFit, PostureMemory
 from dense_vs.errors import DenseVSError
 
 SIZE = (48, 64)
