@@ -103,8 +103,8 @@ class MemoryFit:
 class PostureMemory:
     """J of every pixel near the postures that were seen, in the directions that the joints moved in.
 
-    Made by :class:`MemoryFit` or :meth:`load`. It answers as :class:`BodyModel` does, but knows no links, no depth and
-    no points to follow.
+    Made by :class:`MemoryFit` or :meth:`load`. It answers as :class:`BodyModel` does, but knows no links, no depth, no outline
+    and no points to follow.
 
     Attributes:
         size: (height, width) of the image [px].
@@ -135,11 +135,14 @@ class PostureMemory:
         return float(self.keyframes.alike(self._joints(q, "q")[None]).max())
 
     def jacobian(self, q: Any) -> np.ndarray:
-        """J at a posture ``(N,)`` [rad], float32 ``(H, W, 2, N)`` [px/rad]; 0 off the body."""
+        """J at a posture ``(N,)`` [rad], float32 ``(H, W, 2, N)`` [px/rad]; 0 where nothing moves."""
         return self.known(q)[0]
 
     def known(self, q: Any) -> tuple[np.ndarray, np.ndarray]:
-        """J at a posture ``(N,)`` [rad], float32 ``(H, W, 2, N)`` [px/rad], and the body's pixels, bool ``(H, W)``."""
+        """J at a posture ``(N,)`` [rad], float32 ``(H, W, 2, N)`` [px/rad], and where it says something, ``(H, W)``.
+
+        That is more than the body: what is remembered fades beyond the outline, and what was carried counts too.
+        """
         small = self._small(q)
         J = self._enlarged(small.reshape(*small.shape[:2], -1)).reshape(*self.size, 2, self.joint_count)
         body = self._body(small)
@@ -157,10 +160,6 @@ class PostureMemory:
         told = columns.T @ self.certainty @ columns
         inverse = np.where(unit > 0, 1 / np.where(unit > 0, unit, 1.0), 0.0)
         return (unit[:, None] * told * inverse).astype(np.float32)
-
-    def labels(self, q: Any) -> np.ndarray:
-        """Pixels of the body at a posture ``(N,)`` [rad], and of what it carried, bool ``(H, W)``."""
-        return self._body(self._small(q))
 
     def flow(self, q: Any, dq: Any) -> np.ndarray:
         """Flow J dq, float32 ``(H, W, 2)`` [px], stored at the pixels of the posture ``q`` that was reached by ``dq``.

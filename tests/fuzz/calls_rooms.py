@@ -162,7 +162,7 @@ def learning_targets() -> list[Target]:
                         "positions": np.zeros(2), "step": np.full(2, 0.1)}),
         *[
             Target(f"PostureMemory.{name}", lambda q, name=name: getattr(memory(), name)(q), lambda: {"q": np.zeros(2)})
-            for name in ("known", "labels", "told", "familiarity")
+            for name in ("known", "told", "familiarity")
         ],
         Target("PostureMemory.flow", lambda **o: memory().flow(**o),
                lambda: {"q": np.zeros(2), "dq": np.full(2, 0.01)}),
