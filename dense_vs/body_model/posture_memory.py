@@ -103,8 +103,8 @@ class MemoryFit:
 class PostureMemory:
     """J of every pixel near the postures that were seen, in the directions that the joints moved in.
 
-    Made by :class:`MemoryFit` or :meth:`load`. It answers as :class:`BodyModel` does, but knows no links, no depth, no outline
-    and no points to follow.
+    Made by :class:`MemoryFit` or :meth:`load`. It answers as :class:`BodyModel` does, but knows no links, no depth, no
+    outline and no points to follow.
 
     Attributes:
         size: (height, width) of the image [px].
