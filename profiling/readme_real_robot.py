@@ -16,13 +16,19 @@ SHARES = (
     ("log as stamped", "E with the clocks as stamped"),
     ("arm, from the first image", "E of the whole episode, from nothing"),
     ("arm, its own pixels, from the first image", "the same on the arm's own pixels"),
-    ("arm, model of the other five, no update", "E of the whole episode, J remembered from the other five, no update"),
-    ("arm, its own pixels, model of the other five, no update", "the same on the arm's own pixels (asked: 0.7)"),
-    ("arm, model of the other five, with updates", "E of the whole episode, the filter begun with that"),
-    ("arm, its own pixels, model of the other five, with updates", "the same on the arm's own pixels (asked: 0.85)"),
+    (
+        "arm, model of the other five, no update",
+        "E of the whole episode, J remembered by posture from the other five, no update (asked: 0.7)",
+    ),
+    ("arm, its own pixels, model of the other five, no update", "the same on the arm's own pixels"),
+    ("arm, model of the other five, with updates", "E of the whole episode, that with updates (asked: 0.85)"),
+    ("arm, its own pixels, model of the other five, with updates", "the same on the arm's own pixels"),
     ("first quarter, from nothing", "E, first quarter, from nothing"),
     ("first quarter, from the other five", "E, first quarter, from the other five (asked: 0.6)"),
-    ("first quarter, model of the other five, with updates", "E, first quarter, the filter begun with the memory"),
+    (
+        "first quarter, model of the other five, with updates",
+        "E, first quarter, J remembered from the other five, with updates",
+    ),
 )
 
 
