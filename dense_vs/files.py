@@ -158,6 +158,16 @@ def read_arrays(path: str | os.PathLike[str], what: str, names: Collection[str] 
         raise DenseVSError(f"cannot read {path} as {what}: {error or type(error).__name__}") from error
 
 
+def stored_format(path: str | os.PathLike[str], what: str) -> str:
+    """What an ``.npz`` file says that it is; empty if it does not say.
+
+    Raises:
+        DenseVSError: as :func:`read_arrays`.
+    """
+    arrays = read_arrays(path, what, ("format",))
+    return str(arrays["format"]) if "format" in arrays else ""
+
+
 def stored_array(
     arrays: Mapping[str, np.ndarray], name: str, shape: tuple[int, ...], kinds: str = "f", *, finite: bool = True
 ) -> np.ndarray:

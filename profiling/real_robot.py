@@ -7,7 +7,9 @@ sum |u|^2 over pixels with |u| > 0.7 px, J before it sees u, u by OpenCV's DIS m
 ``dense-vs estimate`` reports it. "Without sway" is E of the flow that is left once the camera's own motion, a
 similarity fitted to the judge's flow, is taken out of it: what the joints can explain. Settings were tuned on three
 episodes; the other three confirm. Labels are compared with masks drawn by hand, the tracker with points marked by hand.
-What turns evidence into labels was tuned on episode 10 too: for labels 28 and 43 alone confirm.
+What turns evidence into labels was tuned on episode 10 too: for labels 28 and 43 alone confirm. "Model of the other
+five" is J remembered by posture from the other episodes, judged from the first image of the sixth on: with no update it
+sees the joints alone, with updates it is the filter's prior. All moving pixels count, or the arm's own by our labels.
 """
 
 import argparse
@@ -21,9 +23,12 @@ import numpy as np
 import warp as wp
 from g1_episodes import ARM, ARM_AND_HAND, CONFIRMED, DATA, FPS, SIZE, TUNED, marked_masks, marked_points
 from metrics import Metric, add_report_arguments, report
+from remembered import Remembered
 
 from dense_vs import DenseJacobian, FlowEstimator, PointTracker
+from dense_vs.body_model import PostureMemory
 from dense_vs.flow.camera_motion import fit_camera_motion
+from dense_vs.pipeline.body_prior import BodyPrior
 from dense_vs.pipeline.frame_pipeline import Frame
 from dense_vs.pipeline.recorded import RecordedEstimate
 from dense_vs.recording import ClockOffset, Episode, open_recording, survey_episode
@@ -42,10 +47,21 @@ NEAR = 0.12  # s between a marked row and the even time of its image
 class Judge:
     """Motion and what J leaves of it, frame by frame [px^2]; beside the estimator, with a flow of its own.
 
-    ``most`` ends it after so many frames.
+    ``most`` ends it after so many frames; ``memory`` is judged beside it, by the joints alone.
     """
 
-    def __init__(self, episode: Episode, *, label: bool = False, most: int | None = None, **options: Any):
+    def __init__(
+        self,
+        episode: Episode,
+        *,
+        label: bool = False,
+        most: int | None = None,
+        memory: PostureMemory | None = None,
+        **options: Any,
+    ):
+        self.memory = memory
+        self.memory_frames: list[tuple[float, float]] = []  # rest of the memory's prediction, motion
+        self.own_memory_frames: list[tuple[float, float]] = []  # the same of the arm's own pixels
         self.frames: list[tuple[float, float, float]] = []  # rest, rest of the moved prediction, motion
         self.own_frames: list[tuple[float, float]] = []  # rest and motion of the pixels labeled as the arm's own
         self.steady_frames: list[tuple[float, float]] = []  # rest and motion without the camera's own
@@ -98,11 +114,22 @@ class Judge:
         energy = np.sum(steady**2, axis=2)
         left = np.sum((steady - self._predicted) ** 2, axis=2)[energy > MOVING_PX**2]
         self.steady_frames.append((float(left.sum()), float(energy[energy > MOVING_PX**2].sum())))
+        if self.memory is not None:
+            self._judge_memory(flow, squared)
         if self.labels is not None:
             own = moving & self.done.labels()
             self.own_frames.append(
                 (float(np.sum((flow - self._predicted) ** 2, axis=2)[own].sum()), float(squared[own].sum()))
             )
+
+    def _judge_memory(self, flow: np.ndarray, squared: np.ndarray) -> None:
+        frame, moving = self.done.last_frame, squared > MOVING_PX**2
+        assert self.memory is not None
+        assert frame is not None
+        rest = np.sum((flow - self.memory.flow(frame.positions, frame.dq)) ** 2, axis=2)
+        self.memory_frames.append((float(rest[moving].sum()), float(squared[moving].sum())))
+        own = moving & self.done.labels()
+        self.own_memory_frames.append((float(rest[own].sum()), float(squared[own].sum())))
 
 
 def _share(frames: list[tuple[float, float]], begin: float, end: float) -> float:
@@ -185,14 +212,15 @@ class OneEpisode:
         repeated: share of repeated images.
     """
 
-    def __init__(self, number: int, clocks: dict[int, ClockOffset], carried: CarriedOn):
+    def __init__(self, number: int, clocks: dict[int, ClockOffset], carried: CarriedOn, remembered: Remembered):
         arm = open_recording(DATA, joint_names=ARM).episode(number)
         offset = clocks[number]
         self.offset = offset
         self.offset_errors = [
             survey_episode(arm.shifted(shift)).offset.seconds + shift - offset.seconds for shift in (-SHIFT, SHIFT)
         ]
-        whole = Judge(arm.shifted(offset), label=True)
+        memory = remembered.of([other for other in NUMBERS if other != number])
+        whole = Judge(arm.shifted(offset), label=True, memory=memory)
         self.labels = whole.labels.quality() if whole.labels else []
         self.repeated = whole.done.repeated / whole.done.images
         rest = (0.25, 1.0)
@@ -209,11 +237,21 @@ class OneEpisode:
         self.shares["arm, without sway"] = whole.steady_share(*rest)
         self.shares |= {name: judge.share(*rest) for name, judge in others.items()}
         self.shares["sway taken out of J, without sway"] = others["sway taken out of J"].steady_share(*rest)
+        prior = BodyPrior.of(memory, SIZE, memory.joint_count)
+        updated = Judge(arm.shifted(offset), label=True, prior=prior)
+        own, model = "arm, its own pixels", "model of the other five"
+        self.shares["arm, from the first image"] = whole.share(0, 1)
+        self.shares[f"{own}, from the first image"] = whole.own_share(0, 1)
+        self.shares[f"arm, {model}, no update"] = _share(whole.memory_frames, 0, 1)
+        self.shares[f"{own}, {model}, no update"] = _share(whole.own_memory_frames, 0, 1)
+        self.shares[f"arm, {model}, with updates"] = updated.share(0, 1)
+        self.shares[f"{own}, {model}, with updates"] = updated.own_share(0, 1)
         self.shares["first quarter, from nothing"] = whole.share(0, 0.25)
         before = carried.after([other for other in sorted(NUMBERS) if other != number])
         most = int(np.ceil(0.25 * len(whole.frames)))
         again = Judge(arm.shifted(offset), start=before, most=most)
         self.shares["first quarter, from the other five"] = again.share(0, 1)
+        self.shares[f"first quarter, {model}, with updates"] = updated.share(0, 0.25)
 
 
 def main() -> int:
@@ -229,9 +267,9 @@ def main() -> int:
     clocks = {number: survey_episode(recording.episode(number)).offset for number in NUMBERS}
     found: dict[int, OneEpisode] = {}
     with progress("real robot", len(NUMBERS), unit="episode") as bar, TemporaryDirectory() as folder:
-        carried = CarriedOn(clocks, Path(folder))
+        carried, remembered = CarriedOn(clocks, Path(folder)), Remembered(clocks)
         for number in NUMBERS:
-            found[number] = OneEpisode(number, clocks, carried)
+            found[number] = OneEpisode(number, clocks, carried, remembered)
             bar.update()
     metrics = []
     for name in found[NUMBERS[0]].shares:

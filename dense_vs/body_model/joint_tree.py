@@ -25,12 +25,20 @@ def joint_parents(moved_by: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     learned = counts >= LEAST_POINTS
     share = shared / np.maximum(counts, 1)  # [a, b]: of the points that b moves, those that a moves too
     parents = np.full(len(counts), -1)
-    joints: list[int] = np.flatnonzero(learned).tolist()
-    for b in joints:
-        before = [a for a in joints if a != b and _stands_before(a, b, share)]
+    placed: list[int] = []
+    waiting: list[int] = np.flatnonzero(learned).tolist()
+    while waiting:
+        # Pair by pair the points may say a before b before c before a. Only joints that are placed carry others, so
+        # that the tree has no cycle: the joint with the fewest waiting before it is next, of these the one that moves
+        # most.
+        ahead = {b: sum(_stands_before(a, b, share) for a in waiting if a != b) for b in waiting}
+        b = min(waiting, key=lambda n: (ahead[n], -counts[n], n))
+        before = [a for a in placed if _stands_before(a, b, share)]
         if before:
             # The nearest of them is the one that most of the others stand before.
             parents[b] = max(before, key=lambda a: (sum(_stands_before(c, a, share) for c in before if c != a), a))
+        placed.append(b)
+        waiting.remove(b)
     return parents, learned
 
 

@@ -224,13 +224,13 @@ class BodyModel:
             ``(K, 2)`` [px], NaN for a pixel that is more than 3 px off the body. One beside it, as the model's outline
             is not exact, goes with the nearest pixel of the body.
         """
-        places = points_array(pixels, "pixels")
+        places, posture = points_array(pixels, "pixels"), self._posture(q, "q")
         there = self.image(q_seen)
         index = _nearest_point(there.points, places)
         found = np.full((len(places), 2), np.nan)
         on_body = index >= 0
         if on_body.any():
-            found[on_body] = self._moved(places[on_body], index[on_body], q_seen, q)
+            found[on_body] = self._moved(places[on_body], index[on_body], q_seen, posture)
         return found
 
     def save(self, path: str | os.PathLike[str]) -> None:

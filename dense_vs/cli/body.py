@@ -1,35 +1,58 @@
-"""``dense-vs body``: learn a body model from a recording: links, lines of the joints, camera and surface.
+"""``dense-vs body``: learn a body from recordings: links, joints and surface, or J remembered by posture.
 
-The camera stands still and the joints babble or reach; no markers, no calibration. How well the body predicts images
-that it has not seen is measured by learning it first from the beginning of the recording alone. A picture of the links
-and joints lies beside the model.
+The camera stands still and the joints babble or reach; no markers, no calibration. A video or a folder of images is
+followed by its joint log. A chain of links is fitted first. Where joints move together, as in reaches, no chain can be
+found: then J is remembered by posture, for the steps that the joints made. Which of the two is kept is decided by the
+motion that each explains in images held out, the last ones. 'dense-vs estimate --start' begins with either.
 """
 
 import argparse
 import time
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
-from dense_vs.body_model import BodyModel, FitOptions, TrackOptions, follow_points
+from dense_vs.body_model import BodyModel, FitOptions, Keyframes, MemoryFit, PostureMemory, TrackOptions, follow_points
 from dense_vs.body_model.fit import fit_body
-from dense_vs.body_model.held_out import held_out_error
-from dense_vs.cli.recording_options import add_recording_arguments, open_chosen
+from dense_vs.body_model.held_out import ExplainedFlow, HeldOutError, first_part, held_out_error
+from dense_vs.body_model.tracks import PointTracks
+from dense_vs.cli.body_recordings import SeenBody, read_recordings
 from dense_vs.errors import DenseVSError
-from dense_vs.pipeline.recorded import JOINT_SMOOTHING
-from dense_vs.recording import Episode, survey_episode
-from dense_vs.recording.distinct_images import DistinctImages
-from dense_vs.view.body_picture import body_picture, write_picture
+from dense_vs.files import check_writable
+from dense_vs.flow.estimator import FlowEstimator
+from dense_vs.view.body_picture import body_picture, memory_picture, write_picture
 from dense_vs.view.progress import progress
 from dense_vs.view.tables import table
 
 POOR = 0.55  # px, median distance between tracks and model above which fits of simulated arms were wrong
+LEAST_EXPLAINED = 0.5  # share of the motion that a chain has to explain
+BETTER = 0.1  # by which a memory has to explain more than a chain, which knows links, depths and hidden points too
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the command's arguments."""
-    add_recording_arguments(parser)
-    parser.add_argument("--out", type=Path, required=True, metavar="NPZ", help="file for the model")
+    parser.add_argument(
+        "recordings",
+        type=Path,
+        nargs="+",
+        metavar="RECORDING",
+        help="videos, LeRobot folders, ROS bags or folders of images; a video's JOINTS.csv follows it",
+    )
+    parser.add_argument("--episode", type=int, metavar="N", help="episode of each recording (default: the first)")
+    parser.add_argument("--episodes", metavar="A:B", help="learn from these episodes, A to B - 1, or all")
+    parser.add_argument("--camera", metavar="NAME", help="camera of the recordings (default: the first)")
+    parser.add_argument(
+        "--joints", dest="joint_names", metavar="A,B", help="joints to use, patterns as 'kRight*' too (default: all)"
+    )
+    parser.add_argument("--out", type=Path, required=True, metavar="NPZ", help="file for the body")
+    parser.add_argument(
+        "--kind",
+        choices=("auto", "chain", "posture"),
+        default="auto",
+        help="links of a chain, J by posture, or the one that explains what was held out (default: auto)",
+    )
+    parser.add_argument("--scale", type=float, default=1.0, metavar="X", help="factor on the image size (default: 1)")
     parser.add_argument(
         "--focal-length",
         type=float,
@@ -41,7 +64,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         type=float,
         default=0.2,
         metavar="SHARE",
-        help="share of the images, the last ones, to measure the prediction on; 0 measures nothing (default: 0.2)",
+        help="share of the images, the last ones or the last episodes, to measure the prediction on; 0 measures "
+        "nothing (default: 0.2)",
     )
     parser.add_argument(
         "--time-offset",
@@ -49,68 +73,161 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="S",
         help="seconds to add to the log's times, or auto: find them from the motion (default: auto)",
     )
-    parser.add_argument("--picture", type=Path, metavar="PNG", help="picture of the links (default: beside the model)")
+    parser.add_argument("--picture", type=Path, metavar="PNG", help="picture of the body (default: beside the file)")
 
 
 def run(arguments: argparse.Namespace) -> None:
     """Run the command."""
+    _check(arguments)
+    seen = read_recordings(arguments)
+    started = time.perf_counter()
+    learned = _learn(seen, arguments)
+    body = learned.kept(arguments.kind)
+    body.save(arguments.out)
+    path = arguments.picture or arguments.out.with_suffix(".png")
+    if isinstance(body, BodyModel):
+        write_picture(path, body_picture(body, seen.last, seen.joints[-1], seen.names))
+    else:
+        write_picture(path, memory_picture(body, seen.last, seen.joints[-1]))
+    print(table(["quality", "value"], _rows(seen, learned, body)))
+    if isinstance(body, BodyModel):
+        print(table(["joint", "carried by", "surface points"], joint_rows(body, seen.names)))
+        if body.error > POOR:
+            print(
+                f"- tracks are {body.error:.2f} px off the model; above {POOR} px links and axes are not to be trusted"
+            )
+    else:
+        print(
+            f"- {learned.why_no_chain(arguments.kind)}: J is remembered by posture, for the steps that the joints made"
+        )
+        print("- it knows no links, no depth and no hidden points; babbling, each joint by itself, would tell them")
+    print(f"learned in {time.perf_counter() - started:.1f} s; body in {arguments.out}, picture in {path}")
+
+
+@dataclass
+class Learned:
+    """Both kinds, as far as they were learned, and what each explains of the motion held out."""
+
+    chain: BodyModel | None
+    memory: PostureMemory | None
+    tracks: PointTracks | None
+    held_out: HeldOutError | None
+    by_chain: ExplainedFlow
+    by_memory: ExplainedFlow
+    reason: str  # why there is no chain
+
+    def kept(self, kind: str) -> BodyModel | PostureMemory:
+        """The kind that is asked for, or the one that explains more.
+
+        Raises:
+            DenseVSError: it could not be learned.
+        """
+        if kind == "chain" or self.memory is None:
+            if self.chain is None:
+                raise DenseVSError(self.reason)
+            return self.chain
+        if kind == "posture" or self.chain is None:
+            return self.memory
+        if np.isnan(self.by_memory.share):
+            return self.chain if self.chain.error <= POOR else self.memory
+        enough = self.by_chain.share >= max(LEAST_EXPLAINED, self.by_memory.share - BETTER)
+        return self.chain if enough else self.memory
+
+    def why_no_chain(self, kind: str) -> str:
+        """Why the memory was kept."""
+        if kind == "posture":
+            return "asked for by --kind"
+        if self.chain is None:
+            return f"no chain of joints was found ({self.reason})"
+        return "the chain of joints that was found explains too little of the motion"
+
+
+def _check(arguments: argparse.Namespace) -> None:
     if not 0 <= arguments.held_out < 1:
         raise DenseVSError(f"--held-out is {arguments.held_out}; expected a share from 0 to below 1")
-    options = FitOptions(focal_length=arguments.focal_length)
-    recording = open_chosen(arguments)
-    episode = recording.episode()
-    count = episode.images().frame_count
-    if arguments.time_offset == "auto":
-        with progress("clock", count) as bar:
-            episode = episode.shifted(survey_episode(episode, on_image=bar.update).offset)
-    else:
+    if arguments.episode is not None and arguments.episodes is not None:
+        raise DenseVSError("--episode and --episodes are both given; expected one of them")
+    check_writable(arguments.out)
+
+
+def _learn(seen: SeenBody, arguments: argparse.Namespace) -> Learned:
+    """Learn what is asked for: from the first images, judged by the others, then from all."""
+    cut = seen.cut(arguments.held_out)
+    if not 2 < cut <= len(seen.images):
+        raise DenseVSError(f"{len(seen.images)} images, {cut} of them to learn from; expected more, or less held out")
+    found = Learned(None, None, None, None, ExplainedFlow(), ExplainedFlow(), "")
+    part = None
+    if arguments.kind != "posture":
         try:
-            episode = episode.shifted(float(arguments.time_offset))
-        except ValueError:
-            raise DenseVSError(f"--time-offset is {arguments.time_offset!r}; expected auto or seconds") from None
-    images, joints, picture = read_images(episode)
-    started = time.perf_counter()
-    tracks = follow_points(images, joints)
-    held_out = held_out_error(tracks, arguments.held_out, options) if arguments.held_out else None
-    stride = TrackOptions().stride
-    model = BodyModel.from_fit(fit_body(tracks, options), images[::stride], joints[::stride])
-    seconds = time.perf_counter() - started
-    model.save(arguments.out)
-    path = arguments.picture or arguments.out.with_suffix(".png")
-    write_picture(path, body_picture(model, picture, joints[-1], recording.joint_names))
-    rows = [
-        ["images", str(len(images))],
-        ["points followed", str(tracks.pixels.shape[1])],
-        ["median distance of tracks from the model [px]", f"{model.error:.2f}"],
-        ["focal length [px]", f"{model.focal_length:.0f}"],
-        ["points of the surface", str(len(model.surface.links))],
-    ]
-    if held_out is not None:
+            part = _learn_chain(seen, cut, FitOptions(focal_length=arguments.focal_length), found)
+        except DenseVSError as error:
+            found.reason = str(error)
+    if arguments.kind != "chain":
+        found.memory = _learn_memory(seen, cut, found.by_memory)
+    if part is not None and arguments.kind == "auto":
+        flow = FlowEstimator("dis-medium", *seen.images[0].shape)
+        for k, step in seen.steps(cut, len(seen.images)):
+            found.by_chain.add(flow(seen.images[k - 1], seen.images[k]), part.flow(seen.joints[k], step))
+    return found
+
+
+def _learn_chain(seen: SeenBody, cut: int, options: FitOptions, found: Learned) -> BodyModel | None:
+    """Fit a chain to all images; that of the first ones, where some are held out."""
+    joints = np.array(seen.joints)
+    found.tracks = tracks = follow_points(seen.images, joints)
+    stride, count = TrackOptions().stride, len(seen.images)
+    part = None
+    if cut < count:
+        share = 1 - cut / count
+        first = fit_body(first_part(tracks, share), options)
+        found.held_out = held_out_error(tracks, share, options, found=first)
+        part = BodyModel.from_fit(first, seen.images[:cut:stride], joints[:cut:stride])
+    found.chain = BodyModel.from_fit(fit_body(tracks, options), seen.images[::stride], joints[::stride])
+    return part
+
+
+def _learn_memory(seen: SeenBody, cut: int, explained: ExplainedFlow) -> PostureMemory:
+    """Remember all images; what those before the cut explain of the others is added up."""
+    size, count = seen.images[0].shape, len(seen.images)
+    moved = list(seen.steps(0, count))
+    positions, steps = (np.array(a) for a in ([seen.joints[k] for k, _ in moved], [step for _, step in moved]))
+    if not moved:
+        raise DenseVSError(f"none of {count} images follows another; expected images without gaps between them")
+    flow = FlowEstimator("dis-medium", *size)
+    fit = MemoryFit(size, Keyframes.choose(positions, steps, seen.learned))
+    part = None
+    with progress("motion", len(moved), unit="image") as bar:
+        for k, step in moved:
+            measured = flow(seen.images[k - 1], seen.images[k])
+            if k >= cut:
+                part = part or fit.solved()
+                explained.add(measured, part.flow(seen.joints[k], step))
+            fit.add(measured, seen.joints[k], step)
+            bar.update()
+    return fit.solved()
+
+
+def _rows(seen: SeenBody, learned: Learned, body: BodyModel | PostureMemory) -> list[list[str]]:
+    rows = [["images", str(len(seen.images))], ["episodes", str(len(seen.starts))]]
+    if isinstance(body, BodyModel):
+        assert learned.tracks is not None
         rows += [
-            ["held-out images: median distance, 90 % [px]", f"{held_out.median:.2f}, {held_out.p90:.2f}"],
-            ["  had the points stood still", f"{held_out.standing_still:.2f}"],
+            ["points followed", str(learned.tracks.pixels.shape[1])],
+            ["median distance of tracks from the model [px]", f"{body.error:.2f}"],
+            ["focal length [px]", f"{body.focal_length:.0f}"],
+            ["points of the surface", str(len(body.surface.links))],
         ]
-    print(table(["quality", "value"], rows))
-    print(table(["joint", "carried by", "surface points"], joint_rows(model, recording.joint_names)))
-    if model.error > POOR:
-        print(f"- tracks are {model.error:.2f} px off the model; above {POOR} px links and axes are not to be trusted")
-    print(f"learned in {seconds:.1f} s; model in {arguments.out}, picture in {path}")
-
-
-def read_images(episode: Episode) -> tuple[list[np.ndarray], np.ndarray, np.ndarray]:
-    """Gray images without repetitions, the joints at their times ``(K, N)``, and the last image in color."""
-    stamped = ((frame.image, frame.time) for frame in episode)
-    log = episode.log
-    smooth = log.smoothed(JOINT_SMOOTHING)
-    images, joints, last = [], [], None
-    for found in DistinctImages(stamped, episode.images().fps):
-        images.append(found.gray)
-        used = smooth if found.evened else log
-        joints.append(used.at(np.clip([found.time], log.times[0], log.times[-1]))[0])
-        last = found.image
-    if last is None:
-        raise DenseVSError("the recording has no image within its joint log")
-    return images, np.array(joints), last
+        if (held_out := learned.held_out) is not None:
+            rows += [
+                ["held-out images: median distance, 90 % [px]", f"{held_out.median:.2f}, {held_out.p90:.2f}"],
+                ["  had the points stood still", f"{held_out.standing_still:.2f}"],
+            ]
+    else:
+        rows += [["keyframes", f"{len(body.keyframes.positions)} of rank {body.keyframes.rank}"]]
+    for name, explained in (("a chain", learned.by_chain), ("postures", learned.by_memory)):
+        if np.isfinite(explained.share):
+            rows += [[f"held-out motion explained by {name}", f"{explained.share:.3f}"]]
+    return [*rows, ["kept", "a chain of links" if isinstance(body, BodyModel) else "J by posture"]]
 
 
 def joint_rows(model: BodyModel, names: tuple[str, ...]) -> list[list[str]]:

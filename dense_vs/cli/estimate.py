@@ -12,15 +12,21 @@ from contextlib import nullcontext
 from pathlib import Path
 from typing import Any
 
-from dense_vs.checks import check_whole
+from dense_vs.body_model import BodyModel, PostureMemory, load_body
+from dense_vs.body_model.model_file import FORMAT as CHAIN
+from dense_vs.body_model.posture_memory import FORMAT as MEMORY
+from dense_vs.checks import check_number, check_whole
 from dense_vs.cli.estimate_episodes import episodes_table, estimate_episodes
 from dense_vs.cli.options import add_cluster_arguments, add_device_arguments
 from dense_vs.cli.recording_options import add_recording_arguments, episode_numbers, open_chosen
 from dense_vs.errors import DenseVSError
-from dense_vs.files import output_folder, write_json
+from dense_vs.files import output_folder, stored_format, write_json
 from dense_vs.jacobian.error import jacobian_error
+from dense_vs.jacobian.estimator import FORMAT as JACOBIAN
 from dense_vs.jacobian.estimator import DenseJacobian
+from dense_vs.pipeline.body_prior import BodyPrior
 from dense_vs.pipeline.explained_motion import share_of_pixels_known
+from dense_vs.pipeline.frame_pipeline import scaled_size
 from dense_vs.pipeline.recorded import JOINT_SMOOTHING, RecordedEstimate
 from dense_vs.recording import ClockOffset, Recording, TruthFile, VideoWriter, survey_episode
 from dense_vs.recording.survey import joint_motions, moved_together
@@ -43,7 +49,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="estimate these episodes, A to B - 1, or all; one after the other, J is carried on from each to the next, "
         "unless --jobs or --address runs them side by side",
     )
-    parser.add_argument("--start", type=Path, metavar="NPZ", help="go on from this saved J")
+    parser.add_argument(
+        "--start",
+        type=Path,
+        metavar="NPZ",
+        help="go on from this saved J, or begin with a body that 'dense-vs body' learned; images go on correcting it",
+    )
     parser.add_argument(
         "--time-offset",
         default="auto",
@@ -112,25 +123,38 @@ def run(arguments: argparse.Namespace) -> None:
         estimate_episodes(arguments, numbers)
         return
     truth = TruthFile.read(arguments.truth, recording.joint_names) if arguments.truth else None
-    estimator = None
-    if arguments.start is not None:
-        estimator = DenseJacobian.load(arguments.start, device=arguments.device, threads=arguments.threads)
+    estimator, body = _start(arguments)
     out = output_folder(arguments.out)
     if numbers is None:
-        summary, estimator = _episode(arguments, recording, None, out, offset, estimator, truth)
+        summary, estimator = _episode(arguments, recording, None, out, offset, estimator, body, truth)
         print(_lines(summary))
         print(f"results in {out}")
         return
     summaries = []
     for number in numbers:
         folder = output_folder(out / f"episode_{number:06d}")
-        summary, estimator = _episode(arguments, recording, number, folder, offset, estimator, truth)
+        summary, estimator = _episode(arguments, recording, number, folder, offset, estimator, body, truth)
         summaries.append(summary)
     print(episodes_table(summaries))
     write_json(out / "summary.json", {"episodes": summaries, "versions": versions()})
     if estimator is not None:
         estimator.save(out / "jacobian.npz")
     print(f"results in {out}")
+
+
+def _start(arguments: argparse.Namespace) -> tuple[DenseJacobian | None, BodyModel | PostureMemory | None]:
+    """The saved J or the body that ``--start`` names, whichever it is."""
+    if arguments.start is None:
+        return None, None
+    found = stored_format(arguments.start, "a saved J or body")
+    if found == JACOBIAN:
+        return DenseJacobian.load(arguments.start, device=arguments.device, threads=arguments.threads), None
+    if found in (CHAIN, MEMORY):
+        return None, load_body(arguments.start)
+    raise DenseVSError(
+        f"--start is {arguments.start}, {found or 'a file of unknown kind'}; expected a J that 'dense-vs estimate' "
+        "saved, or a body that 'dense-vs body' learned"
+    )
 
 
 def _episode(
@@ -140,10 +164,14 @@ def _episode(
     out: Path,
     offset: float | None,
     start: DenseJacobian | None,
+    body: BodyModel | PostureMemory | None,
     truth: TruthFile | None,
 ) -> tuple[dict[str, Any], DenseJacobian]:
     """Estimate one episode and write its results; its summary and the estimator after it."""
     episode = recording.episode(number)
+    images = episode.images()
+    size = scaled_size((images.height, images.width), check_number("--scale", arguments.scale, above=0, most=1))
+    prior = None if body is None else BodyPrior.of(body, size, len(recording.joint_names))
     done = RecordedEstimate(
         episode if offset is None else episode.shifted(offset),
         scale=arguments.scale,
@@ -152,6 +180,7 @@ def _episode(
         device=arguments.device,
         threads=arguments.threads,
         start=start,
+        prior=prior,
         label=arguments.rerun,
         sway=arguments.sway,
         **({} if start else {"covariance": arguments.covariance, "prediction": arguments.prediction}),

@@ -6,15 +6,37 @@ wrong: the share of the image motion that it explains is watched, and below a bo
 """
 
 from collections.abc import Callable
+from typing import Protocol
 
+import cv2
 import numpy as np
 
 from dense_vs.checks import check_number
+from dense_vs.errors import DenseVSError
 from dense_vs.jacobian.estimator import DenseJacobian
 
 MEMORY = 0.9  # of the agreement, from one measured motion to the next
 MOVING = 0.5  # px by the model: pixels that move less say nothing
 LEAST_PIXELS = 50
+# Of a chain, found on simulated arms, and of J remembered by posture, found on three reaches of a humanoid. What is
+# remembered is coarser than what is measured now, so it has less say, but keeps it as long as it explains anything.
+CHAIN_SHARE, CHAIN_AGREEMENT = 0.7, 0.5
+MEMORY_SHARE, MEMORY_AGREEMENT = 0.2, 0.0
+
+
+class KnownBody(Protocol):
+    """What :class:`BodyModel` and :class:`PostureMemory` have in common."""
+
+    size: tuple[int, int]
+
+    @property
+    def joint_count(self) -> int:
+        """N."""
+        ...
+
+    def known(self, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """J ``(H, W, 2, N)`` [px/rad] and the body's pixels ``(H, W)`` at a posture."""
+        ...
 
 
 class BodyPrior:
@@ -25,6 +47,8 @@ class BodyPrior:
             ``BodyModel.known`` does.
         share: by which J is drawn at every measured motion; with 1 it is the model's wherever that has the body.
         least_agreement: below it the model has no say.
+        told: gives ``(N, N)`` at a posture ``(N,)``, which joint steps the model's J speaks of, as
+            ``PostureMemory.told`` does; of all unless given. In other directions J stays as it is.
 
     Attributes:
         agreement: share of the image motion on the body that the model explained lately; 1 is all, below 0 is worse
@@ -40,11 +64,45 @@ class BodyPrior:
         *,
         share: float = 1.0,
         least_agreement: float = 0.5,
+        told: Callable[[np.ndarray], np.ndarray] | None = None,
     ):
-        self.known = known
+        self.known, self.told = known, told
         self.share = check_number("share", share, above=0, most=1)
         self.least_agreement = check_number("least_agreement", least_agreement, most=1)
         self.agreement = 1.0
+
+    @classmethod
+    def of(cls, body: KnownBody, size: tuple[int, int], joints: int) -> "BodyPrior":
+        """The prior of a saved body, in images of any scale.
+
+        Args:
+            body: a body model, or J remembered by posture.
+            size: (height, width) of the estimator's images [px].
+            joints: of the estimator.
+
+        Raises:
+            DenseVSError: another number of joints, or images of another shape.
+        """
+        scale = size[1] / body.size[1]
+        if joints != body.joint_count or abs(scale * body.size[0] - size[0]) > 1:
+            raise DenseVSError(
+                f"the body is of {body.size[1]} x {body.size[0]} px and {body.joint_count} joints; expected "
+                f"{size[1]} x {size[0]} px, or another scale of it, and {joints} joints"
+            )
+
+        def known(q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+            J, mask = body.known(q)
+            if size == body.size:
+                return J, mask
+            flat = np.ascontiguousarray(J.reshape(*body.size, -1))
+            resized = cv2.resize(flat, size[::-1], interpolation=cv2.INTER_LINEAR) * np.float32(scale)
+            there = cv2.resize(mask.astype(np.uint8), size[::-1], interpolation=cv2.INTER_NEAREST).astype(bool)
+            return resized.reshape(*size, 2, joints), there
+
+        told = getattr(body, "told", None)
+        if told is None:
+            return cls(known, share=CHAIN_SHARE, least_agreement=CHAIN_AGREEMENT)
+        return cls(known, share=MEMORY_SHARE, least_agreement=MEMORY_AGREEMENT, told=told)
 
     @property
     def agrees(self) -> bool:
@@ -54,7 +112,7 @@ class BodyPrior:
     def begin(self, estimator: DenseJacobian, positions: np.ndarray, share: float = 1.0) -> None:
         """Start from the model's J at a posture ``(N,)`` [rad], or draw what is there to it by a share."""
         J, body = self.known(positions)
-        estimator.blend(J, np.float32(share) * body.astype(np.float32))
+        estimator.blend(self._completed(J, estimator, positions), np.float32(share) * body.astype(np.float32))
 
     def correct(self, estimator: DenseJacobian, positions: np.ndarray, flow: np.ndarray, span: np.ndarray) -> None:
         """After a measured motion: judge the model by it, and draw J to the model's if it agrees.
@@ -75,4 +133,11 @@ class BodyPrior:
             moved = np.maximum(np.linalg.norm(measured[counted], axis=1), MOVING).sum()
             self.agreement = MEMORY * self.agreement + (1 - MEMORY) * (1 - float(off / moved))
         if self.agrees:
-            estimator.blend(J, self.share * body.astype(np.float32))
+            estimator.blend(self._completed(J, estimator, positions), self.share * body.astype(np.float32))
+
+    def _completed(self, J: np.ndarray, estimator: DenseJacobian, positions: np.ndarray) -> np.ndarray:
+        """The model's J, with the estimator's in the directions that the model does not speak of."""
+        if self.told is None:
+            return J
+        told = np.asarray(self.told(positions), dtype=np.float32)
+        return J + estimator.to_numpy() @ (np.eye(len(told), dtype=np.float32) - told)

@@ -18,6 +18,7 @@ from dense_vs.jacobian.options import (
     EstimatorOptions,
     recorded_options,
 )
+from dense_vs.pipeline.body_prior import BodyPrior
 from dense_vs.pipeline.camera_sway import CameraSway
 from dense_vs.pipeline.explained_motion import ExplainedMotion
 from dense_vs.pipeline.frame_pipeline import Frame, FramePipeline, scaled_size
@@ -48,6 +49,7 @@ class RecordedEstimate:
             :func:`recorded_options` and ``joint_scale`` where they are not given. Joints that hardly move are left out;
             the others' units do not matter. ``on_bad_flow`` is ``"skip"`` unless given.
         start: an estimator to go on with, made here unless given.
+        prior: what a body model knows of J from the first image on.
         label: whether to label the robot's own pixels, see :meth:`labels`.
         before_update: called with each frame's time, flow and joint step while ``estimator`` is still that of the frame
             before; a judge of its prediction beside ``explained``.
@@ -75,6 +77,7 @@ class RecordedEstimate:
         device: str = "auto",
         threads: int | None = None,
         start: DenseJacobian | None = None,
+        prior: BodyPrior | None = None,
         label: bool = False,
         before_update: Callable[[float, np.ndarray, np.ndarray], None] | None = None,
         sway: bool = False,
@@ -116,6 +119,7 @@ class RecordedEstimate:
             baseline=0.0,
             still=self._still_steps(),
             before_update=self._judge,
+            prior=prior,
             sway=sway,
             body_step=max(1, round(width / LABELED_WIDTH)),
         )
@@ -196,6 +200,7 @@ def estimate_recording(
     device: str = "auto",
     threads: int | None = None,
     start: DenseJacobian | None = None,
+    prior: BodyPrior | None = None,
     label: bool = False,
     before_update: Callable[[float, np.ndarray, np.ndarray], None] | None = None,
     sway: bool = False,
@@ -214,6 +219,7 @@ def estimate_recording(
         device=device,
         threads=threads,
         start=start,
+        prior=prior,
         label=label,
         before_update=before_update,
         sway=sway,

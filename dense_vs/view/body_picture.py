@@ -1,11 +1,11 @@
-"""A body model over a camera image: its links in colors, the lines of its joints, and what its surface looks like."""
+"""A body over a camera image: links in colors and the lines of joints, or where and how usual steps move it."""
 
 import os
 
 import cv2
 import numpy as np
 
-from dense_vs.body_model import BodyModel
+from dense_vs.body_model import BodyModel, PostureMemory
 from dense_vs.body_model.chain import BACKGROUND
 from dense_vs.files import atomic_write
 
@@ -34,6 +34,20 @@ def body_picture(model: BodyModel, image: np.ndarray, q: np.ndarray, names: tupl
         cv2.line(canvas, a, b, (255, 255, 255), 3, cv2.LINE_AA)
         cv2.line(canvas, a, b, tuple(int(c) for c in colors[n]), 1, cv2.LINE_AA)
         cv2.putText(canvas, names[n], b, cv2.FONT_HERSHEY_SIMPLEX, 0.32, (255, 255, 255), 1, cv2.LINE_AA)
+    return canvas
+
+
+def memory_picture(memory: PostureMemory, image: np.ndarray, q: np.ndarray) -> np.ndarray:
+    """RGB uint8 ``(H, W, 3)``: an image ``(H, W, 3)`` with the body at a posture ``(N,)``, colored by its motion.
+
+    The motion is the root mean square over the joints' usual steps, brightest where it is most.
+    """
+    J, body = memory.known(q)
+    motion = np.sqrt(np.sum(np.square(J * memory.keyframes.usual), axis=(2, 3)))
+    shade = (255 * motion / max(float(motion.max()), 1e-9)).astype(np.uint8)
+    color = cv2.cvtColor(cv2.applyColorMap(shade, cv2.COLORMAP_VIRIDIS), cv2.COLOR_BGR2RGB)
+    canvas = image.copy()
+    canvas[body] = ((1 - _STRENGTH) * image[body] + _STRENGTH * color[body]).astype(np.uint8)
     return canvas
 
 

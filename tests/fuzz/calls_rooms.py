@@ -37,6 +37,18 @@ def body() -> Any:
 
 
 @cache
+def memory() -> Any:
+    """J of two joints remembered by posture."""
+    from dense_vs.body_model import Keyframes, MemoryFit
+
+    joints = np.sin(np.arange(12)[:, None] * [0.5, 0.8])
+    fit = MemoryFit((H, W), Keyframes.choose(joints[1:], np.diff(joints, axis=0)))
+    for q, dq in zip(joints[1:], np.diff(joints, axis=0), strict=True):
+        fit.add(np.full((H, W, 2), dq, np.float32), q, dq)
+    return fit.solved()
+
+
+@cache
 def checkpoint() -> Any:
     from types import SimpleNamespace
 
@@ -98,7 +110,16 @@ def live_targets() -> list[Target]:
 
 def learning_targets() -> list[Target]:
     """The body model's options and tracks, checkpoints, sweeps."""
-    from dense_vs.body_model import FitOptions, PointTracks, SurfaceOptions, TrackOptions, follow_points
+    from dense_vs.body_model import (
+        FitOptions,
+        Keyframes,
+        MemoryFit,
+        MemoryOptions,
+        PointTracks,
+        SurfaceOptions,
+        TrackOptions,
+        follow_points,
+    )
     from dense_vs.pipeline.checkpoint import Checkpoint
     from dense_vs.sweep.run_sweep import run_sweep
 
@@ -131,6 +152,20 @@ def learning_targets() -> list[Target]:
         Target("BodyModel.trace", lambda **o: body().trace(**o),
                lambda: {"pixels": np.array([[16.0, 12.0]]), "q_seen": np.zeros(2), "q": np.full(2, 0.1)},
                may_be_nan=True),
+        Target("MemoryOptions", lambda **o: MemoryOptions(**o).noise,
+               lambda: {"length": 4.0, "noise": 0.2, "keyframes": 9, "step": 4, "body": 0.15}),
+        Target("Keyframes.choose", lambda positions, steps: Keyframes.choose(positions, steps).features(
+            np.zeros((1, 2)), np.ones((1, 2))),
+               lambda: {"positions": np.sin(np.arange(12.0).reshape(6, 2)), "steps": np.full((6, 2), 0.1)}),
+        Target("MemoryFit.add", lambda self, **o: (self.add(**o), self.solved().images)[1],
+               lambda: {"self": MemoryFit((H, W), memory().keyframes), "flow": np.ones((H, W, 2), np.float32),
+                        "positions": np.zeros(2), "step": np.full(2, 0.1)}),
+        *[
+            Target(f"PostureMemory.{name}", lambda q, name=name: getattr(memory(), name)(q), lambda: {"q": np.zeros(2)})
+            for name in ("known", "told", "familiarity")
+        ],
+        Target("PostureMemory.flow", lambda **o: memory().flow(**o),
+               lambda: {"q": np.zeros(2), "dq": np.full(2, 0.01)}),
         Target("Checkpoint", lambda period: Checkpoint(folder() / "new.npz", ("a",), period=period).period,
                lambda: {"period": 3.0}),
         Target("Checkpoint.resume", lambda size: checkpoint().resume(size, device="cpu", threads=1).seconds,

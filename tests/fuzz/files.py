@@ -89,9 +89,9 @@ def made(folder: Path) -> list[tuple[Path, Callable[[Path], Any]]]:
 def of_rooms(folder: Path) -> list[tuple[Path, Callable[[Path], Any]]]:
     """Files of the live page, sweeps, the body model and checkpoints."""
     from calls import estimator
-    from calls_rooms import body, checkpoint
+    from calls_rooms import body, checkpoint, memory
 
-    from dense_vs.body_model import BodyModel
+    from dense_vs.body_model import load_body
     from dense_vs.live.state_file import load_state
     from dense_vs.pipeline.checkpoint import Checkpoint
     from dense_vs.sweep.figures import SUMMARY_FILE, figures_of
@@ -99,6 +99,7 @@ def of_rooms(folder: Path) -> list[tuple[Path, Callable[[Path], Any]]]:
     from dense_vs.sweep.run_task import OUT_FOLDER, result_folder
 
     body().save(folder / "body.npz")
+    memory().save(folder / "memory.npz")
     (folder / "kept.npz").write_bytes(checkpoint().path.read_bytes())
     plan = '[[experiment]]\ncommand = "reach"\nseeds = "0:3"\n[experiment.options]\nrobot = ["arm", "planar"]\n'
     (folder / "plan.toml").write_text(f"{plan}targets = 3\nno-video = true\n")
@@ -120,7 +121,8 @@ def of_rooms(folder: Path) -> list[tuple[Path, Callable[[Path], Any]]]:
     return [
         (folder / "kept.npz", resumed),
         (folder / "jacobian.npz", lambda path: load_state(path, estimator()).to_numpy()),
-        (folder / "body.npz", lambda path: BodyModel.load(path).jacobian(np.zeros(2))),
+        (folder / "body.npz", lambda path: load_body(path).jacobian(np.zeros(2))),
+        (folder / "memory.npz", lambda path: load_body(path).jacobian(np.zeros(2))),
         (folder / "plan.toml", lambda path: [task.command_line("out", "rows") for task in read_plan(path)]),
         (folder / "summary.json", figures),
     ]

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from synthetic_body import CENTER, FOCAL, SIZE, SyntheticBody, postures, serial_body
 
-from dense_vs.body_model.chain import Chain, ancestors
+from dense_vs.body_model.chain import Chain, ancestors, tree_order
 from dense_vs.body_model.fit import FitOptions, fit_body
 from dense_vs.body_model.joint_tree import joint_parents
 from dense_vs.body_model.track_problem import BodyState, TrackProblem
@@ -99,6 +99,19 @@ def test_parents_from_which_points_each_joint_moves():
     parents, learned = joint_parents(moved_by)
     np.testing.assert_array_equal(parents, [-1, 0, 1, -1, 3])
     assert learned.all()
+
+
+def test_parents_are_a_tree_whatever_the_points_say():
+    # Joint 2 surely moves more than joint 0; the others are too alike to tell and keep their order: 0, 1, 2, 0.
+    round_trip = np.arange(116)[:, None] < [100, 108, 116]
+    parents, _ = joint_parents(round_trip)
+    np.testing.assert_array_equal(parents, [2, 0, -1])
+    rng = np.random.default_rng(0)
+    for _ in range(200):
+        joints = int(rng.integers(2, 9))
+        parents, learned = joint_parents(rng.random((60, joints)) < rng.uniform(0.3, 1.0, joints))
+        assert sorted(tree_order(parents)) == list(range(joints))
+        assert (parents[~learned] == -1).all()
 
 
 def test_the_normal_equations_are_the_gradient_of_the_cost():

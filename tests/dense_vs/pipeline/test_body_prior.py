@@ -85,3 +85,57 @@ def test_blend_draws_by_its_share_and_refuses_what_does_not_fit():
         DenseJacobian(height=4, width=5, joints=2, worlds=2, device="cpu").blend(other, share)
     with pytest.raises(DenseVSError, match="share"):
         BodyPrior(known(TRUE), share=0)
+
+
+def two_joints():
+    """An estimator whose J is 1 everywhere, and a body that knows J to be 5 on half of the image."""
+    estimator = DenseJacobian(height=4, width=6, joints=2, device="cpu", threads=1)
+    estimator.blend(np.ones((4, 6, 2, 2), np.float32), np.ones((4, 6), np.float32))
+    body = np.zeros((4, 6), bool)
+    body[:, 3:] = True
+    return estimator, lambda q: (np.where(body[..., None, None], np.float32(5), 0) * np.ones((2, 2), np.float32), body)
+
+
+def test_what_the_model_does_not_speak_of_stays():
+    # It speaks of both joints moving alike only: of a step's part along (1, 1).
+    told = np.full((2, 2), 0.5, np.float32)
+    estimator, model = two_joints()
+    J, body = model(None)
+    BodyPrior(lambda q: (J @ told, body), told=lambda q: told).begin(estimator, np.zeros(2))
+    found = estimator.to_numpy()
+    assert (found[:, :3] == 1).all()
+    np.testing.assert_allclose(found[:, 3:] @ np.array([1.0, 1.0]), 10, rtol=1e-6)  # the model's
+    np.testing.assert_allclose(found[:, 3:] @ np.array([1.0, -1.0]), 0, atol=1e-6)  # as it was
+    before = np.array([[3.0, 1.0], [2.0, 2.0]], np.float32)
+    estimator.blend(np.broadcast_to(before, (4, 6, 2, 2)), np.ones((4, 6), np.float32))
+    BodyPrior(lambda q: (J @ told, body), told=lambda q: told).begin(estimator, np.zeros(2))
+    np.testing.assert_allclose(estimator.to_numpy()[0, 4] @ np.array([1.0, -1.0]), [2, 0], atol=1e-6)
+
+
+class Known:
+    size = (4, 6)
+    joint_count = 2
+
+    def known(self, q):
+        return two_joints()[1](q)
+
+
+class Remembered(Known):
+    def told(self, q):
+        return np.eye(2, dtype=np.float32)
+
+
+def test_a_body_serves_images_of_any_scale():
+    estimator = DenseJacobian(height=8, width=12, joints=2, device="cpu", threads=1)
+    prior = BodyPrior.of(Known(), (8, 12), 2)
+    prior.begin(estimator, np.zeros(2))
+    J = estimator.to_numpy()
+    assert (J[:, 8:] == 10).all()  # as many px/rad as there are more pixels
+    assert (J[:, :4] == 0).all()
+    assert prior.told is None
+    remembered = BodyPrior.of(Remembered(), (4, 6), 2)
+    assert remembered.told is not None
+    assert remembered.share < prior.share
+    for size, joints in (((4, 6), 3), ((4, 8), 2)):
+        with pytest.raises(DenseVSError, match="the body is of 6 x 4 px and 2 joints; expected"):
+            BodyPrior.of(Known(), size, joints)
