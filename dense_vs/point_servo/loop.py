@@ -373,7 +373,7 @@ class ServoLoop:
         check = self.pipeline.check
         if check is None or all(fault.kind is not FaultKind.MISFIT for fault in frame.faults):
             return frame
-        late = self.joints.find_lateness(list(check.recent))
+        late = self.joints.find_change(list(check.recent))
         if late is not None:
             self.pipeline.restart()
             self._body.forget_images()
