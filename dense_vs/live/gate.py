@@ -7,13 +7,14 @@ limits hold for every command that passes.
 
 import threading
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 
 import numpy as np
 
 from dense_vs.checks import check_number
 from dense_vs.robot.joint_group import checked_limits
 from dense_vs.robot.protocols import Robot
+from dense_vs.robot.wrapped_robot import WrappedRobot
 
 DEFAULT_SPEED = 1.0  # rad/s
 LONGEST_STEP = 0.1  # s; a frame that took longer allows no larger step
@@ -101,7 +102,7 @@ class PageGate:
         return np.clip(step, np.minimum(room[:, 0], 0.0), np.maximum(room[:, 1], 0.0))
 
 
-class GatedRobot:
+class GatedRobot(WrappedRobot):
     """A robot behind a gate: readings pass, commands as the gate allows.
 
     Args:
@@ -115,7 +116,8 @@ class GatedRobot:
     """
 
     def __init__(self, robot: Robot, gate: PageGate):
-        self._robot, self._gate = robot, gate
+        super().__init__(robot)
+        self._gate = gate
         count = len(robot.joint_names)
         self._limits = checked_limits(robot.joint_limits, count)
         self._positions = np.zeros(count)
@@ -123,19 +125,9 @@ class GatedRobot:
         self.frame_seconds = 1 / 30
         self.reading_time = -np.inf
 
-    @property
-    def joint_names(self) -> Sequence[str]:
-        """Names of the robot's joints."""
-        return self._robot.joint_names
-
-    @property
-    def joint_limits(self) -> np.ndarray | None:
-        """The robot's limits, as it gives them."""
-        return self._robot.joint_limits
-
     def joints(self) -> tuple[np.ndarray, float]:
         """The robot's joints."""
-        positions, time = self._robot.joints()
+        positions, time = super().joints()
         self._positions, self.reading_time = np.asarray(positions, dtype=np.float64), float(time)
         return positions, time
 
@@ -143,10 +135,4 @@ class GatedRobot:
         """Pass on what the gate allows; a robot that is stopped gets a zero step, which holds it."""
         step = self._gate.passed(np.asarray(delta), self._positions, self._limits, self.frame_seconds)
         self.last_command = step
-        self._robot.command(step)
-
-    def hold(self) -> None:
-        """Tell a robot that can do so to hold still at once, from any thread."""
-        hold = getattr(self._robot, "hold", None)
-        if hold is not None:
-            hold()
+        super().command(step)
