@@ -10,7 +10,7 @@ import sys
 
 signal.signal(signal.SIGINT, signal.SIG_DFL)
 
-from dense_vs.cli.main import INTERRUPTED, main  # noqa: E402
+from dense_vs.cli.main import INTERRUPTED, main  # noqa: E402 - the import takes a while, and may be interrupted
 
 
 def program() -> int:

@@ -3,13 +3,16 @@
 import numpy as np
 import pytest
 
-torch = pytest.importorskip("torch")
-onnxruntime = pytest.importorskip("onnxruntime")
+pytest.importorskip("torch")
+pytest.importorskip("onnxruntime")
 pytest.importorskip("onnx")
 
-from dense_vs.cli.main import main  # noqa: E402
-from dense_vs.sims.flow_training.network import FlowRefiner, export, parameters_of, warp  # noqa: E402
-from dense_vs.sims.flow_training.training import PairRing, Trainer, TrainingOptions, score  # noqa: E402
+import onnxruntime
+import torch
+
+from dense_vs.cli.main import main
+from dense_vs.sims.flow_training.network import FlowRefiner, export, parameters_of, warp
+from dense_vs.sims.flow_training.training import PairRing, Trainer, TrainingOptions, score
 
 TINY = TrainingOptions(
     device="cpu", height=32, width=48, batch=4, scenes=8, ring=8, first=8, seed=1, compiled=False, rate=2e-3
