@@ -218,7 +218,7 @@ class ServoLoop:
         self._newest = -np.inf
 
     def babble(self, seconds: float) -> None:
-        """Move at random for that long on the camera's clock, learning J."""
+        """Move at random for that long on the camera's clock, learning J, then a body model where there is none."""
         if not np.isfinite(seconds) or seconds <= 0:
             raise DenseVSError(f"babbling of {seconds!r} s; expected a finite number above 0")
         end = self.frame.time + seconds
