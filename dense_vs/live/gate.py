@@ -18,7 +18,7 @@ from dense_vs.robot.wrapped_robot import WrappedRobot
 
 DEFAULT_SPEED = 1.0  # rad/s
 LONGEST_STEP = 0.1  # s; a frame that took longer allows no larger step
-HOLD_SECONDS = 0.4  # a dead-man's hold is fresh for so long
+PRESS_SECONDS = 0.4  # a press of the dead-man's key counts for so long
 
 
 class PageGate:
@@ -26,18 +26,18 @@ class PageGate:
 
     Args:
         max_speed: of any joint [rad/s, m/s].
-        clock: seconds, for the dead-man's hold.
+        clock: seconds, for the dead-man's key.
 
     Attributes:
         reason: why it is closed, for the user; "" where it is open.
-        dead_man: whether commands pass only while :meth:`hold` is called again and again.
+        dead_man: whether commands pass only while :meth:`press` is called again and again.
     """
 
     def __init__(self, max_speed: float = DEFAULT_SPEED, *, clock: Callable[[], float] = time.monotonic):
         self._lock = threading.Lock()
         self._clock = clock
         self._open = False
-        self._held_until = -np.inf
+        self._pressed_until = -np.inf
         self._max_speed = check_number("max_speed", max_speed, above=0)
         self.dead_man = False
         self.reason = "not started"
@@ -53,13 +53,13 @@ class PageGate:
 
     @property
     def open(self) -> bool:
-        """Whether motion is allowed, a dead-man's hold aside."""
+        """Whether motion is allowed, a dead-man's key aside."""
         return self._open
 
     @property
     def passing(self) -> bool:
         """Whether a command would pass now."""
-        return self._open and (not self.dead_man or self._clock() < self._held_until)
+        return self._open and (not self.dead_man or self._clock() < self._pressed_until)
 
     def allow(self) -> None:
         """Open: somebody in control asked for motion."""
@@ -74,13 +74,13 @@ class PageGate:
                 self.reason = reason
             return was_open
 
-    def hold(self) -> None:
-        """The dead-man's key is held now; counts for :data:`HOLD_SECONDS`."""
-        self._held_until = self._clock() + HOLD_SECONDS
+    def press(self) -> None:
+        """The dead-man's key is down now; counts for :data:`PRESS_SECONDS`."""
+        self._pressed_until = self._clock() + PRESS_SECONDS
 
     def release(self) -> None:
         """The dead-man's key is up."""
-        self._held_until = -np.inf
+        self._pressed_until = -np.inf
 
     def largest_step(self, seconds: float) -> float:
         """Of a joint in a command that comes so long after the last [rad, m]."""

@@ -6,8 +6,8 @@ the images, below 0 where images are late. Motion is explained by J where J is k
 two J changes little: a ridge regression of the flow on the joint steps predicts each image pair from the others
 (beyond the papers, which have one clock).
 
-Three callers decide what is found so, by what they have: :func:`find_joint_delay` in two seconds of babbling,
-:func:`find_changed_delay` in the last images where J is known, and :func:`dense_vs.recording.find_clock_offset` in a
+Three functions search so, each with what it has: :func:`find_joint_delay` with two seconds of babbling,
+:func:`find_changed_delay` with the last images where J is known, :func:`dense_vs.recording.find_clock_offset` with a
 whole recording.
 """
 

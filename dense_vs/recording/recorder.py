@@ -9,10 +9,10 @@ from dense_vs.robot import Camera, Robot, WrappedRobot
 
 
 class Recorder(WrappedRobot):
-    """Camera and robot that pass everything on and write it down; use as a context manager.
+    """Camera and robot that pass everything on and write it down; use as a context manager::
 
-    with Recorder(camera, robot, "run", form="lerobot") as recorder:
-        ServoLoop(recorder, recorder).babble(20)
+        with Recorder(camera, robot, "run", form="lerobot") as recorder:
+            ServoLoop(recorder, recorder).babble(20)
 
     Args:
         camera, robot: what is recorded.
