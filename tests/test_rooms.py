@@ -1,6 +1,7 @@
 """Rooms keep to their place: who imports whom, how large a file and a function may be, and that each names its duty."""
 
 import ast
+import re
 from pathlib import Path
 
 import pytest
@@ -201,6 +202,13 @@ def test_every_package_says_its_duty():
         if file.name == "__init__.py":
             said = ast.get_docstring(ast.parse(file.read_text(encoding="utf-8"))) or ""
             assert len(said.split()) >= 5, f"{module} does not say what it is for"
+
+
+@pytest.mark.parametrize("room", sorted(set(ROOMS) - {"view", "live", "cli"}))
+def test_a_room_says_truly_what_it_may_import(room):
+    said = ast.get_docstring(ast.parse((ROOT / "dense_vs" / room / "__init__.py").read_text(encoding="utf-8"))) or ""
+    may = said.partition("May import:")[2].partition("\n\n")[0]
+    assert {one.split(".")[0] for one in re.findall(r":mod:`dense_vs\.([\w.]+)`", may)} == ROOMS[room]
 
 
 def test_no_room_names_the_simulator():
