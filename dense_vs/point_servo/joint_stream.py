@@ -75,7 +75,7 @@ class JointStream:
         return image_time + self.delay <= self._buffer.readings()[0][-1] + 1e-6  # s; stamps are rounded sums
 
     def find_delay(self, time: float, flow: np.ndarray | None) -> bool:
-        """Note a frame's motion; once there is enough, find the delay. Whether there is one, found just now."""
+        """Note a frame's motion and, once there is enough, find the delay; true where one was found just now."""
         start = DELAY_STEP // 2
         if flow is None:  # a frame that was not used: begin anew with the next
             self._motion = []
@@ -91,7 +91,7 @@ class JointStream:
         return self.delay != 0.0
 
     def find_change(self, recent: list[Motion]) -> Fault | None:
-        """Take out a delay that motions which the joints do not explain are explained by; what it is, if one is."""
+        """Find and take out a delay that explains motions which the present one does not; None where there is none."""
         motions = recent[1:]  # the first may span the moment at which the delay changed
         frame_time = self.watch.frame_time
         found = find_changed_delay(
