@@ -19,7 +19,9 @@ pytest.importorskip("websockets.sync.client", reason="the live extra is not inst
 
 from websockets.sync.client import connect
 
+from dense_vs.live import control
 from dense_vs.live.access import COOKIE, Access
+from dense_vs.live.control import SILENT_SECONDS
 from dense_vs.live.options import LiveOptions
 from dense_vs.live.server import FILES
 from dense_vs.live.session import LiveSession, Mode
@@ -178,7 +180,8 @@ def test_a_reload_that_comes_before_the_old_page_goes_gets_control(address, sess
             assert not session.gate.open
 
 
-def test_a_page_in_control_that_falls_silent_stops(address, session):
+def test_a_page_in_control_that_falls_silent_stops(address, session, monkeypatch):
+    monkeypatch.setattr(control, "SILENT_SECONDS", SILENT_SECONDS)
     with page(address) as socket:
         receive(socket)
         tell(socket, do="learn")
