@@ -24,10 +24,12 @@ LEAST_FRAMES = 0.4  # of a delay that counts; less costs little
 BABBLING_FRAMES = -2.0, 3.0  # tried
 LEAST_GAIN = 0.02  # share of the unexplained motion that a delay has to explain
 CHANGED_FRAMES = -6.0, 3.0  # tried where J is known
-LEAST_MOTIONS = 6  # that a changed delay is found from
+LEAST_MOTIONS = 4  # that a changed delay is found from
+LEAST_CHANGED = 0.75  # frames of one that counts: so few motions tell it to about half a frame
 LEAST_STEP = 1.0  # px that joints must have moved the image in half of them
 MOST_LEFT = 0.5  # of what is unexplained without the change that may be left with it
-MOST_LEFT_OF_MOTION = 0.2  # the same of the motion itself
+MOST_SHARE = 0.2  # of the motion that may be left with it
+NOISE = 0.3  # px of flow
 
 
 @dataclass(frozen=True)
@@ -36,7 +38,7 @@ class DelayCurve:
 
     Attributes:
         delays: ``(L,)``, evenly spaced [s].
-        unexplained: ``(L,)`` [px^2].
+        unexplained: ``(L,)``, as an energy [px^2] or as a share.
     """
 
     delays: np.ndarray
@@ -44,7 +46,7 @@ class DelayCurve:
 
     @property
     def least(self) -> float:
-        """What the best of the delays tried leaves unexplained [px^2]."""
+        """What the best of the delays tried leaves unexplained."""
         return float(self.unexplained.min())
 
     @property
@@ -59,7 +61,7 @@ class DelayCurve:
         return float(self.delays[k] + (step * 0.5 * (left - right) / bend if bend > 0 else 0.0))
 
     def at(self, delay: float) -> float:
-        """What a delay leaves unexplained [px^2]."""
+        """What a delay leaves unexplained."""
         return float(np.interp(delay, self.delays, self.unexplained))
 
 
@@ -113,13 +115,12 @@ def find_changed_delay(
     steps = joint_steps(pairs, np.append(delays, now), times, positions)
     *left, unchanged = unexplained_by_jacobian(steps, flows, jacobians)
     curve = DelayCurve(delays, np.array(left))
-    energy = sum(float((flow**2).mean()) for flow in flows)
-    if curve.least >= min(MOST_LEFT * unchanged, MOST_LEFT_OF_MOTION * energy):
+    if curve.least >= min(MOST_LEFT * unchanged, MOST_SHARE):
         return None
     moved = [float(((J @ step) ** 2).sum(axis=1).mean()) for J, step in zip(jacobians, steps[-1], strict=True)]
     if np.count_nonzero(np.array(moved) > LEAST_STEP**2) < LEAST_MOTIONS // 2:
         return None
-    return curve.best if abs(curve.best) >= LEAST_FRAMES * frame_time else 0.0
+    return curve.best if abs(curve.best) >= LEAST_CHANGED * frame_time else 0.0
 
 
 def even_joints(times: np.ndarray, positions: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -164,12 +165,16 @@ def unexplained_by_constant_jacobian(steps: np.ndarray, energy: np.ndarray) -> n
 def unexplained_by_jacobian(
     steps: np.ndarray, flows: Sequence[np.ndarray], jacobians: Sequence[np.ndarray]
 ) -> np.ndarray:
-    """Motion that J does not predict, ``(L,)`` [px^2]: the means over each motion's places, summed."""
+    """Share of the motion that J does not predict, ``(L,)``: the mean of |u - J s|^2 / (|u|^2 + |J s|^2) over motions.
+
+    A share and no sum of squares: where a flow fails it fails grossly, and one would outweigh all the others.
+    """
     unexplained = np.zeros(len(steps))
     for k, (flow, J) in enumerate(zip(flows, jacobians, strict=True)):
         predicted = np.einsum("pin,ln->lpi", J, steps[:, k])
-        unexplained += ((flow - predicted) ** 2).mean(axis=(1, 2))
-    return unexplained
+        energy = (flow**2).mean() + (predicted**2).mean(axis=(1, 2)) + NOISE**2
+        unexplained += ((flow - predicted) ** 2).mean(axis=(1, 2)) / energy
+    return unexplained / len(flows)
 
 
 def _tried(frames: tuple[float, float], frame_time: float) -> np.ndarray:
