@@ -1,4 +1,4 @@
-# Two commands to begin with: make demo, make test. Each makes .venv and installs what it needs.
+# Commands to begin with: make demo, make live, make test. Each makes .venv and installs what it needs.
 PYTHON ?= python3
 VENV ?= .venv
 RUN := $(VENV)/bin

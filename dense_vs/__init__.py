@@ -48,7 +48,7 @@ _HOMES = {
     "VisualServo": "point_servo.law",
 }
 
-__all__ = list(_HOMES)  # pyright: ignore[reportUnsupportedDunderAll]
+__all__ = list(_HOMES)  # pyright: ignore[reportUnsupportedDunderAll]  # they come by __getattr__
 
 
 def __getattr__(name: str) -> object:

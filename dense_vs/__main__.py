@@ -12,7 +12,7 @@ import sys
 signal.signal(signal.SIGINT, signal.SIG_DFL)
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # before NumPy is imported; see dense_vs.device.one_blas_thread
 
-from dense_vs.cli.main import INTERRUPTED, main  # noqa: E402
+from dense_vs.cli.main import INTERRUPTED, main  # noqa: E402 - what stands above has to be done before
 
 
 def program() -> int:

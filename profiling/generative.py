@@ -15,20 +15,22 @@ import time
 from dataclasses import replace
 from pathlib import Path
 
-for name in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"):
-    os.environ[name] = "1"  # before NumPy loads its library: one core means one core
+# Before NumPy loads its library: one core means one core.
+os.environ["OPENBLAS_NUM_THREADS"] = "1"
+os.environ["OMP_NUM_THREADS"] = "1"
+os.environ["MKL_NUM_THREADS"] = "1"
 
-import numpy as np  # noqa: E402
-from metrics import Metric, add_report_arguments, report  # noqa: E402
+import numpy as np
+from metrics import Metric, add_report_arguments, report
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests" / "reference"))
-from reference_recordings import record  # noqa: E402
+from reference_recordings import record
 
-from dense_vs.generative import GenerativeModel  # noqa: E402
-from dense_vs.generative.learning.end_to_end import all_shared  # noqa: E402
-from dense_vs.generative.least_squares.pixel_problem import PixelProblem, State  # noqa: E402
-from dense_vs.generative.reconstruction.initialization import guessed_intrinsics  # noqa: E402
-from dense_vs.generative.reconstruction.stereo import reconstruct  # noqa: E402
+from dense_vs.generative import GenerativeModel
+from dense_vs.generative.learning.end_to_end import all_shared
+from dense_vs.generative.least_squares.pixel_problem import PixelProblem, State
+from dense_vs.generative.reconstruction.initialization import guessed_intrinsics
+from dense_vs.generative.reconstruction.stereo import reconstruct
 
 SAME = 1.02  # times our error that counts as the same
 

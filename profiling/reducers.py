@@ -1,4 +1,4 @@
-"""How fast masks are reduced: one pass over a 640x480 mask or labelled image, against NumPy and OpenCV in one run.
+"""How fast masks are reduced: one pass over a 640x480 mask or labeled image, against NumPy and OpenCV in one run.
 
     python profiling/reducers.py --json profiling/results/reducers.json
 

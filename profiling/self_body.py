@@ -35,7 +35,7 @@ def timings(height: int, width: int, joints: int, clusters: int, rounds: int, de
     default.submit(J)
     paper.submit(J)
     vectors = estimator.to_numpy().reshape(height * width, -1)
-    centers = paper.centres.reshape(-1, 2 * joints)
+    centers = paper.centers.reshape(-1, 2 * joints)
     wait = (lambda: None) if estimator.device.is_cpu else (lambda: wp.synchronize_device(estimator.device))
     frames = len(case.dq)
 
@@ -70,7 +70,7 @@ def timings(height: int, width: int, joints: int, clusters: int, rounds: int, de
     seconds = interleaved(alternatives, rounds)
     label = f"{width}x{height}, {joints} joints, {clusters} clusters, {estimator.device.alias}"
     metrics = [Metric(f"{name}, {label}", 1e3 * float(np.median(s)), "ms", "lower", 0.2) for name, s in seconds.items()]
-    centers = paper.centres.reshape(-1, 2 * joints)
+    centers = paper.centers.reshape(-1, 2 * joints)
     exact = np.argmin(((vectors.astype(np.float64)[:, None] - centers) ** 2).sum(axis=2), axis=1)
     agreed = float((paper.clusters(J).ravel() == exact).mean())
     return [*metrics, Metric(f"clusters as in float64, {label}", agreed, "1", "higher", 0.001)]

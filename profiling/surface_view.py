@@ -4,6 +4,7 @@ import argparse
 import time
 from collections.abc import Callable
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 from surface_scores import OURS, ReachScore, ViewScore, label_quality
@@ -20,9 +21,9 @@ def measure(view: ViewScore, options: argparse.Namespace, say: Callable[[ViewSco
     """Measure a view; ``say`` hears of it when J is learned and after every reach, what ends it early included."""
     started = time.perf_counter()
 
-    def told(**news: object) -> None:
+    def told(**news: Any) -> None:
         nonlocal view
-        view = replace(view, **news, seconds=time.perf_counter() - started)  # pyright: ignore[reportArgumentType]
+        view = replace(view, **news, seconds=time.perf_counter() - started)
         say(view)
 
     try:

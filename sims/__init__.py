@@ -35,7 +35,7 @@ _HOMES = {
     "SurfacePoint": "engine.surface_points",
 }
 
-__all__ = list(_HOMES)  # pyright: ignore[reportUnsupportedDunderAll]
+__all__ = list(_HOMES)  # pyright: ignore[reportUnsupportedDunderAll]  # they come by __getattr__
 
 
 def __getattr__(name: str) -> object:

@@ -1,6 +1,8 @@
 """Rooms keep to their place: who imports whom, how large a file and a function may be, and that each names its duty."""
 
 import ast
+import itertools
+import re
 from pathlib import Path
 
 import pytest
@@ -201,6 +203,27 @@ def test_every_package_says_its_duty():
         if file.name == "__init__.py":
             said = ast.get_docstring(ast.parse(file.read_text(encoding="utf-8"))) or ""
             assert len(said.split()) >= 5, f"{module} does not say what it is for"
+
+
+@pytest.mark.parametrize("room", sorted(set(ROOMS) - {"view", "live", "cli"}))
+def test_a_room_says_truly_what_it_may_import(room):
+    said = ast.get_docstring(ast.parse((ROOT / "dense_vs" / room / "__init__.py").read_text(encoding="utf-8"))) or ""
+    may = said.partition("May import:")[2].partition("\n\n")[0]
+    assert {one.split(".")[0] for one in re.findall(r":mod:`dense_vs\.([\w.]+)`", may)} == ROOMS[room]
+
+
+SUPPRESSED = re.compile(r"#\s*(noqa|(type|pyright):\s*ignore|pragma: no cover)(:?\s*[A-Z]+\d+|\[\w+\])?(?P<reason>.*)")
+
+
+@pytest.mark.parametrize("folder", ["dense_vs", "kernels", "sims", "profiling", "tests", "tools", "examples"])
+def test_a_suppressed_check_gives_its_reason(folder):
+    """In words behind it, or in a comment above."""
+    for file in sorted((ROOT / folder).rglob("*.py")):
+        lines = ["", *file.read_text(encoding="utf-8").splitlines()]
+        for number, (above, line) in enumerate(itertools.pairwise(lines), 1):
+            found = None if file == Path(__file__) else SUPPRESSED.search(line)
+            words = found is None or len(found["reason"].split()) > 2 or above.lstrip().startswith("#")
+            assert words, f"{file.relative_to(ROOT)}, line {number}"
 
 
 def test_no_room_names_the_simulator():

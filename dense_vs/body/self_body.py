@@ -240,7 +240,7 @@ class SelfBody:
         return values[0] if self._worlds == 1 else values
 
     @property
-    def centres(self) -> Any:
+    def centers(self) -> Any:
         """Centers of the clusters, float32 ``(k, 2, N)`` [px/rad]; a list where there are several worlds."""
         empty = np.zeros((0, 2, self._joints), np.float32)
         centers = [result.centers.copy() for result in self._results()] or [empty] * self._worlds

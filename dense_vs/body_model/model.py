@@ -1,8 +1,8 @@
 """A body that is known everywhere: its links, axes and surface, learned from a video and joint readings.
 
-model = BodyModel.fit(images, joints)
-J = model.jacobian(q)                       # of every pixel, at any posture, without an image
-place = model.trace(pixel, q_seen, q)       # where a point of the body will be
+    model = BodyModel.fit(images, joints)
+    J = model.jacobian(q)                       # of every pixel, at any posture, without an image
+    place = model.trace(pixel, q_seen, q)       # where a point of the body will be
 
 Joins what DIJE has, J at every pixel without markers, to what Gothoskar et al. have, one model for all postures (beyond
 both papers). Lengths are in a unit of the model's own, as one camera's images leave the scale open.

@@ -263,7 +263,7 @@ def _sway(done: RecordedEstimate) -> dict[str, Any] | None:
     if found is None:
         return None
     return {
-        "travelled_px": [float(way) for way in found.travelled],
+        "traveled_px": [float(way) for way in found.traveled],
         "share_foretold_by_joints": found.foretold,
         "motions_taken_out": found.taken,
         "motions_unknown": found.unknown,
@@ -285,7 +285,7 @@ def _lines(summary: dict[str, Any]) -> str:
         ["images a second", f"{summary['fps']:.0f}"],
     ]
     if (sway := summary["camera_sway"]) is not None:
-        x, y = sway["travelled_px"]
+        x, y = sway["traveled_px"]
         rows.append(["camera sway, of the image's middle [px]", f"{x:+.1f} {y:+.1f}"])
     joints = [
         [name, f"{summary['excitation_by_joint'][name]:.0f}", f"{summary['explained_motion_by_joint'][name]:.3f}"]

@@ -150,7 +150,7 @@ def _ports(told: list[str]) -> tuple[int, str | None]:
     return int(numbers[0]) if numbers else PORT, paths[0] if paths else None
 
 
-def _sources() -> list[Any]:
+def _sources() -> list[SourceMaker]:
     return [point.load() for point in metadata.entry_points(group=GROUP)]
 
 

@@ -27,6 +27,7 @@ class LazyParser(argparse.ArgumentParser):
         if fill is not None:
             fill(self)
 
+    # The base class declares it by overloads, which say no more than this.
     def parse_known_args(self, args: Sequence[str] | None = None, namespace: Any = None) -> Any:  # pyright: ignore[reportIncompatibleMethodOverride]
         """As the base class; also what it calls for a subcommand that was chosen."""
         self.complete()

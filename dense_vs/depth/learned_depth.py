@@ -87,6 +87,7 @@ class LearnedDepth:
                 content[f"weights_{m}_{k}"] = weights.astype(np.float32)
                 content[f"biases_{m}_{k}"] = biases.astype(np.float32)
         with atomic_write(path) as stream:
+            # NumPy's stub takes the names of arrays for options.
             np.savez_compressed(stream, **content)  # pyright: ignore[reportArgumentType]
 
     @classmethod

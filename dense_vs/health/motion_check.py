@@ -6,7 +6,6 @@ usual for this robot, so that a J that is known badly is no reason to stop learn
 """
 
 from collections import deque
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -28,10 +27,6 @@ GIVEN_UP = (
 KEPT = 16  # motions since they began not to be explained, for finding a delay
 SOUND = 6  # motions in a row that are explained, after which it is believed that nothing is wrong any more
 MOST_PLACES = 200  # of each
-TRIED_FRAMES = np.arange(-6.0, 3.01, 0.25)
-ENOUGH_LATE = 6  # motions that a delay is found from
-LATE_SHARE = 0.5  # of what is unexplained without the delay that may be left with it
-LATE_LEFT = 0.2  # the same of the motion itself
 
 
 @dataclass(frozen=True)
@@ -126,36 +121,3 @@ class MotionCheck:
             return Fault(FaultKind.MISFIT, "motion was not the joints' a moment ago", stops=False)
         text = f"a share of {self.share:.2f} of the motion is not the joints'; {self.usual:.2f} is usual"
         return Fault(FaultKind.MISFIT, text, stops=self._wrong > 1)  # the first may be chance
-
-
-def find_lateness(
-    recent: list[Motion], positions_at: Callable[[float], np.ndarray], now: float, frame_time: float
-) -> float | None:
-    """The delay of joint readings that explains motions which J does not explain with the present one.
-
-    Args:
-        recent: motions and J at them, J as it was learned before.
-        positions_at: joint positions ``(N,)`` [rad] by the clock of the readings.
-        now: the present delay [s].
-        frame_time: time between images [s].
-
-    Returns:
-        The delay [s], below 0 where images are late; None where no other explains them clearly better.
-    """
-    recent = recent[1:]  # the first may span the moment at which the delay changed
-    delays = TRIED_FRAMES * frame_time
-    unexplained = np.zeros(len(delays) + 1)
-    moved = 0
-    for number, delay in enumerate([*delays, now]):
-        for motion in recent:
-            span = positions_at(motion.end + delay) - positions_at(motion.begin + delay)
-            predicted = motion.jacobian @ span
-            unexplained[number] += float(((motion.flow - predicted) ** 2).mean())
-            moved += int(number == len(delays) and float((predicted**2).sum(axis=1).mean()) > MOVING**2)
-    best = int(np.argmin(unexplained[:-1]))
-    energy = sum(float((motion.flow**2).mean()) for motion in recent)
-    fits = unexplained[best] < min(LATE_SHARE * unexplained[-1], LATE_LEFT * energy)
-    if len(recent) < ENOUGH_LATE or moved < ENOUGH_LATE // 2 or not fits:
-        return None
-    # A quarter of a frame cannot be told from none.
-    return 0.0 if abs(TRIED_FRAMES[best]) < 0.5 else float(delays[best])

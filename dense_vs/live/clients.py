@@ -213,7 +213,7 @@ class Clients:
         elif kind == "alive":
             if client.number == self.control.holder:
                 gate = self._session.gate
-                (gate.hold if message.get("held") is True else gate.release)()
+                (gate.press if message.get("held") is True else gate.release)()
         elif kind == "take":
             self.control.take(client.number)
         elif kind == "leave":

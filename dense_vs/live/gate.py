@@ -7,17 +7,18 @@ limits hold for every command that passes.
 
 import threading
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 
 import numpy as np
 
 from dense_vs.checks import check_number
 from dense_vs.robot.joint_group import checked_limits
 from dense_vs.robot.protocols import Robot
+from dense_vs.robot.wrapped_robot import WrappedRobot
 
 DEFAULT_SPEED = 1.0  # rad/s
 LONGEST_STEP = 0.1  # s; a frame that took longer allows no larger step
-HOLD_SECONDS = 0.4  # a dead-man's hold is fresh for so long
+PRESS_SECONDS = 0.4  # a press of the dead-man's key counts for so long
 
 
 class PageGate:
@@ -25,18 +26,18 @@ class PageGate:
 
     Args:
         max_speed: of any joint [rad/s, m/s].
-        clock: seconds, for the dead-man's hold.
+        clock: seconds, for the dead-man's key.
 
     Attributes:
         reason: why it is closed, for the user; "" where it is open.
-        dead_man: whether commands pass only while :meth:`hold` is called again and again.
+        dead_man: whether commands pass only while :meth:`press` is called again and again.
     """
 
     def __init__(self, max_speed: float = DEFAULT_SPEED, *, clock: Callable[[], float] = time.monotonic):
         self._lock = threading.Lock()
         self._clock = clock
         self._open = False
-        self._held_until = -np.inf
+        self._pressed_until = -np.inf
         self._max_speed = check_number("max_speed", max_speed, above=0)
         self.dead_man = False
         self.reason = "not started"
@@ -52,13 +53,13 @@ class PageGate:
 
     @property
     def open(self) -> bool:
-        """Whether motion is allowed, a dead-man's hold aside."""
+        """Whether motion is allowed, a dead-man's key aside."""
         return self._open
 
     @property
     def passing(self) -> bool:
         """Whether a command would pass now."""
-        return self._open and (not self.dead_man or self._clock() < self._held_until)
+        return self._open and (not self.dead_man or self._clock() < self._pressed_until)
 
     def allow(self) -> None:
         """Open: somebody in control asked for motion."""
@@ -73,13 +74,13 @@ class PageGate:
                 self.reason = reason
             return was_open
 
-    def hold(self) -> None:
-        """The dead-man's key is held now; counts for :data:`HOLD_SECONDS`."""
-        self._held_until = self._clock() + HOLD_SECONDS
+    def press(self) -> None:
+        """The dead-man's key is down now; counts for :data:`PRESS_SECONDS`."""
+        self._pressed_until = self._clock() + PRESS_SECONDS
 
     def release(self) -> None:
         """The dead-man's key is up."""
-        self._held_until = -np.inf
+        self._pressed_until = -np.inf
 
     def largest_step(self, seconds: float) -> float:
         """Of a joint in a command that comes so long after the last [rad, m]."""
@@ -101,7 +102,7 @@ class PageGate:
         return np.clip(step, np.minimum(room[:, 0], 0.0), np.maximum(room[:, 1], 0.0))
 
 
-class GatedRobot:
+class GatedRobot(WrappedRobot):
     """A robot behind a gate: readings pass, commands as the gate allows.
 
     Args:
@@ -115,7 +116,8 @@ class GatedRobot:
     """
 
     def __init__(self, robot: Robot, gate: PageGate):
-        self._robot, self._gate = robot, gate
+        super().__init__(robot)
+        self._gate = gate
         count = len(robot.joint_names)
         self._limits = checked_limits(robot.joint_limits, count)
         self._positions = np.zeros(count)
@@ -123,19 +125,9 @@ class GatedRobot:
         self.frame_seconds = 1 / 30
         self.reading_time = -np.inf
 
-    @property
-    def joint_names(self) -> Sequence[str]:
-        """Names of the robot's joints."""
-        return self._robot.joint_names
-
-    @property
-    def joint_limits(self) -> np.ndarray | None:
-        """The robot's limits, as it gives them."""
-        return self._robot.joint_limits
-
     def joints(self) -> tuple[np.ndarray, float]:
         """The robot's joints."""
-        positions, time = self._robot.joints()
+        positions, time = super().joints()
         self._positions, self.reading_time = np.asarray(positions, dtype=np.float64), float(time)
         return positions, time
 
@@ -143,10 +135,4 @@ class GatedRobot:
         """Pass on what the gate allows; a robot that is stopped gets a zero step, which holds it."""
         step = self._gate.passed(np.asarray(delta), self._positions, self._limits, self.frame_seconds)
         self.last_command = step
-        self._robot.command(step)
-
-    def hold(self) -> None:
-        """Tell a robot that can do so to hold still at once, from any thread."""
-        hold = getattr(self._robot, "hold", None)
-        if hold is not None:
-            hold()
+        super().command(step)

@@ -56,6 +56,6 @@ class Keeping:
                 session.board.log(self._said, "warning")
 
     def end(self) -> None:
-        """Wait for a writing that goes on."""
+        """Wait for a write that is under way."""
         if self._checkpoint is not None:
             self._checkpoint.end()

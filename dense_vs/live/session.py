@@ -94,8 +94,8 @@ class LiveSession:
 
     def start(self) -> None:
         """Begin reading images; nothing moves."""
-        if self.source.hold is not None:
-            self._watchdog = Watchdog(self.source.hold)
+        if self.source.watchdog is not None:
+            self._watchdog = Watchdog(self.source.watchdog)
         for thread in self._threads:
             thread.start()
 

@@ -18,8 +18,8 @@ class LiveSource:
         name: what to call it on the page.
         commands: whether the robot follows commands; a recording does not.
         paced: whether the images come at the pace of their stamps already, as a camera's do.
-        hold: how a process apart can tell the robot to hold, see :mod:`dense_vs.drivers.watchdog`; None where the robot
-            holds by itself when nobody commands it.
+        watchdog: how a process apart can tell the robot to hold, see :mod:`dense_vs.drivers.watchdog`; None
+            where the robot holds by itself when nobody commands it.
     """
 
     camera: Camera
@@ -27,7 +27,7 @@ class LiveSource:
     name: str
     commands: bool = True
     paced: bool = True
-    hold: Any = None
+    watchdog: Any = None
 
 
 class CameraTap:

@@ -43,7 +43,7 @@ def from_driver(text: str) -> LiveSource:
     if not isinstance(made, tuple) or len(made) != 2 or not hasattr(made[0], "read"):
         raise DenseVSError(f"{text} returned a {type(made).__name__}; expected (camera, robot)")
     camera, robot = made
-    return LiveSource(camera, robot, path.stem, hold=watchdog_of(robot))
+    return LiveSource(camera, robot, path.stem, watchdog=watchdog_of(robot))
 
 
 def from_lerobot(kind: str, port: str | None, camera: str) -> LiveSource:
@@ -58,7 +58,9 @@ def from_lerobot(kind: str, port: str | None, camera: str) -> LiveSource:
     if port is None:
         raise DenseVSError("--lerobot needs --port PATH, as /dev/ttyACM0")
     robot = LeRobotRobot.connect(kind, port)
-    return LiveSource(OpenCVCamera(int(camera) if camera.isdigit() else camera), robot, kind, hold=watchdog_of(robot))
+    return LiveSource(
+        OpenCVCamera(int(camera) if camera.isdigit() else camera), robot, kind, watchdog=watchdog_of(robot)
+    )
 
 
 def from_recording(path: Path, camera: str | None = None) -> LiveSource:
@@ -77,7 +79,7 @@ def watchdog_of(robot: Any) -> Hold | None:
     Raises:
         DenseVSError: something else than a :class:`Hold`.
     """
-    hold = getattr(robot, "watchdog", None)
-    if hold is not None and not isinstance(hold, Hold):
-        raise DenseVSError(f"watchdog is a {type(hold).__name__}; expected a dense_vs.drivers.watchdog.Hold")
-    return hold
+    declared = getattr(robot, "watchdog", None)
+    if declared is not None and not isinstance(declared, Hold):
+        raise DenseVSError(f"watchdog is a {type(declared).__name__}; expected a dense_vs.drivers.watchdog.Hold")
+    return declared

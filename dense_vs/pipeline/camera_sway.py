@@ -31,7 +31,7 @@ class CameraSway:
 
     Attributes:
         foretold: share of the camera's motion that joint steps foretell, lately; NaN while it does not move.
-        travelled: how far the image's middle has been carried in all, x and y [px].
+        traveled: how far the image's middle has been carried in all, x and y [px].
         taken: motions that were taken out; ``unknown``, those that could not be told.
     """
 
@@ -42,7 +42,7 @@ class CameraSway:
         self._judged = 0
         self._squares, self._products = np.zeros((joints, joints)), np.zeros((joints, 4))
         self._energy = np.zeros(2)  # of the camera's motion, and what is left of it [px^2]
-        self.travelled = np.zeros(2)
+        self.traveled = np.zeros(2)
         self.taken = self.unknown = 0
 
     @property
@@ -80,7 +80,7 @@ class CameraSway:
         if self._waiting.largest(*self._size) < LEAST_CARRIED:
             return
         middle = 0.5 * np.array([[self._size[1] - 1, self._size[0] - 1]])
-        self.travelled += (self._waiting.moved(middle) - middle)[0]
+        self.traveled += (self._waiting.moved(middle) - middle)[0]
         stored = estimator.filter.stored()
         estimator.filter.restore(stored | {"state": self._waiting.carried(stored["state"][0])[None]})
         self._waiting = CameraMotion.none()

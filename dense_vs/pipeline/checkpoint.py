@@ -143,7 +143,7 @@ class Checkpoint:
         self._thread.start()
 
     def end(self) -> None:
-        """Wait for a writing that goes on."""
+        """Wait for a write that is under way."""
         if self._thread is not None:
             self._thread.join()
 

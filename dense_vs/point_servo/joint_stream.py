@@ -4,8 +4,8 @@ import numpy as np
 
 from dense_vs.health.faults import Fault, FaultKind
 from dense_vs.health.joint_watch import JointWatch
-from dense_vs.health.motion_check import Motion, find_lateness
-from dense_vs.recording.joint_delay import joint_delay as found_joint_delay
+from dense_vs.health.motion_check import Motion
+from dense_vs.recording.joint_delay import find_changed_delay, find_joint_delay
 from dense_vs.recording.joint_log import JointBuffer
 from dense_vs.robot.joint_group import JointGroup
 from dense_vs.robot.protocols import Robot
@@ -75,7 +75,7 @@ class JointStream:
         return image_time + self.delay <= self._buffer.readings()[0][-1] + 1e-6  # s; stamps are rounded sums
 
     def find_delay(self, time: float, flow: np.ndarray | None) -> bool:
-        """Note a frame's motion; once there is enough, find the delay. Whether there is one, found just now."""
+        """Note a frame's motion and, once there is enough, find the delay; true where one was found just now."""
         start = DELAY_STEP // 2
         if flow is None:  # a frame that was not used: begin anew with the next
             self._motion = []
@@ -87,13 +87,21 @@ class JointStream:
         times = np.array([time for time, _ in seen])
         flows = np.array([np.nan_to_num(flow).ravel() for _, flow in seen[1:] if flow is not None])
         self._motion = []
-        self.delay = found_joint_delay(flows, times, *self._buffer.readings())
+        self.delay = find_joint_delay(flows, times, *self._buffer.readings())
         return self.delay != 0.0
 
-    def find_lateness(self, recent: list[Motion]) -> Fault | None:
-        """Take out a delay that motions which the joints do not explain are explained by; what it is, if one is."""
+    def find_change(self, recent: list[Motion]) -> Fault | None:
+        """Find and take out a delay that explains motions which the present one does not; None where there is none."""
+        motions = recent[1:]  # the first may span the moment at which the delay changed
         frame_time = self.watch.frame_time
-        found = find_lateness(recent, self._buffer.at, self.delay, frame_time)
+        found = find_changed_delay(
+            [motion.flow for motion in motions],
+            [motion.jacobian for motion in motions],
+            np.array([(motion.begin, motion.end) for motion in motions]).reshape(-1, 2),
+            *self._buffer.readings(),
+            now=self.delay,
+            frame_time=frame_time,
+        )
         if found is None or abs(found - self.delay) < 0.4 * frame_time:
             return None
         self.delay = found

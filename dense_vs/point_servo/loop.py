@@ -218,7 +218,7 @@ class ServoLoop:
         self._newest = -np.inf
 
     def babble(self, seconds: float) -> None:
-        """Move at random for that long on the camera's clock, learning J."""
+        """Move at random for that long on the camera's clock, learning J, then a body model where there is none."""
         if not np.isfinite(seconds) or seconds <= 0:
             raise DenseVSError(f"babbling of {seconds!r} s; expected a finite number above 0")
         end = self.frame.time + seconds
@@ -373,7 +373,7 @@ class ServoLoop:
         check = self.pipeline.check
         if check is None or all(fault.kind is not FaultKind.MISFIT for fault in frame.faults):
             return frame
-        late = self.joints.find_lateness(list(check.recent))
+        late = self.joints.find_change(list(check.recent))
         if late is not None:
             self.pipeline.restart()
             self._body.forget_images()

@@ -16,7 +16,7 @@ class ReachEnd(Enum):
     MISSED = "missed"
     """The frames were used up."""
     LOST = "lost"
-    """The tracker lost the point."""
+    """It is not known where the point is."""
 
 
 @dataclass(frozen=True)
@@ -44,5 +44,5 @@ class Reach:
 
     @property
     def lost(self) -> bool:
-        """Whether the tracker had lost the point at the end."""
+        """Whether it was not known at the end where the point is."""
         return self.end is ReachEnd.LOST

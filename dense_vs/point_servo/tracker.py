@@ -4,7 +4,7 @@ DIJE (15) adds the flow at a point to it. With flow stored at the pixels of the 
 the point's old place, which drifts several pixels in 100 frames. ``"fixed_point"`` solves p = p_old + u(p).
 ``"aligned"`` (default, beyond the paper) then aligns the image patch around the point to the one it
 started with, by an affine warp of maximal correlation (Evangelidis and Psarakis' ECC), so that
-errors do not add up. The kernels are in ``kernels/point_tracking.py`` and ``kernels/patch_alignment.py``.
+errors do not add up. The kernels are in ``kernels/tracking/``.
 """
 
 from dataclasses import dataclass

@@ -1,9 +1,8 @@
-"""Offset between the camera's clock and the joints', from the motion that both have seen.
+"""Offset between the camera's clock and the joints' in a recording, with its confidence and its drift over minutes.
 
-For a lag tau the flow of an image pair is compared with the joint steps between its two stamps + tau. Over about a
-second and a half J is nearly constant, so a ridge regression of the (coarse) flow on the joint steps predicts each
-pair from the others of its window; the share of the motion that it predicts is largest where the clocks agree. Beyond
-the papers, which take both clocks as one.
+The offset that is added to the joints' times is the negative of their delay, found from the motion that camera and
+joints have both seen as in :mod:`dense_vs.recording.joint_delay`. A recording is longer than the second or two over
+which J is nearly constant: it is cut into windows, each with a J of its own, whose unexplained motion is summed.
 
 Confidence: the windows are drawn anew 200 times with replacement, and the answer found for each draw. The confidence
 is the share of these answers within 1/30 s of the one for all windows; their spread (half the central 68 %) is the
@@ -16,16 +15,14 @@ from typing import Any
 
 import cv2
 import numpy as np
-from scipy.ndimage import gaussian_filter1d
 
+from dense_vs.recording.joint_delay import DelayCurve, even_joints, joint_steps, unexplained_by_constant_jacobian
 from dense_vs.recording.joint_log import JointLog
 
-REACH = 0.4  # s; offsets of +-0.3 s and room for the peak around them
-LAG = 0.01  # s between the lags tried
+REACH = 0.4  # s; offsets of +-0.3 s and room for the lowest point around them
+DELAY_STEP = 0.01  # s between the delays tried
 WINDOW = 1.6  # s
 LEAST_PAIRS = 8  # image pairs in a window
-RIDGE = 0.01  # of the trace; about the noise of coarse flow
-SMOOTHING = 1 / 30  # s; evens out that interpolation between two readings smooths and a reading itself does not
 LEAST_MOTION = 0.02  # px a pair at 160 px width, root mean square: below it there is no motion to compare
 DRAWS = 200
 # What an offset must reach to be used. Of 30 pairs of real images with the reversed joints of another episode none did.
@@ -107,8 +104,8 @@ def find_clock_offset(samples: MotionSamples, log: JointLog, *, seed: int = 0) -
         log: the joints to compare it with, on their own clock.
         seed: of the draws that give the confidence.
     """
-    times, joints = _smoothed(log)
-    lags = np.arange(-round(REACH / LAG), round(REACH / LAG) + 1) * LAG
+    times, joints = even_joints(log.times, log.positions)
+    delays = np.arange(-round(REACH / DELAY_STEP), round(REACH / DELAY_STEP) + 1) * DELAY_STEP
     pairs, flows = np.array(samples.pairs).reshape(-1, 2), samples.flows
     inside = np.flatnonzero((pairs[:, 0] >= times[0] - REACH) & (pairs[:, 1] <= times[-1] + REACH))
     if joints.shape[1] == 0:
@@ -118,22 +115,22 @@ def find_clock_offset(samples: MotionSamples, log: JointLog, *, seed: int = 0) -
     pairs, motion = pairs[inside], np.stack([flows[k] for k in inside])
     if np.sqrt(np.mean(motion**2, axis=1)).max() < LEAST_MOTION:
         return _unknown("nothing moves in the images")
-    curves, middles = _window_curves(pairs, motion, times, joints, lags)
+    curves, middles = _window_curves(pairs, motion, times, joints, delays)
     if not len(curves) or np.ptp(curves.sum(axis=0)) == 0:
         return _unknown("no second and a half with both image and joint motion")
-    best = _peak(curves.sum(axis=0), lags)
+    best = DelayCurve(delays, curves.sum(axis=0)).best
     random = np.random.default_rng(seed)
     draws = [random.integers(0, len(curves), max(len(curves) // 2, 2)) for _ in range(DRAWS)]
-    found = np.array([_peak(curves[chosen].sum(axis=0), lags) for chosen in draws])
+    found = np.array([DelayCurve(delays, curves[chosen].sum(axis=0)).best for chosen in draws])
     confidence = float(np.mean(np.abs(found - best) < ONE_IMAGE))
     error = float(np.quantile(found, 0.84) - np.quantile(found, 0.16)) / 2
-    if confidence < ENOUGH or error > MOST_ERROR or abs(best) > REACH - LAG:
+    if confidence < ENOUGH or error > MOST_ERROR or abs(best) > REACH - DELAY_STEP:
         reason = (
             f"the motion does not tell it well enough (confidence {confidence:.2f} and standard error {error:.3f} s; "
             f"{ENOUGH} and {MOST_ERROR} s are needed)"
         )
         return ClockOffset(0.0, confidence, error, best=-best, reason=reason)
-    drift, middle = _drift(curves, middles, lags, best, draws), float(np.mean(middles))
+    drift, middle = _drift(curves, middles, delays, best, draws), float(np.mean(middles))
     return ClockOffset(-best, confidence, error, -drift, middle, -best)
 
 
@@ -141,24 +138,10 @@ def _unknown(reason: str) -> ClockOffset:
     return ClockOffset(0.0, 0.0, float("nan"), reason=reason)
 
 
-def _smoothed(log: JointLog) -> tuple[np.ndarray, np.ndarray]:
-    """Fine times (T,) and the joints that move (T, N), smoothed, in units of their own usual change."""
-    step = max((log.times[-1] - log.times[0]) / 2e6, 1 / 240)  # bounded, however long the log
-    times = np.arange(log.times[0], log.times[-1], step)
-    joints = np.stack([np.interp(times, log.times, column) for column in log.positions.T], axis=1)
-    joints = gaussian_filter1d(joints, SMOOTHING / step, axis=0, mode="nearest")
-    tenth = max(1, round(0.1 / step))
-    if len(joints) <= tenth:
-        return times, joints[:, :0]
-    change = np.sqrt(np.mean((joints[tenth:] - joints[:-tenth]) ** 2, axis=0))
-    moves = change > 0
-    return times, joints[:, moves] / change[moves]
-
-
 def _window_curves(
-    pairs: np.ndarray, motion: np.ndarray, times: np.ndarray, joints: np.ndarray, lags: np.ndarray
+    pairs: np.ndarray, motion: np.ndarray, times: np.ndarray, joints: np.ndarray, delays: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Predicted motion of each window (W, L) [px^2] at each lag, and the windows' middles (W,) [s]."""
+    """Unexplained motion of each window (W, L) [px^2] at each delay, and the windows' middles (W,) [s]."""
     windows = []
     start = pairs[0, 0]
     while start < pairs[-1, 1]:
@@ -170,71 +153,37 @@ def _window_curves(
     def each_window() -> Iterator[tuple[np.ndarray, np.ndarray]]:
         """Joint steps and products of the flows; made anew, as those of a long recording would fill the memory."""
         for first, end in windows:
-            yield _joint_steps(pairs[first:end], times, joints, lags), motion[first:end] @ motion[first:end].T
+            yield joint_steps(pairs[first:end], delays, times, joints), motion[first:end] @ motion[first:end].T
 
     # A joint that by itself predicts little of the motion, as one that only shivers, must not dilute the others.
-    singly = np.zeros((joints.shape[1], len(lags)))
+    singly = np.zeros((joints.shape[1], len(delays)))
     for steps, energy in each_window():
-        singly += [_predicted(steps[:, :, n : n + 1], energy) for n in range(joints.shape[1])]
+        for n in range(joints.shape[1]):
+            singly[n] += np.trace(energy) - unexplained_by_constant_jacobian(steps[:, :, n : n + 1], energy)
     weights = np.maximum(singly.max(axis=1), 0.0)
     weights = (weights / max(weights.max(), 1e-12)) ** 2
-    curves = [_predicted(steps * weights, energy) for steps, energy in each_window()]
+    curves = [unexplained_by_constant_jacobian(steps * weights, energy) for steps, energy in each_window()]
     middles = [0.5 * (pairs[first, 0] + pairs[end - 1, 1]) for first, end in windows]
     return np.array(curves), np.array(middles)
 
 
-def _joint_steps(pairs: np.ndarray, times: np.ndarray, joints: np.ndarray, lags: np.ndarray) -> np.ndarray:
-    """Joint steps (L, P, N) between the stamps of P pairs, for each lag; zero outside the log.
-
-    Pairs outside the log stay in: the answer for a log that is shifted is then the same, shifted.
-    """
-    first, second = pairs[None, :, 0] + lags[:, None], pairs[None, :, 1] + lags[:, None]
-    return np.stack([np.interp(second, times, q) - np.interp(first, times, q) for q in joints.T], axis=2)
-
-
-def _predicted(steps: np.ndarray, energy: np.ndarray) -> np.ndarray:
-    """Motion of a window that its other pairs predict, (L,): leave one out in closed form.
-
-    Args:
-        steps: (L, P, N) joint steps.
-        energy: (P, P) products of the flows.
-    """
-    kernel = steps @ steps.transpose(0, 2, 1)
-    trace = np.trace(kernel, axis1=1, axis2=2)
-    eye = np.eye(kernel.shape[1])
-    hat = np.linalg.solve(kernel + (RIDGE * trace + 1e-12)[:, None, None] * eye, kernel)
-    leverage = np.minimum(np.diagonal(hat, axis1=1, axis2=2), 1 - 1e-6)
-    residual = (eye - hat) / (1 - leverage)[:, :, None]
-    return np.trace(energy) - np.einsum("lij,jk,lik->l", residual, energy, residual, optimize=True)
-
-
-def _peak(curve: np.ndarray, lags: np.ndarray) -> float:
-    """Lag of the highest point of a parabola through the best lag and its neighbors."""
-    k = int(np.argmax(curve))
-    if not 0 < k < len(curve) - 1:
-        return float(lags[k])
-    left, top, right = curve[k - 1 : k + 2]
-    bend = left - 2 * top + right
-    return float(lags[k] + (LAG * 0.5 * (left - right) / bend if bend < 0 else 0.0))
-
-
-def _drift(curves: np.ndarray, middles: np.ndarray, lags: np.ndarray, best: float, draws: list[np.ndarray]) -> float:
-    """Change of the lag a second; 0 where it is short, or not three standard errors from 0."""
+def _drift(curves: np.ndarray, middles: np.ndarray, delays: np.ndarray, best: float, draws: list[np.ndarray]) -> float:
+    """Change of the delay a second; 0 where it is short, or not three standard errors from 0."""
     seconds = float(np.ptp(middles))
     if seconds < LEAST_DRIFT_SECONDS:
         return 0.0
     rates = np.linspace(-0.2, 0.2, 161) / seconds
     around = middles - np.mean(middles)
-    # Of every window at every rate, around the common lag.
+    # Of every window at every rate, around the common delay.
     values = np.stack(
         [
-            np.stack([np.interp(best + shift + rates * t, lags, row) for t, row in zip(around, curves, strict=True)])
+            np.stack([np.interp(best + shift + rates * t, delays, row) for t, row in zip(around, curves, strict=True)])
             for shift in np.linspace(-0.02, 0.02, 5)
         ]
     )  # (shifts, windows, rates)
 
     def rate(chosen: np.ndarray | slice) -> float:
-        return float(rates[int(np.argmax(values[:, chosen].sum(axis=1).max(axis=0)))])
+        return float(rates[int(np.argmin(values[:, chosen].sum(axis=1).min(axis=0)))])
 
     answer = rate(slice(None))
     spread = np.std([rate(chosen) for chosen in draws])

@@ -1,39 +1,181 @@
-"""How far joint readings are behind the images: the delay at which joint steps explain the image motion best.
+"""The delay between images and joint readings, from the motion that both have seen.
 
-Over a second or two J changes little, so the flow at every pixel is nearly linear in the joint step. For each delay
-tried, the joint positions are read that much later, and the flow's energy that no constant J explains is counted
-(beyond the paper, which has one clock).
+For each delay tried, the joint steps between the stamps of two images are read that much later, and the image motion
+that these steps leave unexplained is counted; the delay is where least is left. It is above 0 where readings are behind
+the images, below 0 where images are late. Motion is explained by J where J is known. Where it is not, over a second or
+two J changes little: a ridge regression of the flow on the joint steps predicts each image pair from the others
+(beyond the papers, which have one clock).
+
+Three functions search so, each with what it has: :func:`find_joint_delay` with two seconds of babbling,
+:func:`find_changed_delay` with the last images where J is known, :func:`dense_vs.recording.find_clock_offset` with a
+whole recording.
 """
 
+from collections.abc import Sequence
+from dataclasses import dataclass
+
 import numpy as np
+from scipy.ndimage import gaussian_filter1d
 
-TRIED_FRAMES = np.arange(-2.0, 3.01, 0.25)  # frames
-LEAST_FRAMES = 0.5  # of a delay that counts: a quarter of a frame cannot be told from none and costs little
-LEAST_GAIN = 0.02  # share of the unexplained energy that the delay has to explain
+RIDGE = 0.01  # of the trace; about the noise of coarse flow
+SMOOTHING = 1 / 30  # s; evens out that interpolation between two readings smooths and a reading itself does not
+FRAME_SHARE = 0.25  # frames between the delays tried
+LEAST_FRAMES = 0.4  # of a delay that counts; less costs little
+BABBLING_FRAMES = -2.0, 3.0  # tried
+LEAST_GAIN = 0.02  # share of the unexplained motion that a delay has to explain
+CHANGED_FRAMES = -6.0, 3.0  # tried where J is known
+LEAST_MOTIONS = 4  # that a changed delay is found from
+LEAST_CHANGED = 0.75  # frames of one that counts: so few motions tell it to about half a frame
+LEAST_STEP = 1.0  # px that joints must have moved the image in half of them
+MOST_LEFT = 0.5  # of what is unexplained without the change that may be left with it
+MOST_SHARE = 0.2  # of the motion that may be left with it
+NOISE = 0.3  # px of flow
 
 
-def joint_delay(flow: np.ndarray, image_times: np.ndarray, times: np.ndarray, positions: np.ndarray) -> float:
-    """Delay of the readings [s], below 0 where the images are late; 0 where none explains the motion clearly better.
+@dataclass(frozen=True)
+class DelayCurve:
+    """Image motion that the joints leave unexplained, by their delay.
+
+    Attributes:
+        delays: ``(L,)``, evenly spaced [s].
+        unexplained: ``(L,)``, as an energy [px^2] or as a share.
+    """
+
+    delays: np.ndarray
+    unexplained: np.ndarray
+
+    @property
+    def least(self) -> float:
+        """What the best of the delays tried leaves unexplained."""
+        return float(self.unexplained.min())
+
+    @property
+    def best(self) -> float:
+        """Delay at the lowest point of a parabola through the best delay tried and its neighbors [s]."""
+        k = int(np.argmin(self.unexplained))
+        if not 0 < k < len(self.delays) - 1:
+            return float(self.delays[k])
+        left, lowest, right = self.unexplained[k - 1 : k + 2]
+        bend = left - 2 * lowest + right
+        step = self.delays[1] - self.delays[0]
+        return float(self.delays[k] + (step * 0.5 * (left - right) / bend if bend > 0 else 0.0))
+
+    def at(self, delay: float) -> float:
+        """What a delay leaves unexplained."""
+        return float(np.interp(delay, self.delays, self.unexplained))
+
+
+def find_joint_delay(flow: np.ndarray, image_times: np.ndarray, times: np.ndarray, positions: np.ndarray) -> float:
+    """Delay of the readings while J is learned [s]; 0 where none explains the motion clearly better.
 
     Args:
         flow: ``(K, M)`` image motion of K successive frames at some pixels, x and y alike [px].
         image_times: ``(K + 1,)`` stamps of their images [s].
         times: ``(S,)`` stamps of the joint readings [s], increasing; those up to 3 frames past the images are used.
-        positions: ``(S, N)`` the readings [rad].
+        positions: ``(S, N)`` the readings [rad, m].
     """
     frame_time = float(np.median(np.diff(image_times)))
-    delays = TRIED_FRAMES * frame_time
-    unexplained = np.array([_unexplained(flow, image_times + delay, times, positions) for delay in delays])
-    best = int(np.argmin(unexplained))
-    now = unexplained[int(np.argmin(np.abs(delays)))]
-    counts = abs(TRIED_FRAMES[best]) >= LEAST_FRAMES and unexplained[best] < (1 - LEAST_GAIN) * now
-    return float(delays[best]) if counts else 0.0
+    delays = _tried(BABBLING_FRAMES, frame_time)
+    at, joints = even_joints(times, positions)
+    if joints.shape[1] == 0:
+        return 0.0
+    steps = joint_steps(np.stack([image_times[:-1], image_times[1:]], axis=1), delays, at, joints)
+    curve = DelayCurve(delays, unexplained_by_constant_jacobian(steps, flow @ flow.T))
+    counts = curve.least < (1 - LEAST_GAIN) * curve.at(0.0)
+    return curve.best if counts and abs(curve.best) >= LEAST_FRAMES * frame_time else 0.0
 
 
-def _unexplained(flow: np.ndarray, at: np.ndarray, times: np.ndarray, positions: np.ndarray) -> float:
-    """Energy of the flow outside of what joint steps between those times span [px^2]."""
-    joints = np.array([np.interp(at, times, joint) for joint in positions.T])
-    steps = joints[:, 1:].T - joints[:, :-1].T
-    left, sizes, _ = np.linalg.svd(steps, full_matrices=False)
-    spanned = left[:, sizes > 1e-6 * sizes.max(initial=1e-12)]
-    return float(np.sum(flow**2) - np.sum((spanned.T @ flow) ** 2))
+def find_changed_delay(
+    flows: Sequence[np.ndarray],
+    jacobians: Sequence[np.ndarray],
+    pairs: np.ndarray,
+    times: np.ndarray,
+    positions: np.ndarray,
+    *,
+    now: float,
+    frame_time: float,
+) -> float | None:
+    """The delay that explains motions which J does not explain with the present one.
+
+    Args:
+        flows: ``(P, 2)`` each of K motions, at P places that may differ [px].
+        jacobians: ``(P, 2, N)`` there, as learned before [px/rad].
+        pairs: ``(K, 2)`` stamps of the two images of each [s].
+        times: ``(S,)`` stamps of the joint readings [s], increasing.
+        positions: ``(S, N)`` the readings [rad, m].
+        now: the present delay [s].
+        frame_time: time between images [s].
+
+    Returns:
+        The delay [s]; None where no other explains them clearly better.
+    """
+    if len(flows) < LEAST_MOTIONS:
+        return None
+    delays = _tried(CHANGED_FRAMES, frame_time)
+    steps = joint_steps(pairs, np.append(delays, now), times, positions)
+    *left, unchanged = unexplained_by_jacobian(steps, flows, jacobians)
+    curve = DelayCurve(delays, np.array(left))
+    if curve.least >= min(MOST_LEFT * unchanged, MOST_SHARE):
+        return None
+    moved = [float(((J @ step) ** 2).sum(axis=1).mean()) for J, step in zip(jacobians, steps[-1], strict=True)]
+    if np.count_nonzero(np.array(moved) > LEAST_STEP**2) < LEAST_MOTIONS // 2:
+        return None
+    return curve.best if abs(curve.best) >= LEAST_CHANGED * frame_time else 0.0
+
+
+def even_joints(times: np.ndarray, positions: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Fine times ``(T,)`` [s] and the joints that move ``(T, N)``, smoothed, in units of their own usual change."""
+    step = max((times[-1] - times[0]) / 2e6, 1 / 240)  # bounded, however long the log
+    fine = np.arange(times[0], times[-1], step)
+    joints = np.stack([np.interp(fine, times, column) for column in positions.T], axis=1)
+    joints = gaussian_filter1d(joints, SMOOTHING / step, axis=0, mode="nearest")
+    tenth = max(1, round(0.1 / step))
+    if len(joints) <= tenth:
+        return fine, joints[:, :0]
+    change = np.sqrt(np.mean((joints[tenth:] - joints[:-tenth]) ** 2, axis=0))
+    moves = change > 1e-12 * np.abs(joints).max(axis=0, initial=0.0)  # less is rounding
+    return fine, joints[:, moves] / change[moves]
+
+
+def joint_steps(pairs: np.ndarray, delays: np.ndarray, times: np.ndarray, positions: np.ndarray) -> np.ndarray:
+    """Joint steps ``(L, K, N)`` between the stamps of K image pairs ``(K, 2)``, for each delay; zero outside the log.
+
+    Pairs outside the log stay in: the answer for a log that is shifted is then the same, shifted.
+    """
+    first, second = pairs[None, :, 0] + delays[:, None], pairs[None, :, 1] + delays[:, None]
+    return np.stack([np.interp(second, times, q) - np.interp(first, times, q) for q in positions.T], axis=2)
+
+
+def unexplained_by_constant_jacobian(steps: np.ndarray, energy: np.ndarray) -> np.ndarray:
+    """Motion that the other image pairs do not predict, ``(L,)`` [px^2]: leave one out in closed form.
+
+    Args:
+        steps: ``(L, K, N)`` joint steps, each joint in units of its own usual change.
+        energy: ``(K, K)`` products of the flows [px^2].
+    """
+    kernel = steps @ steps.transpose(0, 2, 1)
+    trace = np.trace(kernel, axis1=1, axis2=2)
+    eye = np.eye(kernel.shape[1])
+    hat = np.linalg.solve(kernel + (RIDGE * trace + 1e-12)[:, None, None] * eye, kernel)
+    leverage = np.minimum(np.diagonal(hat, axis1=1, axis2=2), 1 - 1e-6)
+    residual = (eye - hat) / (1 - leverage)[:, :, None]
+    return np.einsum("lij,jk,lik->l", residual, energy, residual, optimize=True)
+
+
+def unexplained_by_jacobian(
+    steps: np.ndarray, flows: Sequence[np.ndarray], jacobians: Sequence[np.ndarray]
+) -> np.ndarray:
+    """Share of the motion that J does not predict, ``(L,)``: the mean of |u - J s|^2 / (|u|^2 + |J s|^2) over motions.
+
+    A share and no sum of squares: where a flow fails it fails grossly, and one would outweigh all the others.
+    """
+    unexplained = np.zeros(len(steps))
+    for k, (flow, J) in enumerate(zip(flows, jacobians, strict=True)):
+        predicted = np.einsum("pin,ln->lpi", J, steps[:, k])
+        energy = (flow**2).mean() + (predicted**2).mean(axis=(1, 2)) + NOISE**2
+        unexplained += ((flow - predicted) ** 2).mean(axis=(1, 2)) / energy
+    return unexplained / len(flows)
+
+
+def _tried(frames: tuple[float, float], frame_time: float) -> np.ndarray:
+    return np.arange(round(frames[0] / FRAME_SHARE), round(frames[1] / FRAME_SHARE) + 1) * (FRAME_SHARE * frame_time)

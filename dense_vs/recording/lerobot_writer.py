@@ -4,6 +4,7 @@ LeRobot knows no time stamps but multiples of 1 / fps, so each image is stored w
 interpolated between the readings around it.
 """
 
+import importlib
 import json
 from pathlib import Path
 from typing import Any
@@ -47,7 +48,7 @@ class LeRobotWriter:
         robot: str = "unknown",
     ):
         try:
-            import pyarrow  # noqa: F401
+            importlib.import_module("pyarrow")
         except ImportError as error:
             raise DenseVSError(
                 "writing LeRobot datasets needs pyarrow, which is not installed; pip install 'dense-vs[recordings]'"

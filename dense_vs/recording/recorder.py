@@ -1,19 +1,18 @@
 """Records a robot while a loop runs it: stands between the loop and the robot's own camera and joints."""
 
 import os
-from collections.abc import Sequence
 
 import numpy as np
 
 from dense_vs.recording.writers import QUALITY, open_writer
-from dense_vs.robot import Camera, Robot
+from dense_vs.robot import Camera, Robot, WrappedRobot
 
 
-class Recorder:
-    """Camera and robot that pass everything on and write it down; use as a context manager.
+class Recorder(WrappedRobot):
+    """Camera and robot that pass everything on and write it down; use as a context manager::
 
-    with Recorder(camera, robot, "run", form="lerobot") as recorder:
-        ServoLoop(recorder, recorder).babble(20)
+        with Recorder(camera, robot, "run", form="lerobot") as recorder:
+            ServoLoop(recorder, recorder).babble(20)
 
     Args:
         camera, robot: what is recorded.
@@ -36,18 +35,9 @@ class Recorder:
         fps: float = 30.0,
         quality: int = QUALITY,
     ):
-        self._camera, self._robot = camera, robot
+        super().__init__(robot)
+        self._camera = camera
         self._writer = open_writer(form, path, tuple(robot.joint_names), fps=fps, quality=quality)
-
-    @property
-    def joint_names(self) -> Sequence[str]:
-        """Names of the robot's joints."""
-        return self._robot.joint_names
-
-    @property
-    def joint_limits(self) -> np.ndarray | None:
-        """The robot's limits, as it gives them."""
-        return self._robot.joint_limits
 
     def read(self) -> tuple[np.ndarray, float]:
         """The camera's next image, written down."""
@@ -58,13 +48,9 @@ class Recorder:
 
     def joints(self) -> tuple[np.ndarray, float]:
         """The robot's joints, written down."""
-        positions, time = self._robot.joints()
+        positions, time = super().joints()
         self._writer.add_joints(positions, time)
         return positions, time
-
-    def command(self, delta: np.ndarray) -> None:
-        """Pass a command on."""
-        self._robot.command(delta)
 
     def __enter__(self) -> "Recorder":
         return self

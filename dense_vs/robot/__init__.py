@@ -7,7 +7,8 @@ May import: the ground (``errors``, ``checks``, ``arrays``, ``device``, ``files`
 from dense_vs.robot.babbling import Babbling, BabblingOptions
 from dense_vs.robot.command_gate import CommandGate
 from dense_vs.robot.joint_group import JointGroup
-from dense_vs.robot.protocols import Camera, Gripper, GripperState, JointUnits, Robot
+from dense_vs.robot.protocols import Camera, Gripper, GripperState, Holding, JointUnits, Robot, Watched
+from dense_vs.robot.wrapped_robot import WrappedRobot
 
 __all__ = [
     "Babbling",
@@ -16,7 +17,10 @@ __all__ = [
     "CommandGate",
     "Gripper",
     "GripperState",
+    "Holding",
     "JointGroup",
     "JointUnits",
     "Robot",
+    "Watched",
+    "WrappedRobot",
 ]

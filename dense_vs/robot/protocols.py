@@ -1,11 +1,11 @@
 """The interfaces between this library and a robot: a camera, its joints and a gripper.
 
 Anything with these members works; nothing needs to be inherited. ``dense_vs.sims`` implements them for
-simulated robots, a user for a real one.
+simulated robots, a user for a real one. A robot around another one is a :class:`dense_vs.robot.WrappedRobot`.
 """
 
 from collections.abc import Sequence
-from typing import Protocol, runtime_checkable
+from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
 
@@ -55,6 +55,25 @@ class JointUnits(Protocol):
     @property
     def joint_units(self) -> Sequence[str]:
         """Unit of each of the N joints: ``"rad"``, or ``"m"`` for a prismatic joint."""
+        ...
+
+
+@runtime_checkable
+class Holding(Protocol):
+    """What a :class:`Robot` may have besides: a way to stop it between commands."""
+
+    def hold(self) -> None:
+        """Stop at once and hold; called from any thread."""
+        ...
+
+
+@runtime_checkable
+class Watched(Protocol):
+    """What a :class:`Robot` may have besides: how another process makes it hold when its program dies."""
+
+    @property
+    def watchdog(self) -> Any:
+        """A :class:`dense_vs.drivers.watchdog.Hold`; None for a robot that holds by itself when commands stop."""
         ...
 
 

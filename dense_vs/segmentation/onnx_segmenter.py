@@ -40,7 +40,7 @@ class OnnxOptions:
 
     Attributes:
         layout: ``"nchw"`` or ``"nhwc"``, of the image and of the answer.
-        colours: ``"rgb"`` or ``"bgr"``, order of the channels.
+        colors: ``"rgb"`` or ``"bgr"``, order of the channels.
         size: (height, width) that images are resized to; None takes the network's own, or the image's where
             the network leaves it open.
         multiple: where the size is open, sides are rounded up to a multiple of this.
@@ -61,7 +61,7 @@ class OnnxOptions:
     """
 
     layout: Layout = "nchw"
-    colours: Colors = "rgb"
+    colors: Colors = "rgb"
     size: tuple[int, int] | None = None
     multiple: int = 1
     scale: float = 1 / 255
@@ -78,7 +78,7 @@ class OnnxOptions:
     providers: Sequence[str] = ()
 
     def __post_init__(self):
-        for name, choices in (("layout", Layout), ("colours", Colors), ("activation", Activation)):
+        for name, choices in (("layout", Layout), ("colors", Colors), ("activation", Activation)):
             check_choice(name, getattr(self, name), get_args(choices))
         for name in ("mean", "std"):
             expected = "three finite numbers, std above 0"
@@ -98,7 +98,7 @@ class OnnxSegmenter:
 
     Args:
         path: of the file.
-        layout, colours, size, multiple, scale, mean, std: of the image, see :class:`OnnxOptions`.
+        layout, colors, size, multiple, scale, mean, std: of the image, see :class:`OnnxOptions`.
         image_input, mask_output, activation, channel, threshold, mask_input, states: of the network, likewise.
         threads, providers: of ONNX Runtime, likewise.
 
@@ -115,7 +115,7 @@ class OnnxSegmenter:
         path: str | os.PathLike[str],
         *,
         layout: Layout = "nchw",
-        colours: Colors = "rgb",
+        colors: Colors = "rgb",
         size: tuple[int, int] | None = None,
         multiple: int = 1,
         scale: float = 1 / 255,
@@ -133,7 +133,7 @@ class OnnxSegmenter:
     ):
         self.options = OnnxOptions(
             layout=layout,
-            colours=colours,
+            colors=colors,
             size=size,
             multiple=multiple,
             scale=scale,
@@ -244,7 +244,7 @@ class OnnxSegmenter:
     def _image_tensor(self, image: np.ndarray, size: tuple[int, int]) -> np.ndarray:
         shrinks = size[0] < image.shape[0]
         resized = cv2.resize(image, size[::-1], interpolation=cv2.INTER_AREA if shrinks else cv2.INTER_LINEAR)
-        if self.options.colours == "bgr":
+        if self.options.colors == "bgr":
             resized = resized[..., ::-1]
         dtype = _TYPES[self._inputs[self._image_name()].type]
         if dtype is np.uint8:  # a network that normalizes by itself

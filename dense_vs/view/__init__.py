@@ -1,6 +1,6 @@
 """Output for people: pictures, panels, plots, tables, progress, and where a result comes from.
 
-Reads all rooms; no room but the command line reads it.
+It reads all algorithms, and none of them reads it: only programs do (``sweep``, ``live``, ``cli`` and the simulator).
 
-May import: every room of ``dense_vs`` but ``cli``.
+May import: every room of algorithms.
 """

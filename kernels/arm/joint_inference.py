@@ -153,7 +153,8 @@ class JointSolver:
             device=self.device,
             record_tape=False,
         )
-        return tuple(a.numpy()[:images, :count].copy() for a in (self._joints, self._costs, self._steps))  # type: ignore
+        joints, costs, steps = (a.numpy()[:images, :count].copy() for a in (self._joints, self._costs, self._steps))
+        return joints, costs, steps
 
 
 def _assign(target: Any, value: np.ndarray, rows: int | None = None) -> None:

@@ -16,7 +16,7 @@ import mujoco
 from dense_vs.errors import DenseVSError
 from dense_vs.files import output_folder
 from dense_vs.sims.arms.cameras import add_cameras, surface_points
-from dense_vs.sims.arms.catalog import ARMS, ROBOSUITE, ArmModel
+from dense_vs.sims.arms.catalog import ARMS, ROBOSUITE, CommercialArm
 from dense_vs.sims.arms.packages import download_package
 from dense_vs.sims.arms.room import add_room
 from dense_vs.sims.engine.built_scenes import scenes_folder
@@ -48,7 +48,7 @@ def build_arm(name: str, folder: Path | None = None) -> Path:
         return build_scene(arm, name, package, out)
 
 
-def build_scene(arm: ArmModel, name: str, package: Path, out: Path) -> Path:
+def build_scene(arm: CommercialArm, name: str, package: Path, out: Path) -> Path:
     """Build an arm's scene from unpacked packages into the folder ``out``; the path of ``scene.xml``."""
     assets = output_folder(out / "assets")
     spec = _load(package / arm.file)
@@ -103,7 +103,7 @@ def _gather_assets(spec: mujoco.MjSpec, source: Path, assets: Path) -> None:
     spec.meshdir = spec.texturedir = str(assets)
 
 
-def _leave_out(spec: mujoco.MjSpec, arm: ArmModel) -> None:
+def _leave_out(spec: mujoco.MjSpec, arm: CommercialArm) -> None:
     """Delete the package's own actuators, sensors and surroundings, and hide collision geoms."""
     _delete(spec, [*spec.actuators, *spec.sensors, *spec.equalities])
     _delete(spec, [e for e in (*spec.bodies, *spec.geoms, *spec.materials) if e.name in arm.without])
@@ -114,7 +114,7 @@ def _leave_out(spec: mujoco.MjSpec, arm: ArmModel) -> None:
         _hide_collision(spec)
 
 
-def _mount_gripper(spec: mujoco.MjSpec, arm: ArmModel, package: Path, assets: Path) -> None:
+def _mount_gripper(spec: mujoco.MjSpec, arm: CommercialArm, package: Path, assets: Path) -> None:
     """Fix a gripper to the hand, its fingers as they are shipped."""
     assert arm.gripper is not None
     gripper = _load(package / arm.gripper)
@@ -125,7 +125,7 @@ def _mount_gripper(spec: mujoco.MjSpec, arm: ArmModel, package: Path, assets: Pa
     spec.attach(gripper, frame=spec.body(arm.hand).add_frame(), prefix="gripper_")
 
 
-def _drive(spec: mujoco.MjSpec, arm: ArmModel) -> None:
+def _drive(spec: mujoco.MjSpec, arm: CommercialArm) -> None:
     """Position servos for the arm's joints; the joints that stand still are damped."""
     for body in spec.bodies[1:]:
         body.gravcomp = 1.0

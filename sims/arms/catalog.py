@@ -11,7 +11,7 @@ GYMNASIUM_ASSETS = "gymnasium_robotics/envs/assets"
 
 
 @dataclass(frozen=True)
-class ArmModel:
+class CommercialArm:
     """A commercial arm as a package ships it.
 
     Attributes:
@@ -43,8 +43,8 @@ def _numbered(names: str, angles: tuple[float, ...]) -> dict[str, float]:
 
 _BAXTER_HOME = (0.403, -0.636, 0.114, 1.432, 0.735, 1.205, -0.269)
 
-ARMS: dict[str, ArmModel] = {
-    "panda": ArmModel(
+ARMS: dict[str, CommercialArm] = {
+    "panda": CommercialArm(
         package=ROBOSUITE,
         file=f"{ROBOSUITE_ASSETS}/robots/panda/robot.xml",
         home=_numbered(
@@ -54,7 +54,7 @@ ARMS: dict[str, ArmModel] = {
         hand="right_hand",
         gripper=f"{ROBOSUITE_ASSETS}/grippers/panda_gripper.xml",
     ),
-    "ur5e": ArmModel(
+    "ur5e": CommercialArm(
         package=ROBOSUITE,
         file=f"{ROBOSUITE_ASSETS}/robots/ur5e/robot.xml",
         home=_numbered(
@@ -64,7 +64,7 @@ ARMS: dict[str, ArmModel] = {
         hand="right_hand",
         gripper=f"{ROBOSUITE_ASSETS}/grippers/robotiq_gripper_85.xml",
     ),
-    "baxter": ArmModel(
+    "baxter": CommercialArm(
         package=ROBOSUITE,
         file=f"{ROBOSUITE_ASSETS}/robots/baxter/robot.xml",
         home=_numbered("right_s0 right_s1 right_e0 right_e1 right_w0 right_w1 right_w2", _BAXTER_HOME),
@@ -75,7 +75,7 @@ ARMS: dict[str, ArmModel] = {
             (-0.403, -0.636, -0.114, 1.432, -0.735, 1.205, 0.269),
         ),
     ),
-    "fetch": ArmModel(
+    "fetch": CommercialArm(
         package=GYMNASIUM,
         file=f"{GYMNASIUM_ASSETS}/fetch/reach.xml",
         home=_numbered(

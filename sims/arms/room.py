@@ -6,7 +6,7 @@ from pathlib import Path
 import mujoco
 import numpy as np
 
-from dense_vs.sims.arms.catalog import ROBOSUITE_ASSETS, ArmModel
+from dense_vs.sims.arms.catalog import ROBOSUITE_ASSETS, CommercialArm
 
 _TEXTURES = {  # material: picture in the package, repetitions
     "room_wall": ("cream-plaster.png", 2),
@@ -20,7 +20,7 @@ BOXES = 10
 WALL_DISTANCE = 2.3  # m
 
 
-def add_room(spec: mujoco.MjSpec, arm: ArmModel, package: Path, assets: Path) -> None:
+def add_room(spec: mujoco.MjSpec, arm: CommercialArm, package: Path, assets: Path) -> None:
     """Add the room to a specification, in place; its pictures are copied into ``assets``."""
     for name, (picture, repeat) in _TEXTURES.items():
         shutil.copy(package / ROBOSUITE_ASSETS / "textures" / picture, assets / picture)
@@ -57,7 +57,7 @@ def add_room(spec: mujoco.MjSpec, arm: ArmModel, package: Path, assets: Path) ->
     headlight.ambient[:], headlight.diffuse[:], headlight.specular[:] = 0.35, 0.25, 0.1
 
 
-def _add_box(spec, arm: ArmModel, name: str, place, half_size, material: str, turn: float = 0.0) -> None:
+def _add_box(spec, arm: CommercialArm, name: str, place, half_size, material: str, turn: float = 0.0) -> None:
     """A box that nothing touches, turned about the vertical; ``place`` is relative to the arm's base."""
     spec.worldbody.add_geom(
         name=name,

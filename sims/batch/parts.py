@@ -31,6 +31,7 @@ def write_part(folder: Path, kind: str, case: BatchCase, first: int, arrays: Map
     worlds = len(arrays[FRAMES])
     path = output_folder(folder / kind) / f"{first:07d}-{first + worlds:07d}.npz"
     with atomic_write(path) as stream:
+        # NumPy's stub takes the names of arrays for options.
         np.savez(stream, **{_CASE: np.array(case.key())}, **arrays)  # pyright: ignore[reportArgumentType]
 
 

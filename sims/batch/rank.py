@@ -110,7 +110,7 @@ def _answers(pipes: list[Connection]) -> list[Any]:
     found: dict[int, Any] = {}
     while len(found) < len(pipes):
         for pipe in wait([pipe for number, pipe in enumerate(pipes) if number not in found]):
-            number = pipes.index(pipe)  # pyright: ignore[reportArgumentType]
+            number = next(n for n, other in enumerate(pipes) if other is pipe)
             try:
                 fine, found[number] = pipes[number].recv()
             except EOFError:

@@ -9,7 +9,8 @@ import numpy as np
 
 from dense_vs.arrays import real_vector
 from dense_vs.checks import check_choice, check_number
-from dense_vs.errors import DenseVSError
+from dense_vs.robot import WrappedRobot
+from dense_vs.sims.engine.adapters import SimRobot
 from dense_vs.sims.engine.scene import FRAME_SECONDS
 from dense_vs.sims.engine.world import SimWorld
 
@@ -48,7 +49,7 @@ class FaultState:
     held: np.ndarray | None = None
 
 
-class FaultInjector:
+class FaultInjector(WrappedRobot):
     """Camera and robot of a simulated world, one of whose parts is at fault while :meth:`begin` says so.
 
     Args:
@@ -57,11 +58,13 @@ class FaultInjector:
 
     Attributes:
         fault: name of the present fault; empty for none.
+
+    Raises:
+        DenseVSError: a world of several robots.
     """
 
     def __init__(self, world: SimWorld, *, seed: int = 0):
-        if world.shape[0] != 1:
-            raise DenseVSError(f"the simulated world has {world.shape[0]} worlds; expected 1 for a robot")
+        super().__init__(SimRobot(world))
         self.world = world
         self._random = np.random.default_rng([seed, 11])
         self._recent: deque[tuple[np.ndarray, float]] = deque(maxlen=LATE_FRAMES + 1)
@@ -100,16 +103,6 @@ class FaultInjector:
         """Let the present fault end."""
         self.fault, self._state = "", FaultState()
 
-    @property
-    def joint_names(self) -> tuple[str, ...]:
-        """Names of the joints, in the order of every joint array."""
-        return self.world.joint_names
-
-    @property
-    def joint_limits(self) -> np.ndarray:
-        """(N, 2) lowest and highest position [rad or m]."""
-        return self.world.joint_limits
-
     def read(self) -> tuple[np.ndarray, float]:
         """Image (H, W, 3) uint8 RGB and its time [s], as far as the camera is well."""
         if self._is("dropped images"):
@@ -127,7 +120,7 @@ class FaultInjector:
 
     def joints(self) -> tuple[np.ndarray, float]:
         """Positions (N,) [rad or m] and their time [s], as far as the encoders are well."""
-        positions, time = self.world.joints()
+        positions, time = super().joints()
         positions = positions + self.slipped
         if self._is("encoder glitch"):
             positions[self._joint] += 0.5
@@ -144,7 +137,7 @@ class FaultInjector:
             # The encoder sits on the motor.
             self.slipped[self._joint] += 0.3 * step[self._joint]
             step[self._joint] *= 0.7
-        self.world.step(step)
+        super().command(step)
 
     def _is(self, fault: str) -> bool:
         if self.fault and self.world.time >= self._until + 0.5 * FRAME_SECONDS:

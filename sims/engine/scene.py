@@ -1,7 +1,7 @@
 """The scene of a world, resolved once: MuJoCo model, camera, chosen joints and the actuators that move them.
 
-A robot is a name of ours (``sims/robots.py``, textured from the seed) or the path of an MJCF file, taken as it is.
-Everything that the user names is looked up here, and every wrong name is answered with the valid ones.
+A robot is a name of ours (``sims/engine/robots.py``, textured from the seed) or the path of an MJCF file, taken as it
+is. Everything that the user names is looked up here, and every wrong name is answered with the valid ones.
 """
 
 import os

@@ -7,10 +7,10 @@ import numpy as np
 
 from dense_vs.errors import DenseVSError
 from dense_vs.sims.engine import surface_points
-from dense_vs.sims.engine.camera_sway import CameraSway
 from dense_vs.sims.engine.lens import Lens
 from dense_vs.sims.engine.physics import Physics
 from dense_vs.sims.engine.surface_points import SurfacePoint
+from dense_vs.sims.engine.swaying_camera import SwayingCamera
 
 
 class Viewpoint:
@@ -22,7 +22,7 @@ class Viewpoint:
         sway: how the camera moves by itself; it doesn't unless given.
     """
 
-    def __init__(self, physics: Physics, lens: Lens, sway: CameraSway | None):
+    def __init__(self, physics: Physics, lens: Lens, sway: SwayingCamera | None):
         self.lens = lens
         self._physics, self._sway, self._camera = physics, sway, physics.scene.camera
 

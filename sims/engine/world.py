@@ -15,7 +15,6 @@ from dense_vs.checks import check_flag, check_whole
 from dense_vs.device import resolve_device, resolve_threads, room_for
 from dense_vs.errors import DenseVSError
 from dense_vs.sims.engine import surface_points
-from dense_vs.sims.engine.camera_sway import CameraSway
 from dense_vs.sims.engine.compliance import Compliance, resolve_compliance
 from dense_vs.sims.engine.distractor import Distractor, DistractorPath
 from dense_vs.sims.engine.exposure import make_renderer
@@ -29,6 +28,7 @@ from dense_vs.sims.engine.realism import Realism, resolve_realism
 from dense_vs.sims.engine.renderer import camera_intrinsics
 from dense_vs.sims.engine.scene import FRAME_SECONDS, Scene, load_scene
 from dense_vs.sims.engine.surface_points import SurfacePoint
+from dense_vs.sims.engine.swaying_camera import SwayingCamera
 from dense_vs.sims.engine.truth import GroundTruth
 from dense_vs.sims.engine.viewpoint import Viewpoint
 
@@ -343,7 +343,7 @@ class SimWorld:
                 realism.shadows or scene.shadows,
             )
         rngs = [world_rng(seed, number, 5) for number in self._numbers]
-        self._sway = CameraSway(realism.sway, rngs, scene.camera, self._device) if realism.sway else None
+        self._sway = SwayingCamera(realism.sway, rngs, scene.camera, self._device) if realism.sway else None
         self.viewpoint = Viewpoint(physics, lens, self._sway)
         self._truth = GroundTruth(scene, physics.data, self._poses, renderer, lens, self._device, self._threads)
         self._scene, self._physics, self._renderer, self._seed = scene, physics, renderer, seed

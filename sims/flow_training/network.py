@@ -6,7 +6,6 @@ the image gradient and in which directions the image has one. Its answer keeps a
 pixel, adds to it, and says how far off it expects to be: the scale of a Laplace distribution.
 """
 
-import math
 import warnings
 from itertools import pairwise
 from pathlib import Path
@@ -173,8 +172,3 @@ def export(network: FlowRefiner, path: str | Path) -> None:
     graph.node.extend(casts + rest)
     onnx.checker.check_model(model)
     onnx.save(model, str(path))
-
-
-def parameters_of(network: nn.Module) -> int:
-    """How many numbers it has learned."""
-    return sum(math.prod(p.shape) for p in network.parameters())

@@ -151,6 +151,7 @@ class Trainer:
             torch.backends.cudnn.allow_tf32 = True  # of convolutions alone: poses need every digit
             torch.backends.cudnn.benchmark = True
         self.network = (network or FlowRefiner()).to(self.device)
+        # PyTorch's stub does not know this form of the call.
         self.network.to(memory_format=torch.channels_last)  # pyright: ignore[reportCallIssue]
         self.average = torch.optim.swa_utils.AveragedModel(
             self.network, multi_avg_fn=torch.optim.swa_utils.get_ema_multi_avg_fn(0.999), use_buffers=True

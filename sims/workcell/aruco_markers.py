@@ -55,13 +55,6 @@ def find_corners(image: np.ndarray, markers: Sequence[int]) -> np.ndarray:
     return found.reshape(-1, 2)
 
 
-def corner_points(model: mujoco.MjModel, geom: str) -> np.ndarray:
-    """Corners (4, 3) [m] of the marker on a geom, in the geom's frame and the detector's order; truth, for scoring."""
-    size = model.geom(geom).size
-    half = size[0] * _CELLS / (_CELLS + 2)
-    return np.array([[-half, half, size[2]], [half, half, size[2]], [half, -half, size[2]], [-half, -half, size[2]]])
-
-
 def _refined(gray: np.ndarray, quad: np.ndarray) -> np.ndarray:
     """Corners (4, 2) of the quadrilateral whose sides lie on the edge from dark to bright near those of ``quad``."""
     for _ in range(_REFINEMENTS):

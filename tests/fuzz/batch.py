@@ -14,11 +14,11 @@ from pathlib import Path
 
 import numpy as np
 
-ROOT = Path(__file__).parents[2]
-sys.path[:0] = [str(Path(__file__).parent), str(ROOT / "tests" / "reference")]
+sys.path.insert(0, str(Path(__file__).parents[1] / "reference"))
+sys.path.insert(0, str(Path(__file__).parent))
 
-from hostile import instead_of  # noqa: E402
-from outcome import Tally, run_case  # noqa: E402
+from hostile import instead_of
+from outcome import Tally, run_case
 
 ROOM = 4 << 30  # bytes of addresses beyond what the imported libraries take
 

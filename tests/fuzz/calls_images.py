@@ -54,7 +54,7 @@ def image_targets() -> list[Target]:
         Target("FewShotSegmenter.fit", lambda images, masks: FewShotSegmenter(size=32).fit(images, masks),
                lambda: {"images": [rgb()[:2]], "masks": [mask()[:2]]}, weight=0.5),
         Target("OnnxOptions", lambda **o: OnnxOptions(**o).scale,
-               lambda: {"layout": "nchw", "colours": "rgb", "size": (32, 32), "multiple": 8, "scale": 1 / 255,
+               lambda: {"layout": "nchw", "colors": "rgb", "size": (32, 32), "multiple": 8, "scale": 1 / 255,
                         "mean": (0.0, 0.0, 0.0), "std": (1.0, 1.0, 1.0)}),
     ]  # fmt: skip
     for method in ("lucas-kanade", "dis", "farneback"):

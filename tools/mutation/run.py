@@ -25,13 +25,13 @@ from multiprocessing import get_context
 from pathlib import Path
 from typing import Any
 
+sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
+
+from mutation.operators import Mutant, mutants
+from mutation.reach import Reach, measure_reach, read_reach
+from mutation.trials import Trial, run_trials
+
 ROOT = Path(__file__).resolve().parents[2]
-sys.path.insert(0, str(ROOT / "tools"))
-
-from mutation.operators import Mutant, mutants  # noqa: E402
-from mutation.reach import Reach, measure_reach, read_reach  # noqa: E402
-from mutation.trials import Trial, run_trials  # noqa: E402
-
 REASONS = Path(__file__).with_name("reasons.json")
 CONTROL = 20
 PRELOADED = (

@@ -8,7 +8,6 @@ calibration (Park and Martin 1994), and the noise of rotation and translation is
 """
 
 import time
-from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
@@ -250,11 +249,10 @@ def _with_noise(
     given: tuple[float, float] | None,
 ) -> tuple[Solution, tuple[float, float]]:
     """Gothoskar (9) or Gothoskar (13): poses tied to readings or actions, their noise by expectation maximization."""
-    make: Callable[[tuple[float, float]], PoseReadings | PoseActions]
-    if kind == "actions":
-        make = lambda information: PoseActions(obs.actions, information)  # noqa: E731
-    else:
-        make = lambda information: PoseReadings(obs.poses, information)  # noqa: E731
+
+    def make(information: tuple[float, float]) -> PoseReadings | PoseActions:
+        return PoseActions(obs.actions, information) if kind == "actions" else PoseReadings(obs.poses, information)
+
     sigmas = given or FIRST_SIGMAS
     solution, iterations, seconds = None, 0, 0.0
     for _ in range(1 if given else ROUNDS):

@@ -19,7 +19,6 @@ from dense_vs.generative.reconstruction.stereo import Reconstruction
 from dense_vs.generative.report import Stage
 
 GOOD_RMS = 2.0  # px, of a coordinate: above, another minimum is looked for
-TRIED_MINIMA = 8
 
 
 @dataclass

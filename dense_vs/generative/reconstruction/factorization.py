@@ -7,6 +7,7 @@ and Kanade 1992), and depth reversal, which parallel projection can't tell, is l
 """
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -110,19 +111,20 @@ def _affine(flat: np.ndarray, rng: np.random.Generator) -> tuple[np.ndarray, np.
     """A_t (T, 2, 3), b_t (T, 2) and structure (m, 3), the best of several starts."""
     problem = _AffineProblem(flat)
     size = float(np.nanstd(flat - np.nanmean(flat, axis=1, keepdims=True)))
-    best, best_cost = None, np.inf
+    best: Any = None  # an _AffineState; minimize() passes on whatever state its problem has
+    best_cost = np.inf
     for _ in range(STARTS):
         structure = rng.normal(size=(flat.shape[1], 3))
         frames = np.zeros((len(flat), 2, 4))
         for t, seen in enumerate(problem.seen):
             design = np.column_stack([structure[seen], np.ones(seen.sum())])
             frames[t] = np.linalg.lstsq(design, flat[t][seen] / size, rcond=1e-2)[0].T
-        scaled = _AffineProblem(flat / size)
-        solution = minimize(scaled, _AffineState(structure, frames), max_iterations=150, tolerance=1e-5)  # type: ignore
+        start: Any = _AffineState(structure, frames)
+        solution = minimize(_AffineProblem(flat / size), start, max_iterations=150, tolerance=1e-5)
         if solution.cost < best_cost:
             best, best_cost = solution.state, solution.cost
     assert best is not None
-    found: _AffineState = best  # type: ignore
+    found: _AffineState = best
     frames = found.frames * size
     middle = found.structure.mean(axis=0)
     spread = np.linalg.cholesky(np.cov(found.structure.T) + 1e-12 * np.eye(3))  # a round structure: well conditioned

@@ -14,7 +14,6 @@ from dense_vs.errors import DenseVSError
 from dense_vs.generative import GenerativeModel, Observations
 from dense_vs.sims.workcell.cell import HAND_MARKERS, Workcell
 
-ENCODER_SIGMA = 0.01  # rad; readings, and springs that they do not see
 LEAST_VIEWS = 2  # a corner seen less often is not learned
 LEAST_CORNERS = 8  # of all cameras together, for a posture to count
 

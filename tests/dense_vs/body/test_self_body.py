@@ -40,10 +40,10 @@ def test_algorithm_1_finds_the_clusters_and_algorithm_2_assigns_them():
     index = body.clusters(J)
     for m in range(3):
         assert len(np.unique(index[mode == m])) == 1
-    np.testing.assert_array_equal(index, nearest(J, body.centres))
-    start = body.centres.astype(float) + 5.0
+    np.testing.assert_array_equal(index, nearest(J, body.centers))
+    start = body.centers.astype(float) + 5.0
     expected, _ = lloyd(J, np.ones((HEIGHT, WIDTH), bool), start, 30, 1e-3)
-    np.testing.assert_allclose(body.centres, expected, rtol=1e-4, atol=1e-3)
+    np.testing.assert_allclose(body.centers, expected, rtol=1e-4, atol=1e-3)
     np.testing.assert_allclose(body.evaluation, np.full(3, 1 / 3))
     assert body.labels(J).dtype == bool
     assert body.labels(J).all()  # each value is 1/3, above the threshold
@@ -60,9 +60,9 @@ def test_evaluation_goes_on_from_run_to_run_as_printed(reading):
         J, mode = patches(seed, modes=wandering)
         body.submit(J)
         if previous is not None:
-            values = evaluation(body.centres.astype(float), previous, values, reading)
+            values = evaluation(body.centers.astype(float), previous, values, reading)
         np.testing.assert_allclose(body.evaluation, values, rtol=1e-6)
-        previous = body.centres.astype(float)
+        previous = body.centers.astype(float)
     index = body.clusters(J)
     worst = index[mode == 1][0]
     assert body.evaluation.argmin() == worst
@@ -89,7 +89,7 @@ def test_a_thread_gives_what_the_synchronous_mode_gives():
             for body in (beside, within):
                 assert body.submit(J)
                 assert body.wait(30)
-            np.testing.assert_array_equal(beside.centres, within.centres)
+            np.testing.assert_array_equal(beside.centers, within.centers)
             np.testing.assert_array_equal(beside.evaluation, within.evaluation)
             np.testing.assert_array_equal(beside.labels(J), within.labels(J))
     again = make(seed=1)
@@ -103,9 +103,9 @@ def test_several_worlds_are_as_each_alone():
     together.submit(J)
     alone = make()
     alone.submit(J[0])
-    np.testing.assert_array_equal(together.centres[0], alone.centres)
+    np.testing.assert_array_equal(together.centers[0], alone.centers)
     np.testing.assert_array_equal(together.labels(J)[0], alone.labels(J[0]))
-    np.testing.assert_array_equal(together.clusters(J)[1], nearest(J[1], together.centres[1]))
+    np.testing.assert_array_equal(together.clusters(J)[1], nearest(J[1], together.centers[1]))
     assert len(together.evaluation) == 2
 
 
@@ -127,7 +127,7 @@ def test_algorithm_1_never_holds_up_a_frame(monkeypatch):
         J, _ = patches(0)
         body.submit(J)
         body.wait(30)
-        first = body.centres
+        first = body.centers
         gate = Gate()
         monkeypatch.setattr(cluster_worker, "run_algorithm_1", gate)
         other = patches(5, modes=MODES[::-1] * 2)[0]
@@ -137,13 +137,13 @@ def test_algorithm_1_never_holds_up_a_frame(monkeypatch):
             assert not body.submit(other)
             body.labels(other)
         assert time.monotonic() - begin < 20  # the thread would wait for 30 s
-        np.testing.assert_array_equal(body.centres, first)
+        np.testing.assert_array_equal(body.centers, first)
         assert not body.wait(0.01)
         assert body.status == SelfBodyStatus("behind", 1, 13, 12, "")
         gate.open.set()
         assert body.wait(30)
         assert body.status == SelfBodyStatus("behind", 2, 12, 12, "")
-        assert not np.array_equal(body.centres, first)
+        assert not np.array_equal(body.centers, first)
         body.submit(other)
         body.wait(30)
         assert body.status == SelfBodyStatus("ready", 3, 0, 12, "")
@@ -155,7 +155,7 @@ def test_the_last_good_clusters_outlive_a_failure(monkeypatch, synchronous):
         J, _ = patches(0)
         body.submit(J)
         body.wait(30)
-        centers, own = body.centres, body.labels(J)
+        centers, own = body.centers, body.labels(J)
         gate = Gate(MemoryError("no memory left"))
         gate.open.set()
         with monkeypatch.context() as patch:
@@ -164,7 +164,7 @@ def test_the_last_good_clusters_outlive_a_failure(monkeypatch, synchronous):
             body.wait(30)
         assert body.status.state == "failed"
         assert body.status.error == "MemoryError: no memory left"
-        np.testing.assert_array_equal(body.centres, centers)
+        np.testing.assert_array_equal(body.centers, centers)
         np.testing.assert_array_equal(body.labels(J), own)
         body.submit(J)  # and the next one is tried again
         body.wait(30)
@@ -175,11 +175,11 @@ def test_fewer_distinct_vectors_than_clusters():
     body = make(clusters=5)
     J, _ = patches(0, noise=0.0)
     body.submit(J)
-    assert body.centres.shape == (3, 2, JOINTS)
-    np.testing.assert_array_equal(body.centres[body.clusters(J)], J)
+    assert body.centers.shape == (3, 2, JOINTS)
+    np.testing.assert_array_equal(body.centers[body.clusters(J)], J)
     np.testing.assert_allclose(body.evaluation, np.full(3, 1 / 3))
     body.submit(np.repeat(J[:, :1], WIDTH, axis=1))
-    assert body.centres.shape == (1, 2, JOINTS)
+    assert body.centers.shape == (1, 2, JOINTS)
     np.testing.assert_allclose(body.evaluation, [1.0])
 
 
@@ -202,7 +202,7 @@ def test_pixels_whose_jacobian_is_no_number_are_unknown(method):
     bad = ~np.isfinite(spoilt).all(axis=(2, 3))
     body.submit(spoilt)
     undisturbed.submit(J)
-    assert np.isfinite(body.centres).all()
+    assert np.isfinite(body.centers).all()
     np.testing.assert_array_equal(body.clusters(spoilt) == -1, bad)
     np.testing.assert_array_equal(body.recognition(spoilt) == -1, bad)
     assert not body.labels(spoilt)[bad].any()
@@ -276,7 +276,7 @@ def test_a_pipeline_feeds_the_body(scene, postures):
         if k:
             np.testing.assert_array_equal(pipeline.labels(), by_hand.labels(estimator.jacobian))
     assert pipeline.labels().mean() > 0.8  # the whole plane moves with the joints
-    np.testing.assert_array_equal(pipeline.body.centres, by_hand.centres)
+    np.testing.assert_array_equal(pipeline.body.centers, by_hand.centers)
     with pytest.raises(DenseVSError, match=r"body is for \(96, 128\) pixels and 4 joints; expected \(48, 64\) and 3"):
         FramePipeline(DenseJacobian(height=48, width=64, joints=3, device="cpu"), body=by_hand)
     with pytest.raises(DenseVSError, match="the pipeline has no body to label"):

@@ -12,7 +12,7 @@ from dense_vs.body_model.tracks import PointTracks
 from dense_vs.errors import DenseVSError
 
 
-def modelled(fit, q):
+def modeled(fit, q):
     """J (M, 2, N) of the fit's points by central differences of its chain."""
     state = fit.state
 
@@ -50,7 +50,7 @@ def test_exact_tracks_give_the_exact_jacobian_at_unseen_postures(seed):
     assert len(index) > 75
     assert np.mean(fit.links == body.links[index]) > 0.97  # a point on the next joint's line is on both links
     q = np.array([0.5, -0.45, 0.4])
-    assert np.median(relative_error(modelled(fit, q), body.jacobians(q)[index])) < 1e-3
+    assert np.median(relative_error(modeled(fit, q), body.jacobians(q)[index])) < 1e-3
 
 
 def test_noise_and_gross_errors_and_an_unknown_focal_length():
@@ -60,7 +60,7 @@ def test_noise_and_gross_errors_and_an_unknown_focal_length():
     index = believed(fit, tracks)
     assert np.mean(fit.links == body.links[index]) > 0.9
     q = np.array([0.2, -0.1, 0.25, 0.3])
-    assert np.median(relative_error(modelled(fit, q), body.jacobians(q)[index])) < 0.05
+    assert np.median(relative_error(modeled(fit, q), body.jacobians(q)[index])) < 0.05
     assert fit.error < 0.6
 
 

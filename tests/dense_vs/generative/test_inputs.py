@@ -44,7 +44,7 @@ def test_half_a_coordinate_and_infinity(ur5):
         pixels = ur5.pixels.copy()
         t, c, m = np.argwhere(np.isfinite(pixels[..., 0]))[0]
         pixels[t, c, m, 0] = value
-        assert_refused("half a coordinate", lambda: ur5.observations(pixels=pixels))  # noqa: B023
+        assert_refused("half a coordinate", lambda pixels=pixels: ur5.observations(pixels=pixels))
 
 
 @pytest.mark.parametrize(

@@ -45,7 +45,7 @@ def test_bad_options(options, message):
     with pytest.raises(DenseVSError, match=message):
         RegraspPolicy(**options)
     with pytest.raises(DenseVSError, match=r"expected one of GraspOutcome\.HELD"):
-        RegraspPolicy().decide("held")  # pyright: ignore[reportArgumentType]
+        RegraspPolicy().decide("held")
 
 
 def test_camera_stops_the_gripper_s_length_above_the_object():

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from dense_vs.errors import DenseVSError
-from dense_vs.live.gate import HOLD_SECONDS, GatedRobot, PageGate
+from dense_vs.live.gate import PRESS_SECONDS, GatedRobot, PageGate
 
 LIMITS = np.array([[-1.0, 1.0], [-np.inf, np.inf]])
 STEP = np.array([0.01, -0.02])
@@ -60,11 +60,11 @@ def test_a_dead_man_has_to_hold():
     gate.dead_man = True
     gate.allow()
     assert not passed(gate).any()
-    gate.hold()
+    gate.press()
     assert passed(gate).any()
-    clock.now += HOLD_SECONDS + 0.01
+    clock.now += PRESS_SECONDS + 0.01
     assert not passed(gate).any()
-    gate.hold()
+    gate.press()
     gate.release()
     assert not passed(gate).any()
 

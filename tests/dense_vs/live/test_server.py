@@ -15,16 +15,18 @@ from sliding_scene import SlidingRobot, wait_for
 
 pytest.importorskip("uvicorn", reason="the live extra is not installed")
 pytest.importorskip("starlette", reason="the live extra is not installed")
-websockets = pytest.importorskip("websockets.sync.client", reason="the live extra is not installed")
+pytest.importorskip("websockets.sync.client", reason="the live extra is not installed")
 
-from dense_vs.live import control  # noqa: E402
-from dense_vs.live.access import COOKIE, Access  # noqa: E402
-from dense_vs.live.control import SILENT_SECONDS  # noqa: E402
-from dense_vs.live.options import LiveOptions  # noqa: E402
-from dense_vs.live.server import FILES  # noqa: E402
-from dense_vs.live.session import LiveSession, Mode  # noqa: E402
-from dense_vs.live.source import LiveSource  # noqa: E402
-from dense_vs.live.state_file import most_bytes  # noqa: E402
+from websockets.sync.client import connect
+
+from dense_vs.live import control
+from dense_vs.live.access import COOKIE, Access
+from dense_vs.live.control import SILENT_SECONDS
+from dense_vs.live.options import LiveOptions
+from dense_vs.live.server import FILES
+from dense_vs.live.session import LiveSession, Mode
+from dense_vs.live.source import LiveSource
+from dense_vs.live.state_file import most_bytes
 
 TOKEN = "abcdefghijklmnop123"
 
@@ -55,7 +57,7 @@ def request(address, method="GET", path="/", body=None, **headers):
 
 @contextmanager
 def page(address, origin=None, path="/socket", **headers):
-    with websockets.connect(
+    with connect(
         f"ws://{address}{path}",
         origin=origin or f"http://{address}",
         additional_headers=headers,

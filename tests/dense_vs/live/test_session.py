@@ -196,7 +196,7 @@ from dense_vs.live.session import LiveSession
 from dense_vs.live.source import LiveSource
 robot = SlidingRobot()
 hold = Hold("held_robot:hold", {"path": sys.argv[1], "robot": "board"}, timeout=30.0)
-session = LiveSession(LiveSource(robot, robot, "board", hold=hold), LiveOptions(labels=False))
+session = LiveSession(LiveSource(robot, robot, "board", watchdog=hold), LiveOptions(labels=False))
 session.start()
 while session.mode is not Mode.STILL:
     time.sleep(0.01)

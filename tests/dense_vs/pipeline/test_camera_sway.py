@@ -77,7 +77,7 @@ def test_sway_is_found_and_taken_out():
     assert found.foretold < 0.5
     assert (found.unknown, found.taken) == (0, FRAMES - 1 - 19)  # 20 motions say whose they are
     went = sway(FRAMES - 1)[0] - sway(19)[0]
-    np.testing.assert_allclose(found.travelled, went, atol=0.5)  # what is less than 0.35 px waits
+    np.testing.assert_allclose(found.traveled, went, atol=0.5)  # what is less than 0.35 px waits
     error, wall = errors(steady, own)
     error_before, wall_before = errors(plain, own)
     assert error < error_before
@@ -88,7 +88,7 @@ def test_sway_is_found_and_taken_out():
 def test_a_fixed_camera_changes_nothing():
     (plain, _), (steady, _) = run(False), run(False, sway=True)
     assert steady.camera_sway is not None
-    assert np.abs(steady.camera_sway.travelled).max() == 0
+    assert np.abs(steady.camera_sway.traveled).max() == 0
     J, J_plain = steady.estimator.to_numpy(), plain.estimator.to_numpy()
     assert np.median(np.abs(J - J_plain)) < 0.2
     assert np.mean(steady.labels() == plain.labels()) > 0.995

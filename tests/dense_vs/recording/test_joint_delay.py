@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from dense_vs import Babbling
-from dense_vs.recording.joint_delay import TRIED_FRAMES, joint_delay
+from dense_vs.recording.joint_delay import find_changed_delay, find_joint_delay
 
 FRAME, COUNT, JOINTS = 1 / 30, 70, 4
 
@@ -24,21 +24,87 @@ def motion(request):
     return flow + rng.normal(0, 0.2, flow.shape), image_times, times, positions
 
 
-@pytest.mark.parametrize("delay", [-1.5, -0.75, 0.0, 0.5, 1.0, 2.25])
+@pytest.mark.parametrize("delay", [-1.6, -0.75, 0.0, 0.5, 1.0, 2.25])
 def test_finds_the_delay(motion, delay):
     flow, image_times, times, positions = motion
-    assert joint_delay(flow, image_times, times + delay * FRAME, positions) == pytest.approx(
-        delay * FRAME, abs=0.26 * FRAME
-    )
+    found = find_joint_delay(flow, image_times, times + delay * FRAME, positions)
+    assert found == pytest.approx(delay * FRAME, abs=0.05 * FRAME)
+
+
+@pytest.mark.parametrize("delay", [-1.6, -0.75, 0.0, 1.0, 2.25])
+def test_finds_it_in_rough_readings_of_the_image_rate_whatever_their_unit(motion, delay):
+    flow, image_times, times, positions = motion
+    noise = np.random.default_rng(5).normal(0, 1e-3, positions[3::10].shape)
+    rough = np.round((positions[3::10] + noise) / 0.002) * 0.002 * np.array([1e3, 1e-3, 57.3, 1.0])
+    found = find_joint_delay(flow, image_times, times[3::10] + delay * FRAME, rough)
+    assert found == pytest.approx(delay * FRAME, abs=0.2 * FRAME)
 
 
 def test_noise_has_no_delay(motion):
     _, image_times, times, positions = motion
     flow = np.random.default_rng(9).normal(size=(len(image_times) - 1, 200))
-    assert joint_delay(flow, image_times, times, positions) == 0.0
+    assert find_joint_delay(flow, image_times, times, positions) == 0.0
 
 
 def test_a_robot_that_stands_still_has_none(motion):
     flow, image_times, times, positions = motion
-    assert joint_delay(flow, image_times, times, np.ones_like(positions)) == 0.0
-    assert abs(TRIED_FRAMES).min() == 0
+    for still in (0.0, 0.4, -1e6):
+        assert find_joint_delay(flow, image_times, times, np.full_like(positions, still)) == 0.0
+
+
+PLACES = 150
+
+
+def known(seed, frames, count=12):
+    """Motion of a robot with a learned J, half of its places beside it, whose readings are that many frames behind."""
+    rng = np.random.default_rng(seed)
+    noise, steps = np.zeros(JOINTS), []
+    for _ in range(200):
+        noise = 0.85 * noise + rng.normal(0, 0.006, JOINTS)
+        steps.append(noise)
+    q, times = np.cumsum(steps, axis=0), np.arange(200) * FRAME
+
+    def at(time):
+        return np.array([np.interp(time, times, joint) for joint in q.T])
+
+    true = rng.normal(0, 60, (PLACES, 2, JOINTS))
+    true[PLACES // 2 :] = 0.0
+    learned = true * (1 + 0.1 * rng.normal(size=true.shape))
+    pairs = np.stack([times[100 : 100 + count], times[101 : 101 + count]], axis=1)
+    seen = [at(end + frames * FRAME) - at(begin + frames * FRAME) for begin, end in pairs]
+    flows = [true @ step + rng.normal(0, 0.15, (PLACES, 2)) for step in seen]
+    return flows, [learned] * count, pairs, times, q
+
+
+@pytest.mark.parametrize("seed", [2, 3, 4, 5])
+@pytest.mark.parametrize("frames", [-5.3, -3.0, -2.0, -1.5, 2.0, 2.6])
+def test_a_delay_that_changed_is_found_by_j(seed, frames):
+    found = find_changed_delay(*known(seed, frames), now=0.0, frame_time=FRAME)
+    assert found == pytest.approx(frames * FRAME, abs=0.1 * FRAME)
+    assert find_changed_delay(*known(seed, frames), now=frames * FRAME, frame_time=FRAME) is None
+    assert find_changed_delay(*known(seed, 0.0), now=frames * FRAME, frame_time=FRAME) == 0.0
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_a_flow_that_fails_grossly_does_not_outweigh_the_others(seed):
+    flows, *rest = known(seed, -3.0)
+    flows[5] = np.random.default_rng([seed, 2]).normal(0, 30, flows[5].shape)
+    assert find_changed_delay(flows, *rest, now=0.0, frame_time=FRAME) == pytest.approx(-3 * FRAME, abs=0.1 * FRAME)
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_an_image_that_stays_has_no_delay(seed):
+    flows, *rest = known(seed, 2.0)
+    frozen = [np.random.default_rng(seed).normal(0, 0.15, flow.shape) for flow in flows]
+    assert find_changed_delay(frozen, *rest, now=0.0, frame_time=FRAME) is None
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_neither_noise_nor_few_motions_nor_a_still_robot_change_it(seed):
+    flows, jacobians, pairs, times, q = known(seed, 2.0)
+    rng = np.random.default_rng(seed)
+    noise = [rng.normal(0, 3, flow.shape) for flow in flows]
+    assert find_changed_delay(noise, jacobians, pairs, times, q, now=0.0, frame_time=FRAME) is None
+    few = flows[:3], jacobians[:3], pairs[:3]
+    assert find_changed_delay(*few, times, q, now=0.0, frame_time=FRAME) is None
+    assert find_changed_delay(flows, jacobians, pairs, times, 0 * q, now=0.0, frame_time=FRAME) is None

@@ -33,7 +33,7 @@ def test_mask_is_the_networks(tmp_path, image, layout):
     segmenter = OnnxSegmenter(red_network(tmp_path / "n.onnx", layout=layout), layout=layout)
     np.testing.assert_array_equal(segmenter.segment(image), red())
     assert not segmenter.segment(image[..., ::-1].copy()).any()  # blue in place of red
-    swapped = OnnxSegmenter(tmp_path / "n.onnx", layout=layout, colours="bgr")
+    swapped = OnnxSegmenter(tmp_path / "n.onnx", layout=layout, colors="bgr")
     np.testing.assert_array_equal(swapped.segment(image[..., ::-1].copy()), red())
 
 

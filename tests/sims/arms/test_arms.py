@@ -10,7 +10,7 @@ from dense_vs.errors import DenseVSError
 from dense_vs.sims import SimWorld
 from dense_vs.sims.arms import packages
 from dense_vs.sims.arms.build import build_arm, build_scene
-from dense_vs.sims.arms.catalog import ARMS, ROBOSUITE_ASSETS, ArmModel
+from dense_vs.sims.arms.catalog import ARMS, ROBOSUITE_ASSETS, CommercialArm
 from dense_vs.sims.arms.room import _TEXTURES
 from dense_vs.sims.engine.built_scenes import ARM_NAMES, FOLDER_VARIABLE
 
@@ -43,7 +43,9 @@ LINK = """v -0.04 -0.04 0\nv 0.04 -0.04 0\nv 0.04 0.04 0\nv -0.04 0.04 0
 v -0.04 -0.04 0.4\nv 0.04 -0.04 0.4\nv 0.04 0.04 0.4\nv -0.04 0.04 0.4
 f 1 3 2\nf 1 4 3\nf 5 6 7\nf 5 7 8\nf 1 2 6\nf 1 6 5\nf 2 3 7\nf 2 7 6\nf 3 4 8\nf 3 8 7\nf 4 1 5\nf 4 5 8
 """
-ARM = ArmModel(package="nowhere", file="robot.xml", home={"turn": 0.3, "bend": 0.6}, hand="hand", held={"other": 0.4})
+ARM = CommercialArm(
+    package="nowhere", file="robot.xml", home={"turn": 0.3, "bend": 0.6}, hand="hand", held={"other": 0.4}
+)
 
 
 @pytest.fixture(scope="module")

@@ -7,9 +7,9 @@ import pytest
 
 from dense_vs.errors import DenseVSError
 from dense_vs.sims import SimWorld
-from dense_vs.sims.engine.camera_sway import CameraSway
 from dense_vs.sims.engine.lens import Lens
 from dense_vs.sims.engine.realism import Realism
+from dense_vs.sims.engine.swaying_camera import SwayingCamera
 
 INTRINSICS = np.array([[250.0, 0.0, 158.0], [0.0, 260.0, 122.0], [0.0, 0.0, 1.0]])
 SIZE = (240, 320)
@@ -116,7 +116,7 @@ def test_jacobian_is_the_slope_of_the_distorted_image():
 
 
 def test_sway_is_as_large_as_asked():
-    sway = CameraSway(0.01, [np.random.default_rng(k) for k in range(2)], 0, "cpu")
+    sway = SwayingCamera(0.01, [np.random.default_rng(k) for k in range(2)], 0, "cpu")
     times = np.arange(0, 300, 0.1)
     turns = np.array([[sway.rotation(w, t)[[2, 0, 1], [1, 2, 0]] for t in times] for w in range(2)])
     np.testing.assert_allclose(turns.std(axis=1), 0.01, rtol=0.05)

@@ -36,7 +36,7 @@ def test_color_is_the_mean_of_a_finer_image(samples):
     np.testing.assert_allclose(world.frame().rgb, finer_mean(fine, samples), atol=0.5)
 
 
-def test_truth_is_that_of_the_pixel_centre():
+def test_truth_is_that_of_the_pixel_center():
     one, four = (SimWorld("planar", seed=4, samples=samples, **SIZE) for samples in (1, 2))
     for world in (one, four):
         world.step([0.05, -0.03, 0.02])

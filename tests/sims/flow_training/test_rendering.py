@@ -3,13 +3,15 @@
 import numpy as np
 import pytest
 
-torch = pytest.importorskip("torch")
+pytest.importorskip("torch")
 
-from dense_vs.sims.flow_training.network import warp  # noqa: E402
-from dense_vs.sims.flow_training.random_scenes import random_scenes  # noqa: E402
-from dense_vs.sims.flow_training.rendering import Renderer, cast_rays  # noqa: E402
-from dense_vs.sims.flow_training.scenes import STATIC, Dice, rotations_of  # noqa: E402
-from dense_vs.sims.flow_training.sensor import _cosines, degrade  # noqa: E402
+import torch
+
+from dense_vs.sims.flow_training.network import warp
+from dense_vs.sims.flow_training.random_scenes import random_scenes
+from dense_vs.sims.flow_training.rendering import Renderer, cast_rays
+from dense_vs.sims.flow_training.scenes import STATIC, Dice, rotations_of
+from dense_vs.sims.flow_training.sensor import _cosines, degrade
 
 HEIGHT, WIDTH = 64, 96
 

@@ -31,7 +31,10 @@ def test_interaction_matrix_is_machinevision_toolboxs():
 def test_interaction_matrix_moves_points_as_a_moving_camera_sees_them():
     rng = np.random.default_rng(1)
     points = rng.uniform([-0.3, -0.3, 0.8], [0.3, 0.3, 1.5], (5, 3))
-    project = lambda p: p[:, :2] / p[:, 2:] * INTRINSICS[:2] + INTRINSICS[2:]  # noqa: E731
+
+    def project(p):
+        return p[:, :2] / p[:, 2:] * INTRINSICS[:2] + INTRINSICS[2:]
+
     twist = rng.normal(size=6)
     velocity = -twist[:3] - np.cross(twist[3:], points)
     expected = (project(points + 1e-7 * velocity) - project(points - 1e-7 * velocity)) / 2e-7

@@ -5,7 +5,7 @@ import pytest
 from dense_vs.errors import DenseVSError
 from dense_vs.sims.engine.renderer import camera_intrinsics
 from dense_vs.sims.engine.surface_points import camera_pose
-from dense_vs.sims.workcell.aruco_markers import corner_points, find_corners
+from dense_vs.sims.workcell.aruco_markers import find_corners
 from dense_vs.sims.workcell.cell import HAND_MARKERS, PART_MARKERS, Workcell
 
 
@@ -14,7 +14,9 @@ def true_corners(cell, camera, marker, prefix):
     model, data = cell.model, cell._data
     name = f"{prefix}/marker_{marker}"
     geom = model.geom(name).id
-    points = data.geom_xpos[geom] + corner_points(model, name) @ data.geom_xmat[geom].reshape(3, 3).T
+    x, z = model.geom(name).size[0] * 6 / 8, model.geom(name).size[2]  # 4 bits and a border, on a plate of 8 cells
+    corners = np.array([[-x, x, z], [x, x, z], [x, -x, z], [-x, -x, z]])
+    points = data.geom_xpos[geom] + corners @ data.geom_xmat[geom].reshape(3, 3).T
     intrinsics, pose = camera_intrinsics(model, camera, 480, 640), camera_pose(data, camera)
     seen = (points - pose[:3, 3]) @ pose[:3, :3] @ intrinsics.T
     return seen[:, :2] / seen[:, 2:]

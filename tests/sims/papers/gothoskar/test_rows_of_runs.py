@@ -192,9 +192,10 @@ def test_alarms_and_wrongly_named_cameras_are_counted(monkeypatch, tmp_path):
     arm = SimpleNamespace(cameras=(camera, camera))
     monkeypatch.setattr("dataclasses.replace", lambda arm, **_: arm)
     monkeypatch.setattr(evidence, "draw_joints", lambda arm, count, *_: np.zeros((count, 6)))
-    observed = lambda arm, joints, *_: SimpleNamespace(  # noqa: E731
-        observations=SimpleNamespace(joints=joints, pixels=joints)
-    )
+
+    def observed(arm, joints, *_):
+        return SimpleNamespace(observations=SimpleNamespace(joints=joints, pixels=joints))
+
     monkeypatch.setattr(evidence, "observe", observed)
     rng = SimpleNamespace(integers=lambda _: shifted)
     trial = SimpleNamespace(
@@ -237,8 +238,7 @@ def test_medians_and_worst_of_stages(monkeypatch, tmp_path):
         stages, "_from_random", lambda trial, _, reconstructed: trial.seed * (3.0 if reconstructed else 2)
     )
     monkeypatch.setattr(stages, "pixel_error", lambda *_: 0.5)
-    fit = lambda _, seed: SimpleNamespace(report=seed, pixels=lambda _: None)  # noqa: E731
-    monkeypatch.setattr(GenerativeModel, "fit", fit)
+    monkeypatch.setattr(GenerativeModel, "fit", lambda _, seed: SimpleNamespace(report=seed, pixels=lambda _: None))
     rows = stages.run(Namespace(samples=50, published=False, seeds=SEEDS, out=tmp_path))
     found, papers = values(rows), {row.name: row.paper for row in rows}
     of, worst = "mean squared distance, median", "mean squared distance, worst"
@@ -267,7 +267,10 @@ def test_single_camera_rows(monkeypatch, tmp_path):
 
     seen = Seen(pixels=np.zeros((60, 2, 1, 2)), image_sizes=[1, 2], intrinsics=np.zeros((2, 4)), joints=None)
     held_out = SimpleNamespace(observations=SimpleNamespace(joints=None, pixels=np.zeros((4, 2, 1, 2))))
-    evidence = lambda count, purpose=0: held_out if purpose else SimpleNamespace(observations=seen)  # noqa: E731
+
+    def evidence(count, purpose=0):
+        return held_out if purpose else SimpleNamespace(observations=seen)
+
     trials = [SimpleNamespace(arm="ur5", seed=k, evidence=evidence) for k in (1, 2)]
     errors = iter([np.array([1.0, 2.0, 9.0]), np.array([4.0])])
 

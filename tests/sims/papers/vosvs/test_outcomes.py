@@ -49,7 +49,7 @@ def picked(monkeypatch):
                 return GraspRun(done, held=outcomes[-1] is GraspOutcome.HELD)
 
         trial = ObjectTrial("Mug", 0.0)
-        trial.approach = SimpleNamespace(z_object=0.3)  # pyright: ignore[reportAttributeAccessIssue]
+        trial.approach = SimpleNamespace(z_object=0.3)
         tool = SimpleNamespace(open=lambda: None)
         for name, value in (
             ("locate", lambda *_, **__: trial),

@@ -34,7 +34,7 @@ def test_true_pseudoinverse_by_differences(one, monkeypatch):
     world = Straight()
     start = world.q.copy()
     monkeypatch.setattr(true_jacobian, "true_centroid", lambda w, *_: np.full(2, 300 + 500 * w.q.sum()))
-    pinv = true_jacobian.true_pinv(world, one, "Mug")  # pyright: ignore[reportArgumentType]
+    pinv = true_jacobian.true_pinv(world, one, "Mug")
     np.testing.assert_allclose(pinv, one.coupling / 500.0, rtol=1e-9)
     np.testing.assert_array_equal(world.q, start)
 
@@ -68,8 +68,8 @@ def test_a_transported_body_leaks_as_far_as_it_covers_the_walker():
     walker[:, 10:18] = True
     transport = Transport(jacobian, own, "model", "cpu", 1)
     view = SimpleNamespace(flow=np.zeros((20, 40, 2), np.float32), dq=np.zeros(1), walker=walker)
-    transport.take(view)  # pyright: ignore[reportArgumentType]
+    transport.take(view)
     assert transport.leak() == pytest.approx(5 / 8)
     hardly = SimpleNamespace(flow=view.flow, dq=view.dq, walker=np.zeros_like(walker))
-    transport.take(hardly)  # pyright: ignore[reportArgumentType]
+    transport.take(hardly)
     assert transport.leak() == pytest.approx(5 / 8)  # too little was seen to say anything

@@ -10,7 +10,7 @@ from dense_vs.kernels.simulation.camera_sway import sway_kernel
 FREQUENCIES = np.array([[0.53, 0.61, 0.47], [1.27, 1.13, 1.39], [2.71, 2.93, 2.53]])
 
 
-class CameraSway:
+class SwayingCamera:
     """Turns the camera of every world for the time that its physics is at.
 
     Args:

@@ -1,0 +1,72 @@
+"""A delay of joint readings that changes while J is known is noticed by its motion, said and taken out."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from dense_vs.health import FaultKind, JointWatch
+from dense_vs.health.motion_check import BABBLING_SHARE, MotionCheck
+from dense_vs.point_servo.joint_stream import JointStream
+from dense_vs.robot import JointGroup
+
+PLACES, JOINTS, FRAME = 150, 4, 1 / 30
+NAMES = tuple("abcd")
+
+
+class Path:
+    """A robot that goes along a smooth random path, read at the time that is set."""
+
+    def __init__(self, seed):
+        rng = np.random.default_rng(seed)
+        noise, steps = np.zeros(JOINTS), []
+        for _ in range(200):
+            noise = 0.85 * noise + rng.normal(0, 0.006, JOINTS)
+            steps.append(noise)
+        self.path, self.time = np.cumsum(steps, axis=0), 0.0
+
+    def at(self, time):
+        return np.array([np.interp(time, np.arange(len(self.path)) * FRAME, joint) for joint in self.path.T])
+
+    def joints(self):
+        return self.at(self.time), self.time
+
+
+def judged(seed, frames):
+    """The first change that is found where, from image 100 on, images show that many frames later than stamped."""
+    robot, rng = Path(seed), np.random.default_rng([seed, 1])
+    group = JointGroup.choose(NAMES, NAMES)
+    stream = JointStream(robot, group, JointWatch(NAMES, np.full(JOINTS, 0.1)), 0.0)
+    check = MotionCheck()
+    check.least_share = BABBLING_SHARE
+    true = rng.normal(0, 60, (PLACES, 2, JOINTS))
+    true[PLACES // 2 :] = 0.0
+    learned = true * (1 + 0.1 * rng.normal(size=true.shape))
+    for k in range(131):
+        robot.time = k * FRAME
+        stream.read(robot.time)
+        if k < 1:
+            continue
+        shift = frames * FRAME if k > 100 else 0.0
+        begin, end = (k - 1) * FRAME, k * FRAME
+        flow = true @ (robot.at(end + shift) - robot.at(begin + shift)) + rng.normal(0, 0.15, (PLACES, 2))
+        fault = check.judge(flow, learned, stream.at(end) - stream.at(begin), begin, end)
+        found = None if fault is None else stream.find_change(list(check.recent))
+        if found is not None:
+            return SimpleNamespace(fault=found, delay=stream.delay, frame=k)
+    return None
+
+
+@pytest.mark.parametrize("seed", [2, 3, 4, 5])
+@pytest.mark.parametrize("frames", [-3.0, -2.0, -1.5])
+def test_images_that_begin_to_come_late_are_said_and_taken_out(seed, frames):
+    found = judged(seed, frames)
+    assert found.delay == pytest.approx(frames * FRAME, abs=0.3 * FRAME)
+    assert found.fault.kind is FaultKind.LATE
+    assert "images come" in str(found.fault)
+    assert found.frame < 125
+
+
+@pytest.mark.parametrize("seed", [2, 3, 4, 5])
+def test_on_time_nothing_changes(seed):
+    assert judged(seed, 0.0) is None
