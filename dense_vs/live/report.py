@@ -33,14 +33,17 @@ class Told:
 
     def changes(self, points: LivePoints) -> Iterator[tuple[str, str]]:
         """A line and its level for each point whose state is another than when last asked."""
-        now = {point.number: (point.state, point.reachability.why) for point in points}
+        now = {point.number: (point.state, point.why) for point in points}
+        self.states = {number: said for number, said in self.states.items() if number in now}
         for number, (state, why) in now.items():
+            if state is PointState.UNCERTAIN:  # comes and goes; the list of points shows it
+                continue
             before = self.states.get(number, (PointState.TRACKING, ""))
+            self.states[number] = state, why
             if before == (state, why) or state is PointState.TRACKING:
                 continue
             text = f"point {number}: {state.value}" + (f", {why}" if why else "")
             yield text, "info" if state is PointState.REACHED else "warning"
-        self.states = now
 
 
 def layer_names(loop: ServoLoop | None) -> list[str]:
@@ -91,7 +94,7 @@ def state_of(session: "LiveSession", frame: Frame) -> dict[str, Any]:
             "weight": point.weight,
             "error": plain(point.error, 2),
             "state": point.state.value,
-            "why": point.reachability.why,
+            "why": point.why,
         }
         for point in session.points
     ]
@@ -107,8 +110,9 @@ def state_of(session: "LiveSession", frame: Frame) -> dict[str, Any]:
         "points": points,
         "error": plain(session.points.worst_error, 2),
         "explained": plain(session.told.explained, 3),
+        "body": session.body_state.value,
         "recording": session.recorder is not None,
-        "object": None if session.object is None else session.object.told(),
+        "object": None if session.objects.known is None else session.objects.known.told(),
         "size": [width, height],
         "faults": [str(fault) for fault in loop.faults],
         "source": session.source.name,

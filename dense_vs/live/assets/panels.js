@@ -71,7 +71,7 @@ export class PointList {
       const row = this.rows.get(point.number) ?? this.add(point);
       const error = point.error === null ? "no target" : `${number(point.error, 1)} px`;
       row.state.textContent = `${point.state}, ${error}`;
-      row.state.className = { reached: "good", lost: "bad", unreachable: "bad" }[point.state] ?? "";
+      row.state.className = { reached: "good", uncertain: "warn", lost: "bad", unreachable: "bad" }[point.state] ?? "";
       row.element.dataset.state = point.state;
       row.why.textContent = point.why;
       row.why.hidden = !point.why;
