@@ -137,8 +137,9 @@ class BodyProcess:
         with self._news:
             self._over = True
             self._news.notify_all()
-        with suppress(OSError):
-            socket.socket(fileno=os.dup(self._connection.fileno())).shutdown(socket.SHUT_RDWR)
+        # Wakes both threads, and the process; a close alone wakes no thread that reads.
+        with suppress(OSError), socket.socket(fileno=os.dup(self._connection.fileno())) as same:
+            same.shutdown(socket.SHUT_RDWR)
         try:
             self._process.wait(END_SECONDS)
         except subprocess.TimeoutExpired:  # in the middle of a fit
