@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from dense_vs.health.faults import Fault, FaultKind
 from dense_vs.live.points import LivePoints, PointState
 from dense_vs.live.snapshot import plain
 from dense_vs.pipeline.frame_pipeline import Frame
@@ -67,6 +68,11 @@ def layers(loop: ServoLoop, frame: Frame, wanted: frozenset[str]) -> dict[str, n
     return shown
 
 
+def shown_faults(faults: tuple[Fault, ...], commands: bool) -> list[str]:
+    """What of it the user is told. Images that come twice are usual in recordings, and are left out as they should."""
+    return [str(fault) for fault in faults if commands or fault.kind is not FaultKind.FROZEN]
+
+
 def state_of(session: "LiveSession", frame: Frame) -> dict[str, Any]:
     """All that is told every frame."""
     loop = session.running_loop()
@@ -114,7 +120,7 @@ def state_of(session: "LiveSession", frame: Frame) -> dict[str, Any]:
         "recording": session.recorder is not None,
         "object": None if session.objects.known is None else session.objects.known.told(),
         "size": [width, height],
-        "faults": [str(fault) for fault in loop.faults],
+        "faults": shown_faults(loop.faults, session.source.commands),
         "source": session.source.name,
         "commands": session.source.commands,
     }

@@ -44,6 +44,7 @@ SLOW_EVERY = 6  # frames between the slower figures
 JUDGE_EVERY = 3  # frames between looks at the explained motion while nothing is being learned
 GUARD_PERIOD = 0.05  # s
 SLOW_FRAMES, MOST_STALL = 6, 2.0  # frames as usual, and s, that may pass without an image
+RECORDED_SPEED = 20.0  # rad/s, m/s; a recorded robot keeps to other bounds than the loop's own commands
 FAULT_PAUSE = 0.1  # s between two tries after an error
 
 
@@ -194,6 +195,7 @@ class LiveSession:
             body=SelfBody(device=options.device, threads=options.threads) if options.labels else None,
             joint_delay=delay if estimator is not None and delay else None,
             body_model=options.body,
+            max_speed=None if self.source.commands else RECORDED_SPEED,
         )
         if self.body is not None:
             self.body.take_over(loop)
@@ -355,7 +357,7 @@ class LiveSession:
         """Close the gate where the loop gives no frame, for whatever reason."""
         said = False
         while not self._ended.wait(GUARD_PERIOD):
-            if self._beat is None or self.mode is Mode.ENDED:
+            if self._beat is None or self.mode is Mode.ENDED or not self.source.commands:
                 continue
             # A loop that is slow by itself, as on a busy computer, has not stalled.
             allowed = max(self.options.stall_seconds, min(SLOW_FRAMES * self._pace, MOST_STALL))
