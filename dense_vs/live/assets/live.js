@@ -72,7 +72,7 @@ function refresh() {
     if (latest.object) $("object-state").textContent = latest.object.state;
   }
   $("download").hidden = !latest.download;
-  enable(steers);
+  enable(steers && latest.mode !== "starting");
   offerLayers(latest.layers ?? []);
   say();
 }
