@@ -8,15 +8,17 @@ back at the images so far half a second, and now and then a frame of it a tenth.
 
 import os
 import sys
-from collections.abc import Callable
-from contextlib import suppress
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
 from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import Any
 
 import cv2
 import numpy as np
+import warp as wp
 
+from dense_vs.body_model import BodyModel
 from dense_vs.flow.estimator import FlowEstimator
 from dense_vs.jacobian.estimator import DenseJacobian
 from dense_vs.live.seen_point import SeenPoint
@@ -85,8 +87,6 @@ class BodyWorker:
 
     def use(self, path: str) -> None:
         """Take a model from a file."""
-        from dense_vs.body_model import BodyModel
-
         self._body.use(BodyModel.load(path), None)
         with suppress(OSError):
             Path(path).unlink()
@@ -121,10 +121,27 @@ def shown_frame(gray: np.ndarray, positions: np.ndarray, measured: bool) -> Fram
     return Frame(0.0, gray, gray, positions, None, (nothing, nothing) if measured else None)
 
 
+@contextmanager
+def quiet() -> Iterator[None]:
+    """Keep what Warp says at its start to itself: the loop's process has said it already, or has kept it so, too."""
+    wp.config.log_level = wp.LOG_ERROR
+    sys.stderr.flush()
+    before = os.dup(2)
+    with open(os.devnull, "w") as nowhere:
+        os.dup2(nowhere.fileno(), 2)  # its remark that there is no GPU comes from native code
+    try:
+        yield
+    finally:
+        os.dup2(before, 2)
+        os.close(before)
+
+
 def main(descriptor: int) -> None:
     """Do what is asked for through a connection until it is closed."""
     os.nice(PATIENCE)
     cv2.setNumThreads(1)
+    with quiet():
+        wp.init()
     with Connection(descriptor) as connection, suppress(EOFError, ConnectionError):
         size, group = connection.recv()
         worker = BodyWorker(size, group, connection.send)

@@ -227,7 +227,7 @@ class LiveSession:
         self._keeping = Keeping(self)
         loop = self.running_loop()
         size = loop.estimator.options.height, loop.estimator.options.width
-        self.body = BodyTask(self)
+        self.body = self.body or BodyTask(self)  # a first image that failed may be tried again
         self.points = LivePoints(*size, self.body.process)
         # Kernels compile when first used, better now.
         tracker = PointTracker((size[1] / 2, size[0] / 2), loop.frame.gray)

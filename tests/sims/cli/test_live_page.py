@@ -62,7 +62,7 @@ def film(page, last=False):
     """Add a picture to the README's moving one, where pictures are wanted; more of them while a point moves."""
     if not PICTURES or page.get_attribute("#picture", "data-frame") is None:
         return
-    moving = page.locator(".point").count() > 0
+    moving = page.inner_text("#mode") == "reaching"
     if last or not FILM or time.monotonic() - FILM[-1][0] > (0.15 if moving else 0.8):
         FILM.append((time.monotonic(), page.screenshot(type="jpeg", quality=95)))
 
