@@ -5,10 +5,12 @@ program, without a traceback; in between ``dense_vs.cli.main`` answers it. A req
 interrupt is, so that no unfinished file and no worker stays; only the exit code tells them apart.
 """
 
+import os
 import signal
 import sys
 
 signal.signal(signal.SIGINT, signal.SIG_DFL)
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # before NumPy is imported; see dense_vs.device.one_blas_thread
 
 from dense_vs.cli.main import INTERRUPTED, main  # noqa: E402
 

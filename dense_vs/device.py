@@ -1,11 +1,13 @@
 """Which device the kernels run on and how many CPU threads they use."""
 
+import functools
 import os
 from collections.abc import Iterator
-from contextlib import contextmanager, suppress
+from contextlib import AbstractContextManager, contextmanager, suppress
 from typing import Any
 
 import warp as wp
+from threadpoolctl import ThreadpoolController
 
 from dense_vs.checks import check_whole
 from dense_vs.errors import DenseVSError
@@ -107,3 +109,19 @@ def resolve_threads(threads: int | None = None) -> int:
             f"DENSE_VS_THREADS is {text!r}; expected a whole number of at least 1 and at most {MOST_THREADS}"
         )
     return number
+
+
+def one_blas_thread() -> AbstractContextManager[Any]:
+    """Keeps linear algebra of NumPy and SciPy to one thread within a block.
+
+    The matrices here are small. Threads of OpenBLAS wait for one another by spinning: beside other programs that use
+    all cores, a fit of seconds took minutes.
+    """
+    return _blas_libraries().limit(limits=1, user_api="blas")
+
+
+@functools.cache
+def _blas_libraries() -> ThreadpoolController:
+    import scipy.linalg  # noqa: F401 - so that its library is found too
+
+    return ThreadpoolController()

@@ -121,8 +121,12 @@ def _answers(pipes: list[Connection]) -> list[Any]:
 
 
 def _answer(pipe: Connection, rank: Rank, threads: str, work: Callable[..., Any], arguments: tuple[Any, ...]) -> None:
+    from dense_vs.device import one_blas_thread
+
     os.environ.setdefault("DENSE_VS_THREADS", threads)
     try:
-        pipe.send((True, work(rank, *arguments)))
+        with one_blas_thread():  # processes beside each other
+            result = work(rank, *arguments)
+        pipe.send((True, result))
     except Exception as error:
         pipe.send((False, f"{type(error).__name__}: {error}"))

@@ -3,9 +3,10 @@
 import numpy as np
 import pytest
 import warp as wp
+from threadpoolctl import threadpool_info, threadpool_limits
 
 from dense_vs import BatchFlow, DenseJacobian, DenseVSError
-from dense_vs.device import resolve_device, room_for
+from dense_vs.device import one_blas_thread, resolve_device, room_for
 
 
 @pytest.mark.parametrize("device", ["cuda:17", "gpu", "", "cpu:0"])
@@ -55,3 +56,15 @@ def test_a_real_gpu_that_is_full_says_so_and_goes_on():
     column = wp.zeros((3, 1), dtype=float, device="cuda:0")
     wp.copy(column, rows[:, 1:2])  # of all launches this one reported the failed allocation as its own
     np.testing.assert_array_equal(column.numpy()[:, 0], [1, 5, 9])
+
+
+def test_linear_algebra_keeps_to_one_thread_within_the_block_and_only_there():
+    def threads():
+        return [library["num_threads"] for library in threadpool_info() if library["user_api"] == "blas"]
+
+    with threadpool_limits(2, user_api="blas"):
+        assert len(threads()) >= 2  # NumPy's and SciPy's own
+        assert set(threads()) == {2}
+        with one_blas_thread():
+            assert set(threads()) == {1}
+        assert set(threads()) == {2}

@@ -9,12 +9,14 @@ from contextlib import contextmanager, suppress
 
 import pytest
 
+PATIENCE = 20.0  # a browser beside other tests may get no time for seconds [s]
 BROWSERS = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable")
 
 
 @contextmanager
 def served(session, access=None, host="127.0.0.1"):
     """A started session behind a server; gives the address, and ends both."""
+    from dense_vs.live import control
     from dense_vs.live.access import Access
     from dense_vs.live.server import make_app, make_server
 
@@ -23,6 +25,7 @@ def served(session, access=None, host="127.0.0.1"):
     listening.listen(16)
     server = make_server(make_app(session, access or Access(host)), host, 0)
     thread = threading.Thread(target=server.run, kwargs={"sockets": [listening]}, daemon=True)
+    usual, control.SILENT_SECONDS = control.SILENT_SECONDS, PATIENCE
     session.start()
     thread.start()
     end = time.monotonic() + 20
@@ -32,6 +35,7 @@ def served(session, access=None, host="127.0.0.1"):
         assert server.started
         yield f"{host}:{listening.getsockname()[1]}"
     finally:
+        control.SILENT_SECONDS = usual
         server.should_exit = True
         thread.join(timeout=10)
         session.end()

@@ -13,6 +13,7 @@ import numpy as np
 from scipy.linalg import solveh_banded
 from scipy.linalg.lapack import dposv
 
+from dense_vs.device import one_blas_thread
 from dense_vs.generative.least_squares.pixel_problem import NormalEquations, PixelProblem, State
 
 GRADIENT_SCALE_FLOOR = 1e-12  # of the largest diagonal: columns below stand still
@@ -51,6 +52,11 @@ def minimize(
         tolerance: stop when a step was to lower the cost by less than this share of it.
         damping: first factor on the diagonal.
     """
+    with one_blas_thread():
+        return _minimize(problem, state, max_iterations, tolerance, damping)
+
+
+def _minimize(problem: Any, state: State, max_iterations: int, tolerance: float, damping: float) -> Solution:
     started = time.perf_counter()
     equations = problem.linearize(state)
     initial = equations.cost

@@ -10,7 +10,9 @@ from sliding_scene import HEIGHT, WIDTH, J, SlidingRobot, wait_for
 pytest.importorskip("uvicorn", reason="the live extra is not installed")
 pytest.importorskip("starlette", reason="the live extra is not installed")
 
+from dense_vs.live import control
 from dense_vs.live.access import Access
+from dense_vs.live.control import SILENT_SECONDS
 from dense_vs.live.mode import Mode
 from dense_vs.live.options import LiveOptions
 from dense_vs.live.session import LiveSession
@@ -131,7 +133,7 @@ def test_a_drag_lets_the_point_follow(page, session, robot):
 
 
 @pytest.mark.parametrize("way", ["button", "Space", "Escape", "tab", "silence"])
-def test_every_way_to_stop(chromium, address, session, robot, way):
+def test_every_way_to_stop(chromium, address, session, robot, way, monkeypatch):
     page = opened(chromium, f"http://{address}/")
     try:
         assert until(page, lambda: page.locator("#learn").is_enabled())
@@ -143,6 +145,7 @@ def test_every_way_to_stop(chromium, address, session, robot, way):
         elif way == "tab":
             page.close()
         elif way == "silence":
+            monkeypatch.setattr(control, "SILENT_SECONDS", SILENT_SECONDS)
             page.evaluate("() => { for (let id = 1; id < 1000; id++) clearInterval(id); }")
         else:
             page.keyboard.press(way)

@@ -17,7 +17,9 @@ pytest.importorskip("uvicorn", reason="the live extra is not installed")
 pytest.importorskip("starlette", reason="the live extra is not installed")
 websockets = pytest.importorskip("websockets.sync.client", reason="the live extra is not installed")
 
+from dense_vs.live import control  # noqa: E402
 from dense_vs.live.access import COOKIE, Access  # noqa: E402
+from dense_vs.live.control import SILENT_SECONDS  # noqa: E402
 from dense_vs.live.options import LiveOptions  # noqa: E402
 from dense_vs.live.server import FILES  # noqa: E402
 from dense_vs.live.session import LiveSession, Mode  # noqa: E402
@@ -176,7 +178,8 @@ def test_a_reload_that_comes_before_the_old_page_goes_gets_control(address, sess
             assert not session.gate.open
 
 
-def test_a_page_in_control_that_falls_silent_stops(address, session):
+def test_a_page_in_control_that_falls_silent_stops(address, session, monkeypatch):
+    monkeypatch.setattr(control, "SILENT_SECONDS", SILENT_SECONDS)
     with page(address) as socket:
         receive(socket)
         tell(socket, do="learn")
