@@ -32,6 +32,7 @@ from dense_vs.live.server import make_app, make_server
 from dense_vs.live.session import LiveSession
 from dense_vs.live.source import LiveSource
 from dense_vs.sims import SimCamera, SimRobot, SimWorld
+from dense_vs.view.provenance import commit
 
 HERE = Path(__file__).parent
 POINT = "tip"  # of the robot, that visitors click
@@ -53,9 +54,10 @@ def main(arguments: list[str] | None = None) -> int:
     add_report_arguments(parser)
     options = parser.parse_args(arguments)
     wp.config.log_level = wp.LOG_ERROR
+    began = commit()  # of what runs, though the files may change meanwhile
     samples = measured(options)
     metrics, grown = judged(samples)
-    code = report(metrics, options, samples=samples)
+    code = report(metrics, options, commit=began, samples=samples)
     for name in grown:
         print(f"{name} grows", file=sys.stderr)
     return 1 if grown else code
