@@ -59,11 +59,11 @@ def until(page, condition, seconds=90.0) -> bool:
 
 
 def film(page, last=False):
-    """Add a picture to the README's moving one, where pictures are wanted; more of them while a point moves."""
+    """Add a picture to the README's moving one, where pictures are wanted; most of them while a point moves."""
     if not PICTURES or page.get_attribute("#picture", "data-frame") is None:
         return
-    moving = page.inner_text("#mode") == "reaching"
-    if last or not FILM or time.monotonic() - FILM[-1][0] > (0.15 if moving else 0.8):
+    pause = {"reaching": 0.15, "learning": 0.7}.get(page.inner_text("#mode"), 2.0)  # s
+    if last or not FILM or time.monotonic() - FILM[-1][0] > pause:
         FILM.append((time.monotonic(), page.screenshot(type="jpeg", quality=95)))
 
 
