@@ -1,17 +1,15 @@
 """From an image's arrival to the command that follows from it, while 0, 1 and 5 pages look on, one of them stalled.
 
-    python profiling/live.py [--sizes 320x240,640x480] [--seconds 10] [--growth 0] [--json FILE]
+    python profiling/live.py [--sizes 320x240,640x480] [--seconds 10] [--json FILE]
 
 The camera plays frames of the simulated arm, rendered beforehand, at 30 a second, forward and backward; the session,
 its server and its threads are those of ``dense-vs live``. Pages are a process of their own, as browsers are. A point is
-tracked and servoed all the time. With ``--growth MINUTES`` pages come and go for so long, and the memory of the process
-is compared between a quarter of the time and its end.
+tracked and servoed all the time.
 """
 
 import argparse
 import itertools
 import json
-import os
 import socket
 import subprocess
 import sys
@@ -34,7 +32,6 @@ from dense_vs.live.source import LiveSource
 FPS = 30.0
 FRAMES = 90
 CASES = ((0, False), (1, False), (5, True))
-VISIT = 5.0  # s that a page stays in the test of growth
 CLIENTS = Path(__file__).with_name("live_clients.py")
 
 
@@ -79,7 +76,6 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument("--seconds", type=float, default=10.0, help="of each case (default: 10)")
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--threads", type=int)
-    parser.add_argument("--growth", type=float, default=0.0, metavar="MINUTES", help="let pages come and go so long")
     add_report_arguments(parser)
     options = parser.parse_args(arguments)
     wp.config.log_level = wp.LOG_ERROR
@@ -106,8 +102,6 @@ def measured(size: str, recording: Recording, options: argparse.Namespace) -> li
         servo(session)
         for count, stalled in CASES:
             metrics += case(size, robot, session, (address, count, stalled), options.seconds)
-        if options.growth:
-            metrics.append(Metric(f"growth_mb_{size}", growth(session, address, options.growth), "MB", "lower", 0.5))
     finally:
         server.should_exit = True
         thread.join(timeout=10)
@@ -160,27 +154,6 @@ def case(
     if rates:
         found.append(Metric(f"page_fps_{name}", float(np.mean(rates)), "fps", "higher", 0.2))
     return found
-
-
-def growth(session: LiveSession, address: str, minutes: float) -> float:
-    """How much memory the process took between a quarter of the time and its end, while pages came and went [MB]."""
-    end, first = time.monotonic() + 60 * minutes, None
-    quarter = end - 45 * minutes
-    for count in itertools.cycle((1, 3, 2, 5)):
-        if time.monotonic() > end:
-            break
-        words = [sys.executable, str(CLIENTS), address, str(count), "--seconds", str(VISIT), "--stalled"]
-        subprocess.run(words if count > 1 else words[:-1], check=True, stdout=subprocess.DEVNULL, timeout=120)
-        session.ask(lambda: session.begin_mode(Mode.REACHING))
-        if first is None and time.monotonic() > quarter:
-            first = resident()
-    return resident() - (first or 0.0)
-
-
-def resident() -> float:
-    """Memory of this process [MB], as Linux tells it."""
-    pages = int(Path("/proc/self/statm").read_text().split()[1])
-    return pages * os.sysconf("SC_PAGE_SIZE") / 1e6
 
 
 def wait(condition, seconds: float = 120.0) -> None:

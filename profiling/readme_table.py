@@ -11,6 +11,7 @@ import sys
 from pathlib import Path
 
 from readme_experiments import experiment_lines, few_experiment_lines, summary_lines
+from readme_live import live_lines
 from readme_real_robot import few_real_robot_lines, real_robot_lines
 from results_file import RESULTS, Result
 from surface_table import few_surface_lines, surface_lines
@@ -85,7 +86,8 @@ BATCH = (
 
 def everything() -> str:
     """All figures, for the page on performance."""
-    lines = [*_accuracy(), "", *surface_lines(), *real_robot_lines(), "", *_speed(), "", *_batch(), "", *_scaling(), ""]
+    lines = [*_accuracy(), "", *surface_lines(), *real_robot_lines(), "", *_speed(), ""]
+    lines += [*live_lines(), "", *_batch(), "", *_scaling(), ""]
     lines += [
         "Arms and objects, on seeds that nothing was tuned on; one figure a seed or that of all (`dense-vs reproduce "
         "... --json`, gathered by `profiling/experiments.py`):",

@@ -65,6 +65,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     safe.add_argument("--dead-man", action="store_true", help="move only while a key or button is held")
     safe.add_argument("--scale", type=float, metavar="X", help="factor on the image size (default: by its width)")
     safe.add_argument("--no-labels", action="store_true", help="do not tell the robot's own pixels")
+    safe.add_argument("--no-body", action="store_true", help="follow points by their own look alone")
     safe.add_argument(
         "--out", type=Path, default=Path("out/live"), metavar="DIR", help="folder for recordings (default: out/live)"
     )
@@ -93,6 +94,7 @@ def run(arguments: argparse.Namespace) -> None:
         joints=tuple(arguments.joints.split(",")) if arguments.joints else None,
         scale=arguments.scale,
         max_speed=arguments.max_speed,
+        body=not arguments.no_body,
         labels=not arguments.no_labels,
         dead_man=arguments.dead_man,
         folder=arguments.out,

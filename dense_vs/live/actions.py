@@ -27,7 +27,7 @@ class Actions:
         self._session = session
         self._actions: dict[str, Callable[[Mapping[str, Any]], None]] = {
             "learn": lambda _: self._later(lambda: session.begin_mode(Mode.LEARNING)),
-            "forget": lambda _: self._later(self._forget),
+            "forget": lambda _: self._later(session.forget),
             "point": self._point,
             "aim": self._aim,
             "weigh": self._weigh,
@@ -38,9 +38,9 @@ class Actions:
             "dead_man": self._dead_man,
             "record": self._record,
             "object": self._object,
-            "center": lambda _: self._later(session.center_object),
+            "center": lambda _: self._later(session.objects.center),
             "chase": self._chase,
-            "drop_object": lambda _: self._later(session.drop_object),
+            "drop_object": lambda _: self._later(session.objects.drop),
         }
 
     @property
@@ -70,17 +70,13 @@ class Actions:
             raise DenseVSError("no point has a target; expected a click on the image first")
         session.begin_mode(Mode.REACHING)
 
-    def _forget(self) -> None:
-        self._session.be_still("J was forgotten")
-        self._session.running_loop().pipeline.restart(forget=True)
-        self._session.board.log("J was forgotten")
-
     def _point(self, message: Mapping[str, Any]) -> None:
         place, frame = pair(message, "at"), whole(message, "frame")
         session = self._session
 
         def add() -> None:
-            point = session.points.add(place, session.frames_since(frame), session.running_loop().estimator)
+            frames, estimator = session.frames_since(frame), session.running_loop().estimator
+            point = session.points.add(place, frames, estimator, session.number)
             session.board.log(f"point {point.number} at {place[0]:.0f}, {place[1]:.0f}")
 
         self._later(add)
@@ -131,11 +127,11 @@ class Actions:
 
     def _object(self, message: Mapping[str, Any]) -> None:
         corners = pair(message, "from"), pair(message, "to")
-        self._later(lambda: self._session.learn_object(*corners))
+        self._later(lambda: self._session.objects.learn(*corners))
 
     def _chase(self, message: Mapping[str, Any]) -> None:
         point = whole(message, "point")
-        self._later(lambda: self._session.chase_object(point))
+        self._later(lambda: self._session.objects.chase(point))
 
 
 def start_recording(session: LiveSession) -> None:

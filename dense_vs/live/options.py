@@ -18,6 +18,8 @@ class LiveOptions:
         joints: names of the joints to use; all unless given.
         scale: factor from the camera's image to the filter's, (0, 1]; chosen by the image's width unless given.
         max_speed: of any joint [rad/s, m/s].
+        body: whether a model of the robot's body is learned after babbling, where all joints turn; points are then
+            followed by it.
         labels: whether the robot's own pixels are told from others; costs some milliseconds a frame.
         dead_man: whether commands pass only while a key or button is held.
         folder: for recordings.
@@ -33,6 +35,7 @@ class LiveOptions:
     joints: tuple[str, ...] | None = None
     scale: float | None = None
     max_speed: float = DEFAULT_SPEED
+    body: bool = True
     labels: bool = True
     dead_man: bool = False
     folder: Path = field(default_factory=lambda: Path("out") / "live")

@@ -13,10 +13,13 @@ from dense_vs.checks import check_number, check_whole
 from dense_vs.errors import DenseVSError
 from dense_vs.flow.estimator import FlowEstimator
 from dense_vs.jacobian.estimator import DenseJacobian
+from dense_vs.live.body_process import BodyProcess
+from dense_vs.live.followers import BodyFollower, Follower, Following, PatchFollower
 from dense_vs.live.reachability import Reachability
 from dense_vs.pipeline.frame_pipeline import BODY_FLOW, Frame
 from dense_vs.point_servo.law import VisualServo
 from dense_vs.point_servo.loop import ServoLoop
+from dense_vs.point_servo.reach import Arrival
 from dense_vs.point_servo.same_surface import same_surface
 from dense_vs.point_servo.tracker import PointTracker
 
@@ -24,13 +27,13 @@ MOST_POINTS = 8
 TOLERANCE, LEAVE = 1.0, 2.0  # px; a point that has arrived is left alone until it is farther than the second
 SETTLE_FRAMES = 5
 NEAR = 12.0  # px, between targets that count as one that moves
-RENEW_PATCH = 0.93  # correlation below which a patch is taken anew, as the surface turns
 
 
 class PointState(StrEnum):
     """How a point is doing."""
 
     TRACKING = "tracking"
+    UNCERTAIN = "uncertain"
     REACHED = "reached"
     LOST = "lost"
     UNREACHABLE = "unreachable"
@@ -42,29 +45,29 @@ class LivePoint:
 
     Attributes:
         number: names it for the user.
-        tracker: follows it.
+        follower: knows where it is.
         target: ``(2,)`` [px]; None without one.
         weight: how much its error counts beside the others'.
-        settled: frames that it has been at its target.
+        arrival: watches whether it is at its target.
         reachability: watches whether its error falls.
     """
 
     number: int
-    tracker: PointTracker
+    follower: Follower
     target: np.ndarray | None = None
     weight: float = 1.0
-    settled: int = 0
+    arrival: Arrival = field(default_factory=lambda: Arrival(TOLERANCE, SETTLE_FRAMES, LEAVE))
     reachability: Reachability = field(default_factory=Reachability)
 
     @property
     def place(self) -> np.ndarray:
         """Where it is, ``(2,)`` [px]."""
-        return self.tracker.points[0]
+        return self.follower.place
 
     @property
     def lost(self) -> bool:
-        """Whether its tracker has lost it."""
-        return bool(self.tracker.lost[0])
+        """Whether it is not known where it is."""
+        return self.follower.lost
 
     @property
     def error(self) -> float:
@@ -76,9 +79,16 @@ class LivePoint:
         """How it is doing."""
         if self.lost:
             return PointState.LOST
-        if self.target is not None and self.settled >= SETTLE_FRAMES:
+        if not self.follower.certain:
+            return PointState.UNCERTAIN
+        if self.target is not None and self.arrival.settled:
             return PointState.REACHED
         return PointState.UNREACHABLE if self.reachability.why else PointState.TRACKING
+
+    @property
+    def why(self) -> str:
+        """What keeps it; empty where nothing does."""
+        return self.follower.why or self.reachability.why
 
 
 class LivePoints:
@@ -86,12 +96,14 @@ class LivePoints:
 
     Args:
         height, width: of the filter's images [px].
+        body: the process that knows the body; None where none is learned.
     """
 
-    def __init__(self, height: int, width: int):
+    def __init__(self, height: int, width: int, body: BodyProcess | None = None):
         self._size = height, width
         # Sharp at outlines: a point near one would be carried off with the background.
         self._flow = FlowEstimator(BODY_FLOW, height, width)
+        self._following = Following(self._flow, body)
         self._points: dict[int, LivePoint] = {}
         self._next = 1
 
@@ -104,10 +116,12 @@ class LivePoints:
     def __contains__(self, number: int) -> bool:
         return number in self._points
 
-    def add(self, place: Any, frames: Sequence[Frame], estimator: DenseJacobian) -> LivePoint:
+    def add(self, place: Any, frames: Sequence[Frame], estimator: DenseJacobian, number: int = 0) -> LivePoint:
         """Follow the point that is at ``place`` ``(2,)`` [px] in the first of ``frames``.
 
         The frames after it, up to the present one, carry the point along: what is seen in a browser is a little old.
+        From there on the point is followed by its body once the body's process, which is told the present frame's
+        ``number``, has found it there.
 
         Raises:
             DenseVSError: outside the image, or as many points as there may be.
@@ -122,7 +136,8 @@ class LivePoints:
         if seen is None and not tracker.lost[0] and len(frames) > 1:
             now = np.clip(tracker.points, 0, np.array(self._size[::-1]) - 1)
             tracker.redefine(now, frames[-1].gray, same_surface(estimator, now[0]))
-        point = LivePoint(self._next, tracker)
+        point = LivePoint(self._next, PatchFollower(tracker))
+        self._following.seek(point.number, point.follower, number, frames[-1], estimator)
         self._points[point.number] = point
         self._next += 1
         return point
@@ -130,10 +145,13 @@ class LivePoints:
     def remove(self, number: int) -> None:
         """Follow a point no longer."""
         self._points.pop(self._at(number).number)
+        if self._following.body is not None:
+            self._following.body.drop(number)
 
     def clear(self) -> None:
         """Follow none."""
-        self._points.clear()
+        for number in tuple(self._points):
+            self.remove(number)
 
     def aim(self, number: int, target: Any) -> None:
         """Give a point a target ``(2,)`` [px], or none.
@@ -145,7 +163,7 @@ class LivePoints:
         place = None if target is None else self._inside(target)
         # A target that is dragged, or moves by itself, comes in small steps: they begin nothing anew.
         if place is None or point.target is None or np.hypot(*(place - point.target)) > NEAR:
-            point.settled, point.reachability = 0, Reachability()
+            point.arrival, point.reachability = Arrival(TOLERANCE, SETTLE_FRAMES, LEAVE), Reachability()
         point.target = place
 
     def weigh(self, number: int, weight: float) -> None:
@@ -156,23 +174,35 @@ class LivePoints:
         """
         self._at(number).weight = check_number("weight", weight, above=0, most=100)
 
-    def follow(self, before: Frame, now: Frame, estimator: DenseJacobian) -> None:
-        """Carry all points into a new frame."""
+    def follow(self, before: Frame, now: Frame, estimator: DenseJacobian, number: int = 0) -> None:
+        """Carry all points into a new frame of that number."""
         if not self._points or before is now:
             return
-        flow = self._flow(before.gray, now.gray)
+        followers = {point.number: point.follower for point in self}
+        self._following.carry(followers, before, now, number, estimator)
+        blind = any(fault.stops for fault in now.faults)
         for point in self:
-            point.tracker.update(flow, now.gray)
-            self._renew(point, now, estimator)
-            if point.target is None or point.lost or point.error > LEAVE:
-                point.settled = 0
-            elif point.error <= TOLERANCE or point.settled >= SETTLE_FRAMES:
-                point.settled += 1
+            point.follower = followers[point.number]
+            if point.target is not None and (point.follower.fresh or point.error > LEAVE):
+                point.arrival.observe(point.error, blind=blind or point.lost)
+
+    def seek_by_body(self, now: Frame, estimator: DenseJacobian, number: int) -> None:
+        """The body is known now: let all points be followed by it."""
+        for point in self:
+            self._following.seek(point.number, point.follower, number, now, estimator)
+
+    def follow_by_patches(self, now: Frame, estimator: DenseJacobian) -> None:
+        """The body was forgotten: let all points be followed by how they look now."""
+        highest = np.array(self._size[::-1]) - 1
+        for point in self:
+            if isinstance(point.follower, BodyFollower):
+                place = np.clip(point.place, 0, highest)
+                point.follower = PatchFollower(PointTracker(place, now.gray, weights=same_surface(estimator, place)))
 
     def step(self, servo: VisualServo, loop: ServoLoop) -> np.ndarray:
         """The joint step ``(N,)`` [rad] towards the targets; zero where no point has one. Lost points do not count."""
         chosen = [point for point in self if point.target is not None and not point.lost]
-        if all(point.state is PointState.REACHED for point in chosen):
+        if all(point.arrival.settled for point in chosen):
             return np.zeros(servo.joints)
         seen = np.array([point.place for point in chosen])
         J = np.asarray(loop.estimator.at(seen))
@@ -190,12 +220,6 @@ class LivePoints:
         """The largest error of all points with a target [px]; NaN where there is none."""
         errors = [point.error for point in self if point.target is not None]
         return max(errors) if errors else float("nan")
-
-    def _renew(self, point: LivePoint, now: Frame, estimator: DenseJacobian) -> None:
-        tracker = point.tracker
-        # Not where it does not align: something else may cover it.
-        if not point.lost and tracker.options.min_correlation <= float(tracker.correlation[0]) < RENEW_PATCH:
-            tracker.redefine(tracker.points, now.gray, same_surface(estimator, tracker.points[0]))
 
     def _inside(self, place: Any) -> np.ndarray:
         point, (height, width) = point_array(place, "point"), self._size

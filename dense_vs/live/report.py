@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from dense_vs.health.faults import Fault, FaultKind
 from dense_vs.live.points import LivePoints, PointState
 from dense_vs.live.snapshot import plain
 from dense_vs.pipeline.frame_pipeline import Frame
@@ -33,14 +34,17 @@ class Told:
 
     def changes(self, points: LivePoints) -> Iterator[tuple[str, str]]:
         """A line and its level for each point whose state is another than when last asked."""
-        now = {point.number: (point.state, point.reachability.why) for point in points}
+        now = {point.number: (point.state, point.why) for point in points}
+        self.states = {number: said for number, said in self.states.items() if number in now}
         for number, (state, why) in now.items():
+            if state is PointState.UNCERTAIN:  # comes and goes; the list of points shows it
+                continue
             before = self.states.get(number, (PointState.TRACKING, ""))
+            self.states[number] = state, why
             if before == (state, why) or state is PointState.TRACKING:
                 continue
             text = f"point {number}: {state.value}" + (f", {why}" if why else "")
             yield text, "info" if state is PointState.REACHED else "warning"
-        self.states = now
 
 
 def layer_names(loop: ServoLoop | None) -> list[str]:
@@ -62,6 +66,11 @@ def layers(loop: ServoLoop, frame: Frame, wanted: frozenset[str]) -> dict[str, n
         elif name.startswith(JACOBIAN) and (joint := name.removeprefix(JACOBIAN)) in loop.group.names:
             shown[name] = loop.estimator.to_numpy()[..., loop.group.names.index(joint)].copy()
     return shown
+
+
+def shown_faults(faults: tuple[Fault, ...], commands: bool) -> list[str]:
+    """What of it the user is told. Images that come twice are usual in recordings, and are left out as they should."""
+    return [str(fault) for fault in faults if commands or fault.kind is not FaultKind.FROZEN]
 
 
 def state_of(session: "LiveSession", frame: Frame) -> dict[str, Any]:
@@ -91,7 +100,7 @@ def state_of(session: "LiveSession", frame: Frame) -> dict[str, Any]:
             "weight": point.weight,
             "error": plain(point.error, 2),
             "state": point.state.value,
-            "why": point.reachability.why,
+            "why": point.why,
         }
         for point in session.points
     ]
@@ -107,10 +116,11 @@ def state_of(session: "LiveSession", frame: Frame) -> dict[str, Any]:
         "points": points,
         "error": plain(session.points.worst_error, 2),
         "explained": plain(session.told.explained, 3),
+        "body": session.body_state.value,
         "recording": session.recorder is not None,
-        "object": None if session.object is None else session.object.told(),
+        "object": None if session.objects.known is None else session.objects.known.told(),
         "size": [width, height],
-        "faults": [str(fault) for fault in loop.faults],
+        "faults": shown_faults(loop.faults, session.source.commands),
         "source": session.source.name,
         "commands": session.source.commands,
     }

@@ -19,11 +19,13 @@ from dense_vs.body.self_body import SelfBody
 from dense_vs.drivers.watchdog import Watchdog
 from dense_vs.errors import DenseVSError
 from dense_vs.jacobian.estimator import DenseJacobian
+from dense_vs.live.body_process import BodyState
+from dense_vs.live.body_task import BodyTask
 from dense_vs.live.gate import GatedRobot, PageGate
 from dense_vs.live.keeping import Keeping
 from dense_vs.live.learning import WINDOW, Learning, sureness
-from dense_vs.live.live_object import LiveObject, ObjectServo
 from dense_vs.live.mode import Mode
+from dense_vs.live.object_task import ObjectTask
 from dense_vs.live.options import LiveOptions, chosen_scale
 from dense_vs.live.pacing import PacedCamera
 from dense_vs.live.points import LivePoints, PointState
@@ -42,6 +44,7 @@ SLOW_EVERY = 6  # frames between the slower figures
 JUDGE_EVERY = 3  # frames between looks at the explained motion while nothing is being learned
 GUARD_PERIOD = 0.05  # s
 SLOW_FRAMES, MOST_STALL = 6, 2.0  # frames as usual, and s, that may pass without an image
+RECORDED_SPEED = 20.0  # rad/s, m/s; a recorded robot keeps to other bounds than the loop's own commands
 FAULT_PAUSE = 0.1  # s between two tries after an error
 
 
@@ -60,6 +63,8 @@ class LiveSession:
         robot: the robot behind the gate.
         mode: what the robot is doing.
         recorder: writes the recording that goes on now; None without one.
+        objects, body: the object that is sought, and what is known of the robot's body; None before the first image.
+        number: of the last frame.
     """
 
     def __init__(self, source: LiveSource, options: LiveOptions | None = None):
@@ -72,8 +77,8 @@ class LiveSession:
         self.mode = Mode.STARTING
         self.recorder: RecordingThread | None = None
         self.last_recording: RecordingThread | None = None
-        self.object: LiveObject | None = None
-        self._object_servo: ObjectServo | None = None
+        self.objects = ObjectTask(self)
+        self.body: BodyTask | None = None
         self.told = Told()
         self._keeping: Keeping | None = None
         self._requests: SimpleQueue[Callable[[], Any]] = SimpleQueue()
@@ -81,7 +86,7 @@ class LiveSession:
         self._beat: float | None = None  # when the last frame came, on the computer's clock
         self._pace = 1 / 30  # s a frame on the computer's clock, smoothed
         self._frames: deque[tuple[int, Frame]] = deque(maxlen=KEPT_FRAMES)
-        self._number = 0
+        self.number = 0
         self._broken = False
         self._followed: Frame | None = None  # the last frame that the points were carried into
         self._faulty = 0  # frames one after the other in which the loop itself commanded nothing
@@ -108,6 +113,8 @@ class LiveSession:
                 thread.join(timeout=5)
         if self._keeping is not None:
             self._keeping.end()
+        if self.body is not None:
+            self.body.end()
         if self.recorder is not None:
             self.recorder.finish()
         if self._watchdog is not None:
@@ -153,46 +160,18 @@ class LiveSession:
         self.mode = Mode.STILL
         self.gate.close(reason)
 
-    def learn_object(self, corner: tuple[float, float], other: tuple[float, float]) -> None:
-        """Learn the object in a box of the present image [px]; in the loop's thread."""
-        self.drop_object()
-        image = self.running_loop().frame.image
-        self.object = LiveObject(image, (*corner, *other), self.board.log, self.options.seed)
+    @property
+    def body_state(self) -> BodyState:
+        """What is known of the robot's body."""
+        return BodyState.UNKNOWN if self.body is None else self.body.state
 
-    def drop_object(self) -> None:
-        """Forget the object; in the loop's thread."""
-        if self._object_servo is not None:
-            self._object_servo.stop()
-        if self.object is not None:
-            self.object.end()
-        self.object = None
-
-    def known_object(self) -> LiveObject:
-        """The object.
-
-        Raises:
-            DenseVSError: there is none, or it is not seen.
-        """
-        if self.object is None or self.object.centroid is None:
-            raise DenseVSError("no object is seen; expected a box to be drawn around one first")
-        return self.object
-
-    def center_object(self) -> None:
-        """Bring the object to the image's middle; in the loop's thread."""
-        known, loop = self.known_object(), self.running_loop()
-        frame, group = loop.frame, loop.group
-        J = np.asarray(loop.estimator.at(known.centroid)[0], dtype=np.float64)
-        servo = ObjectServo(group.names, group.limits, frame.image, frame.positions, J)
-        self.begin_mode(Mode.CENTERING)
-        self._object_servo = servo
-        known.center(servo)
-
-    def chase_object(self, number: int) -> None:
-        """Let a point's target be where the object is; in the loop's thread."""
-        known = self.known_object()
-        self.points.aim(number, known.centroid)
-        known.chaser = number
-        self.begin_mode(Mode.REACHING)
+    def forget(self) -> None:
+        """Forget J and the body; in the loop's thread."""
+        self.be_still("J was forgotten")
+        self.running_loop().forget()
+        if self.body is not None:
+            self.body.forget()
+        self.board.log("J and the body were forgotten")
 
     def frames_since(self, number: int) -> list[Frame]:
         """The frame of that number and all after it, as far as kept; the present one at least."""
@@ -204,7 +183,7 @@ class LiveSession:
         delay = None if self.loop is None else self.loop.joint_delay
         width, options = self.camera.again().shape[1], self.options
         self.scale = chosen_scale(options, width)
-        self.loop = ServoLoop(
+        loop = ServoLoop(
             self.camera,
             self.robot,
             joints=options.joints,
@@ -215,7 +194,12 @@ class LiveSession:
             seed=options.seed,
             body=SelfBody(device=options.device, threads=options.threads) if options.labels else None,
             joint_delay=delay if estimator is not None and delay else None,
+            body_model=options.body,
+            max_speed=None if self.source.commands else RECORDED_SPEED,
         )
+        if self.body is not None:
+            self.body.take_over(loop)
+        self.loop = loop
         self._largest = self.loop.gate.max_step.copy()
         self.servo = VisualServo(
             len(self.loop.group.names), joint_limits=self.loop.group.limits, seed=options.seed, dither=0.001
@@ -243,7 +227,8 @@ class LiveSession:
         self._keeping = Keeping(self)
         loop = self.running_loop()
         size = loop.estimator.options.height, loop.estimator.options.width
-        self.points = LivePoints(*size)
+        self.body = self.body or BodyTask(self)  # a first image that failed may be tried again
+        self.points = LivePoints(*size, self.body.process)
         # Kernels compile when first used, better now.
         tracker = PointTracker((size[1] / 2, size[0] / 2), loop.frame.gray)
         tracker.update(np.zeros((*size, 2), np.float32), loop.frame.gray)
@@ -273,9 +258,7 @@ class LiveSession:
             self._broken = False
         before = loop.frame
         learning = self.mode is Mode.LEARNING
-        judged = (
-            learning or not self.source.commands or (self.mode is not Mode.STILL and not self._number % JUDGE_EVERY)
-        )
+        judged = learning or not self.source.commands or (self.mode is not Mode.STILL and not self.number % JUDGE_EVERY)
         loop.pipeline.before_update = self._judge if judged else None
         frame = self._move(loop)
         now = time.monotonic()
@@ -284,12 +267,14 @@ class LiveSession:
         self._beat = now
         if self._watchdog is not None:
             self._watchdog.beat()
-        self._number += 1
+        self.number += 1
         if frame is not before:
             self.robot.frame_seconds = max(frame.time - before.time, 1e-3)
             if not frame.held:
-                self._frames.append((self._number, frame))
-                self.points.follow(self._followed or before, frame, loop.estimator)
+                self._frames.append((self.number, frame))
+                if self.body is not None:
+                    self.body.frame(self.number, frame)
+                self.points.follow(self._followed or before, frame, loop.estimator, self.number)
                 self._followed = frame
         if self.recorder is not None and self.camera.picture is not None:
             self.recorder.add(self.camera.picture, self.camera.time, *self.robot.joints())
@@ -310,22 +295,24 @@ class LiveSession:
         step = np.zeros(len(loop.group.names))
         if self.mode is Mode.REACHING and self.gate.passing:
             step = self.points.step(self.servo, loop)
-        if self.mode is Mode.CENTERING and self._object_servo is not None and self.gate.passing:
-            step = self._object_servo.advance(loop.frame.image, loop.frame.time, loop.frame.positions)
+        if self.mode is Mode.CENTERING and self.gate.passing:
+            step = self.objects.step(loop.frame, len(step))
         return loop.step(step)
 
     def _look_after(self, frame: Frame) -> None:
         """What follows from a frame: learning is done, a point got lost or arrived."""
         told = self.told
-        if self._number % SLOW_EVERY == 0:
+        if self.number % SLOW_EVERY == 0:
             told.sureness = sureness(self.running_loop().estimator)
             told.explained = self.explained.explained(frame.time - WINDOW, frame.time)
             if self.mode is Mode.LEARNING and (verdict := self._learning.verdict(frame.time, told.sureness)):
                 good, text = verdict
                 self.be_still("learned" if good else "not learned")
                 self.board.log(f"{'learned' if good else 'not learned'}: {text}", "info" if good else "warning")
+                if self.body is not None:
+                    self.body.learn()
         self._mind_faults()
-        self._mind_object(frame)
+        self.objects.mind(frame)
         for line, level in told.changes(self.points):
             self.board.log(line, level)
         aimed = [point for point in self.points if point.target is not None]
@@ -341,22 +328,6 @@ class LiveSession:
         if faults and self._faulty * self.robot.frame_seconds > self.options.stall_seconds:
             self.stop(str(faults[0]))
 
-    def _mind_object(self, frame: Frame) -> None:
-        servo, known = self._object_servo, self.object
-        if servo is not None and (self.mode is not Mode.CENTERING or servo.over.is_set()):
-            servo.stop()
-            self._object_servo = None
-            if self.mode is Mode.CENTERING:
-                self.be_still("the object was centered or could not be")
-        if known is None:
-            return
-        known.look(frame.image)
-        if known.chaser is not None and known.centroid is not None:
-            if known.chaser not in self.points:
-                known.chaser = None
-            elif self.mode is Mode.REACHING:
-                self.points.aim(known.chaser, known.centroid)
-
     def _judge(self, stamp: float, flow: np.ndarray, dq: np.ndarray) -> None:
         self.explained.observe(stamp, flow, self.running_loop().estimator.to_numpy(), dq)
 
@@ -364,7 +335,7 @@ class LiveSession:
         assert self.camera.picture is not None
         shown = layers(self.running_loop(), frame, self.board.wanted)
         state = state_of(self, frame)
-        self.board.show(Snapshot(self._number, frame, before, self.camera.picture, shown, state))
+        self.board.show(Snapshot(self.number, frame, before, self.camera.picture, shown, state))
 
     def _fault(self, error: Exception) -> None:
         """Stop, say what happened and try again: a camera or a bus may come back."""
@@ -386,7 +357,7 @@ class LiveSession:
         """Close the gate where the loop gives no frame, for whatever reason."""
         said = False
         while not self._ended.wait(GUARD_PERIOD):
-            if self._beat is None or self.mode is Mode.ENDED:
+            if self._beat is None or self.mode is Mode.ENDED or not self.source.commands:
                 continue
             # A loop that is slow by itself, as on a busy computer, has not stalled.
             allowed = max(self.options.stall_seconds, min(SLOW_FRAMES * self._pace, MOST_STALL))

@@ -37,6 +37,16 @@ def follow(
     return f"its surroundings correlate by {correlation:.2f} with how they were" if correlation < least else ""
 
 
+def certain(tracker: PointTracker | BodyTracker) -> bool:
+    """Whether it is known where the point is."""
+    return tracker.certain if isinstance(tracker, BodyTracker) else not given_up(tracker)
+
+
+def given_up(tracker: PointTracker | BodyTracker) -> bool:
+    """Whether the point is lost and not sought."""
+    return isinstance(tracker, PointTracker) and bool(tracker.lost[0])
+
+
 def pacing_flow(pipeline: FramePipeline, frame: Frame) -> np.ndarray | None:
     """The last frame's image motion: J dq once J is learned, which neither noise nor others' motion slows down.
 

@@ -19,11 +19,12 @@ from dense_vs.health.motion_check import BABBLING_SHARE, LEAST_SHARE
 from dense_vs.jacobian.estimator import DenseJacobian
 from dense_vs.pipeline.frame_pipeline import BODY_FLOW, Frame, FramePipeline
 from dense_vs.point_servo.body_tracker import BodyTracker
-from dense_vs.point_servo.following import follow, pacing_flow
+from dense_vs.point_servo.command_pace import CommandPace
+from dense_vs.point_servo.following import certain, follow, given_up, pacing_flow
 from dense_vs.point_servo.joint_stream import JointStream
 from dense_vs.point_servo.law import VisualServo
 from dense_vs.point_servo.learned_body import LearnedBody
-from dense_vs.point_servo.reach import Reach, ReachEnd
+from dense_vs.point_servo.reach import Arrival, Reach, ReachEnd
 from dense_vs.point_servo.same_surface import same_surface
 from dense_vs.point_servo.tracker import Method, PointTracker
 from dense_vs.robot.babbling import Babbling
@@ -113,12 +114,9 @@ class ServoLoop:
         self.estimator = estimator
         self.servo = servo or VisualServo(count, joint_limits=self.group.limits, seed=seed)
         self.renew_patch = None if renew_patch is None else check_number("renew_patch", renew_patch, above=0, below=1)
-        self.command_period = (
-            None if command_period is None else check_number("command_period", command_period, above=0)
-        )
+        self._pace = CommandPace(command_period, time)
         pace = {} if command_period is None else {"frame_time": command_period}
         self.babbling = babbling or Babbling(count, seed=seed, **pace)
-        self._next_command = time
         steps = self.babbling.largest_step, self.servo.options.max_step + 4 * self.servo.options.dither
         largest = max(steps) if max_step is None else max_step
         self.gate = CommandGate(robot, self.group, max_step=largest)
@@ -129,6 +127,7 @@ class ServoLoop:
         shared = self.pipeline.flow.method == BODY_FLOW
         self._tracking_flow = self.pipeline.flow if shared else FlowEstimator(BODY_FLOW, *size)
         self.tracker: PointTracker | BodyTracker | None = None
+        self._learns_body = body_model is not False
         self._body = LearnedBody(self.pipeline, self.group, body_model)
         self.target: np.ndarray | None = None
         self.on_frame = on_frame
@@ -234,6 +233,25 @@ class ServoLoop:
         if self._body.wanted:
             self.learn_body()
 
+    @property
+    def wants_body(self) -> bool:
+        """Whether a body model is to be learned: there is none, or one that no longer explains what moves."""
+        return self._body.wanted
+
+    def use_body(self, model: BodyModel) -> None:
+        """Go on with a body model that was learned elsewhere, as in a process apart.
+
+        Raises:
+            DenseVSError: of another number of joints or image size.
+        """
+        self._body.use(model, self.frame.positions)
+
+    def forget(self) -> None:
+        """Forget J and the body, as after the camera was moved, and begin with the next image. Points stay."""
+        self.pipeline.restart(forget=True)
+        self.pipeline.prior = None
+        self._body = LearnedBody(self.pipeline, self.group, self._learns_body)
+
     def learn_body(self) -> bool:
         """Learn the body model from the images so far, as :meth:`babble` does, in some seconds; whether it can be."""
         return self._body.learn(self.frame.positions)
@@ -303,18 +321,18 @@ class ServoLoop:
         tolerance = check_number("tolerance", tolerance, above=0)
         settle_frames = check_whole("settle_frames", settle_frames, least=1)
         max_frames = check_whole("max_frames", max_frames, least=1)
-        self.target, found = goal, {}
-        settled = frames = 0
+        self.target, found, frames = goal, {}, 0
+        arrival = Arrival(tolerance, settle_frames)
         distance = float(np.hypot(*(self.point - self.target)))
-        while frames < max_frames and not (settled >= settle_frames and self._certain) and not self._given_up:
+        assert self.tracker is not None  # else there was no point
+        while frames < max_frames and not (arrival.settled and certain(self.tracker)) and not given_up(self.tracker):
             self.step(self._when_due(self._servo_step))
             frames += 1
             distance = float(np.hypot(*(self.point - self.target)))
             found |= {fault.kind: fault for fault in self.faults}
-            blind = any(fault.stops for fault in self.faults)
-            settled = settled + 1 if distance <= tolerance and not blind else 0
-        end = ReachEnd.REACHED if settled >= settle_frames else ReachEnd.MISSED
-        if not self._certain:
+            arrival.observe(distance, blind=any(fault.stops for fault in self.faults))
+        end = ReachEnd.REACHED if arrival.settled else ReachEnd.MISSED
+        if not certain(self.tracker):
             end = ReachEnd.LOST
         return Reach((float(goal[0]), float(goal[1])), frames, distance, end, tuple(found.values()))
 
@@ -328,32 +346,13 @@ class ServoLoop:
 
     def _when_due(self, choose: Callable[[], np.ndarray]) -> np.ndarray:
         """The chosen joint step where a command is due by now and nothing stops the robot, else zero."""
-        if any(fault.stops for fault in self.faults):
+        if any(fault.stops for fault in self.faults) or not self._pace.due(self.frame.time):
             return np.zeros(self.estimator.options.joints)
-        if self.command_period is None:
-            return choose()
-        late = self.frame.time - self._next_command
-        if late < -1e-6:  # s; stamps are sums of rounded numbers
-            return np.zeros(self.estimator.options.joints)
-        # On a grid, which restarts after a pause.
-        self._next_command += self.command_period * (
-            1 if late < self.command_period else late // self.command_period + 1
-        )
         return choose()
 
     def _judge_motion(self, least_share: float) -> None:
         if self.pipeline.check is not None:
             self.pipeline.check.least_share = least_share
-
-    @property
-    def _certain(self) -> bool:
-        """Whether it is known where the point is."""
-        return self.tracker.certain if isinstance(self.tracker, BodyTracker) else not self._given_up
-
-    @property
-    def _given_up(self) -> bool:
-        """Whether the point is lost and not sought."""
-        return isinstance(self.tracker, PointTracker) and bool(self.tracker.lost[0])
 
     def _take(self, image: np.ndarray, time: float) -> Frame:
         """The last frame that this image lets be processed: itself, or an earlier one that waited for its readings."""

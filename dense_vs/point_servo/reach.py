@@ -1,4 +1,4 @@
-"""What a reach came to: how it ended, how far off, and what was wrong on the way."""
+"""When a point has arrived at its target, and what a reach came to: its end, its error, what was wrong on the way."""
 
 from dataclasses import dataclass
 from enum import Enum
@@ -17,6 +17,36 @@ class ReachEnd(Enum):
     """The frames were used up."""
     LOST = "lost"
     """It is not known where the point is."""
+
+
+class Arrival:
+    """Counts the frames that a point has been at its target; reached where that is settled and the place is certain.
+
+    Args:
+        tolerance: distance that counts as there [px].
+        frames: that it has to be there, one after the other.
+        leave: distance up to which it stays there once it has settled [px]; the tolerance unless given.
+    """
+
+    def __init__(self, tolerance: float, frames: int, leave: float | None = None):
+        self._tolerance, self._frames = tolerance, frames
+        self._leave = tolerance if leave is None else leave
+        self._there = 0
+
+    def observe(self, distance: float, *, blind: bool = False) -> None:
+        """Take a frame.
+
+        Args:
+            distance: from the target [px].
+            blind: whether something is wrong with the frame that stops the robot.
+        """
+        within = distance <= (self._leave if self.settled else self._tolerance)
+        self._there = self._there + 1 if within and not blind else 0
+
+    @property
+    def settled(self) -> bool:
+        """Whether it has been there long enough."""
+        return self._there >= self._frames
 
 
 @dataclass(frozen=True)

@@ -68,10 +68,11 @@ function refresh() {
     $("held").hidden = !latest.dead_man;
     $("record").textContent = latest.recording ? "Stop recording" : "Record";
     $("object-panel").hidden = !latest.object;
+    $("body").hidden = latest.body !== "learning the body";
     if (latest.object) $("object-state").textContent = latest.object.state;
   }
   $("download").hidden = !latest.download;
-  enable(steers);
+  enable(steers && latest.mode !== "starting");
   offerLayers(latest.layers ?? []);
   say();
 }
@@ -103,6 +104,7 @@ function hint() {
   if (!latest.commands) return "A recording follows no commands; click points to follow them.";
   if (latest.mode === "learning") return "Learning: the robot moves at random and stops when J is good enough.";
   if (picture.chosen !== null) return `Click where point ${picture.chosen} should go, or drag it.`;
+  if (latest.body === "learning the body") return "Learning the body: until then, points go by their own look.";
   const known = latest.joints.every((joint) => (joint.learned ?? 0) > 0.5);
   return known ? "Click a point of the robot." : "Press Learn first: the robot moves every joint a little. Clear the space around it.";
 }

@@ -71,10 +71,11 @@ export class PointList {
       const row = this.rows.get(point.number) ?? this.add(point);
       const error = point.error === null ? "no target" : `${number(point.error, 1)} px`;
       row.state.textContent = `${point.state}, ${error}`;
-      row.state.className = { reached: "good", lost: "bad", unreachable: "bad" }[point.state] ?? "";
+      row.state.className = { reached: "good", uncertain: "warn", lost: "bad", unreachable: "bad" }[point.state] ?? "";
       row.element.dataset.state = point.state;
       row.why.textContent = point.why;
       row.why.hidden = !point.why;
+      row.why.className = `why ${point.state === "uncertain" ? "warn" : "bad"}`;
       row.element.classList.toggle("chosen", point.number === chosen);
       row.label.hidden = points.length < 2;
       if (document.activeElement !== row.weight) row.weight.value = Math.log10(point.weight);
@@ -89,7 +90,7 @@ export class PointList {
     const state = element.appendChild(make("span"));
     const remove = element.appendChild(make("button", "", "Remove"));
     remove.type = "button";
-    const why = element.appendChild(make("span", "why bad"));
+    const why = element.appendChild(make("span", "why"));
     const label = element.appendChild(make("label", "", "weight"));
     const weight = label.appendChild(make("input"));
     Object.assign(weight, { type: "range", min: -1, max: 1, step: 0.1, value: 0 });

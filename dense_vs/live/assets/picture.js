@@ -183,8 +183,11 @@ export class Picture {
         c.lineTo(tx - r, ty + r);
       });
     }
-    this.stroke(c, point.state === "lost" ? "#aaa" : color, ratio, () => c.arc(x, y, (point.number === this.chosen ? 10 : 7) * ratio, 0, 7));
-    this.stroke(c, point.state === "lost" ? "#aaa" : color, ratio, () => c.arc(x, y, 1 * ratio, 0, 7));
+    const ring = point.state === "lost" ? "#aaa" : color;
+    if (point.state === "uncertain") c.setLineDash([3 * ratio, 3 * ratio]);
+    this.stroke(c, ring, ratio, () => c.arc(x, y, (point.number === this.chosen ? 10 : 7) * ratio, 0, 7));
+    c.setLineDash([]);
+    this.stroke(c, ring, ratio, () => c.arc(x, y, 1 * ratio, 0, 7));
     c.font = `bold ${13 * ratio}px system-ui`;
     c.lineWidth = 3 * ratio;
     c.strokeStyle = "#000";

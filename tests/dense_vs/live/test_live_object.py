@@ -24,7 +24,7 @@ def robot():
 
 @pytest.fixture(scope="module")
 def session(robot):
-    session = LiveSession(LiveSource(robot, robot, "board"), LiveOptions(labels=False, stall_seconds=5.0))
+    session = LiveSession(LiveSource(robot, robot, "board"), LiveOptions(body=False, labels=False, stall_seconds=5.0))
     session.start()
     assert wait_for(lambda: session.mode is Mode.STILL, 60), session.board.lines()
     do(session, do="learn")
@@ -40,15 +40,15 @@ def do(session, **message):
 def boxed(session, robot):
     """Draw a box around the disc and wait until it is learned."""
     x, y = robot.place(DISC[:2])
-    radius, before = DISC[2] + 4, session.object
+    radius, before = DISC[2] + 4, session.objects.known
     do(session, do="object", **{"from": [x - radius, y - radius], "to": [x + radius, y + radius]})
-    assert wait_for(lambda: session.object not in (None, before))
-    assert wait_for(lambda: session.object.state == "ready", 60), session.board.lines()
+    assert wait_for(lambda: session.objects.known not in (None, before))
+    assert wait_for(lambda: session.objects.known.state == "ready", 60), session.board.lines()
 
 
 def test_it_is_found_and_centered(session, robot):
     boxed(session, robot)
-    assert np.hypot(*(session.object.centroid - robot.place(DISC[:2]))) < 2.0
+    assert np.hypot(*(session.objects.known.centroid - robot.place(DISC[:2]))) < 2.0
     do(session, do="center")
     assert wait_for(lambda: any("object: converged" in line["text"] for line in session.board.lines()), 60), (
         session.board.lines()
@@ -76,14 +76,14 @@ def test_a_point_follows_it_and_a_stop_ends_that(session, robot):
 def test_a_stop_ends_the_centering(session, robot):
     boxed(session, robot)
     session.ask(lambda: setattr(robot, "q", robot.q + np.array([0.2, 0.1])))
-    assert wait_for(lambda: np.hypot(*(session.object.centroid - robot.place(DISC[:2]))) < 5.0)
+    assert wait_for(lambda: np.hypot(*(session.objects.known.centroid - robot.place(DISC[:2]))) < 5.0)
     do(session, do="center")
     assert wait_for(lambda: session.mode is Mode.CENTERING)
     session.stop("the test")
-    assert wait_for(lambda: session.object.state == "ready", 40), session.object.state
+    assert wait_for(lambda: session.objects.known.state == "ready", 40), session.objects.known.state
     assert session.mode is Mode.STILL
     do(session, do="drop_object")
-    assert wait_for(lambda: session.object is None)
+    assert wait_for(lambda: session.objects.known is None)
 
 
 def test_a_box_has_to_be_of_some_size():

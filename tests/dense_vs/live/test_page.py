@@ -34,7 +34,7 @@ def robot():
 
 @pytest.fixture(scope="module")
 def session(robot):
-    return LiveSession(LiveSource(robot, robot, "board"), LiveOptions(labels=False, stall_seconds=2.0))
+    return LiveSession(LiveSource(robot, robot, "board"), LiveOptions(body=False, labels=False, stall_seconds=2.0))
 
 
 @pytest.fixture(scope="module")
@@ -229,7 +229,7 @@ def test_a_page_of_another_origin_gets_nothing(chromium, address):
 
 def test_a_wrong_token_shows_nothing_and_the_right_one_opens(chromium):
     robot = SlidingRobot()
-    session = LiveSession(LiveSource(robot, robot, "board"), LiveOptions(labels=False))
+    session = LiveSession(LiveSource(robot, robot, "board"), LiveOptions(body=False, labels=False))
     token = "abcdefghijklmnop123"
     with served(session, Access("127.0.0.1", token)) as address:
         context = chromium.new_context()

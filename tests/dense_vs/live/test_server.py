@@ -38,7 +38,7 @@ def robot():
 
 @pytest.fixture(scope="module")
 def session(robot):
-    return LiveSession(LiveSource(robot, robot, "board"), LiveOptions(labels=False))
+    return LiveSession(LiveSource(robot, robot, "board"), LiveOptions(body=False, labels=False))
 
 
 @pytest.fixture(scope="module")
@@ -123,7 +123,7 @@ def test_a_foreign_host_name_is_refused(address):
 
 
 def test_the_token_is_needed_and_moves_into_a_cookie(robot):
-    session = LiveSession(LiveSource(SlidingRobot(), robot, "board"), LiveOptions(labels=False))
+    session = LiveSession(LiveSource(SlidingRobot(), robot, "board"), LiveOptions(body=False, labels=False))
     with served(session, Access("127.0.0.1", TOKEN)) as address:
         assert request(address)[0] == 403
         assert request(address, path="/?token=wrong")[0] == 403

@@ -25,7 +25,7 @@ CENTER = (WIDTH / 2, HEIGHT / 2)
 
 
 def session_of(robot, **options):
-    return LiveSession(LiveSource(robot, robot, "board"), LiveOptions(labels=False, **options))
+    return LiveSession(LiveSource(robot, robot, "board"), LiveOptions(body=False, labels=False, **options))
 
 
 @pytest.fixture
@@ -128,7 +128,7 @@ def test_two_points_share_the_joints(session, robot):
 
 
 def test_a_recording_follows_no_commands(robot):
-    session = LiveSession(LiveSource(robot, robot, "recording", commands=False), LiveOptions(labels=False))
+    session = LiveSession(LiveSource(robot, robot, "recording", commands=False), LiveOptions(body=False, labels=False))
     session.start()
     try:
         assert wait_for(lambda: session.mode is Mode.STILL, 60)
@@ -196,7 +196,9 @@ from dense_vs.live.session import LiveSession
 from dense_vs.live.source import LiveSource
 robot = SlidingRobot()
 hold = Hold("held_robot:hold", {"path": sys.argv[1], "robot": "board"}, timeout=30.0)
-session = LiveSession(LiveSource(robot, robot, "board", watchdog=hold), LiveOptions(labels=False))
+session = LiveSession(
+    LiveSource(robot, robot, "board", watchdog=hold), LiveOptions(body=False, labels=False)
+)
 session.start()
 while session.mode is not Mode.STILL:
     time.sleep(0.01)
@@ -265,7 +267,7 @@ def test_a_checkpoint_of_another_robot_is_said_and_left_alone(tmp_path):
     try:
         assert wait_for(lambda: session.mode is Mode.STILL, 60)
         assert said(session, "no checkpoint is kept: cannot read"), session.board.lines()
-        assert wait_for(lambda: session._number > 5)
+        assert wait_for(lambda: session.number > 5)
         assert path.read_bytes() == b"something else"
     finally:
         session.end()

@@ -16,6 +16,8 @@ from live_rig import browser, served
 pytest.importorskip("uvicorn", reason="the live extra is not installed")
 pytest.importorskip("starlette", reason="the live extra is not installed")
 
+from dense_vs.live.body_process import BodyState
+from dense_vs.live.followers import BodyFollower
 from dense_vs.live.mode import Mode
 from dense_vs.live.options import LiveOptions
 from dense_vs.live.session import LiveSession
@@ -56,17 +58,21 @@ def until(page, condition, seconds=90.0) -> bool:
     return bool(condition())
 
 
-def film(page):
-    """Add a picture to the README's moving one, where pictures are wanted."""
-    if PICTURES and (not FILM or time.monotonic() - FILM[-1][0] > 0.8):
+def film(page, last=False):
+    """Add a picture to the README's moving one, where pictures are wanted; most of them while a point moves."""
+    if not PICTURES or page.get_attribute("#picture", "data-frame") is None:
+        return
+    pause = {"reaching": 0.15, "learning": 0.7}.get(page.inner_text("#mode"), 2.0)  # s
+    if last or not FILM or time.monotonic() - FILM[-1][0] > pause:
         FILM.append((time.monotonic(), page.screenshot(type="jpeg", quality=95)))
 
 
 def save_film(path):
-    """The pictures so far as an animated WebP."""
+    """The pictures so far as an animated WebP; the last stays for a while."""
     image = pytest.importorskip("PIL.Image", reason="writing WebP needs Pillow")
     frames = [image.open(BytesIO(content)).resize((720, 484)) for _, content in FILM]
-    frames[0].save(path, save_all=True, append_images=frames[1:], duration=150, loop=0, quality=45, method=1)
+    durations = [200] * (len(frames) - 1) + [2500]
+    frames[0].save(path, save_all=True, append_images=frames[1:], duration=durations, loop=0, quality=45, method=1)
 
 
 def click(page, place):
@@ -85,15 +91,21 @@ def test_learn_click_reach_by_the_simulators_truth(page, session, world):
     page.click("#learn")
     assert until(page, lambda: session.mode is Mode.LEARNING)
     assert until(page, lambda: "learned: J explains" in page.inner_text("#log")), session.board.lines()
-    page.wait_for_timeout(500)  # the arm comes to rest
+    assert page.locator("#body").is_visible() or session.body_state is not BodyState.LEARNING
+    first = session.number
+    assert until(page, lambda: "body learned" in page.inner_text("#log")), session.board.lines()
+    assert session.number > first + 30  # frames went on meanwhile
+    assert until(page, lambda: not page.locator("#body").is_visible())
     tip = world.project("tip")
     click(page, tip)
     assert until(page, lambda: page.locator(".point.chosen").count() == 1), session.board.lines()
+    assert until(page, lambda: isinstance(next(iter(session.points)).follower, BodyFollower)), session.board.lines()
     target = tip + np.array([-22, -14])
     click(page, target)
     assert until(page, lambda: page.locator(".point").first.get_attribute("data-state") == "reached"), (
         session.board.lines()
     )
+    film(page, last=True)
     picture(page, "live.jpg")
     if PICTURES:
         save_film(Path(PICTURES) / "live.webp")

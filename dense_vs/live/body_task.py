@@ -1,0 +1,85 @@
+"""What a session does about the robot's body: has it learned after a babbling, and lets loop and points use it."""
+
+from typing import TYPE_CHECKING
+
+from dense_vs.body_model import BodyModel
+from dense_vs.live.body_process import BodyProcess, BodyState
+from dense_vs.pipeline.frame_pipeline import Frame
+from dense_vs.point_servo.loop import ServoLoop
+
+if TYPE_CHECKING:
+    from dense_vs.live.session import LiveSession
+
+
+class BodyTask:
+    """A session's body; all of it in the loop's thread.
+
+    Args:
+        session: whose loop has begun.
+    """
+
+    def __init__(self, session: "LiveSession"):
+        self._session = session
+        loop = session.running_loop()
+        self._delay = loop.joint_delay
+        self.process: BodyProcess | None = None
+        if session.source.commands and session.options.body and loop.wants_body:
+            options = loop.estimator.options
+            self.process = BodyProcess((options.height, options.width), loop.group, self._learned)
+
+    @property
+    def state(self) -> BodyState:
+        """What is known of the body."""
+        return BodyState.UNKNOWN if self.process is None else self.process.state
+
+    def frame(self, number: int, frame: Frame) -> None:
+        """Take a frame that was learned from."""
+        if self.process is None:
+            return
+        delay = self._session.running_loop().joint_delay
+        if delay != self._delay:
+            self._delay = delay
+            self.process.forget_images()
+        self.process.frame(number, frame)
+
+    def learn(self) -> None:
+        """Have it learned from the images so far, where there is none, or one that no longer explains what moves."""
+        loop = self._session.running_loop()
+        if self.process is not None and self.process.alive and loop.wants_body:
+            self.process.learn(loop.frame.positions)
+            self._session.board.log("learning the body from what was seen; points go by their own look until then")
+
+    def take_over(self, loop: ServoLoop) -> None:
+        """Let a loop that begins anew go on with the body that the one before knew."""
+        before = self._session.loop
+        if self.process is not None and before is not None and before.body_model is not None:
+            loop.use_body(before.body_model)
+
+    def forget(self) -> None:
+        """Forget it, as J is forgotten; points go by their own look again."""
+        loop = self._session.running_loop()
+        if self.process is not None:
+            self.process.forget()
+        self._session.points.follow_by_patches(loop.frame, loop.estimator)
+
+    def end(self) -> None:
+        """End its process."""
+        if self.process is not None:
+            self.process.end()
+
+    def _learned(self, model: BodyModel | None) -> None:
+        """From the process's thread: the model, or that there is none."""
+        self._session.ask(lambda: self._use(model))
+
+    def _use(self, model: BodyModel | None) -> None:
+        session = self._session
+        loop, process = session.running_loop(), self.process
+        if model is None:
+            if process is not None and not process.alive:
+                session.board.log("the body's process ended; points go by their own look", "error")
+            else:
+                session.board.log("the body was not found in these images; points go by their own look", "warning")
+        elif process is not None and process.knows:
+            loop.use_body(model)
+            session.points.seek_by_body(loop.frame, loop.estimator, session.number)
+            session.board.log(f"body learned: its tracks fit within {model.error:.2f} px; points go by their links")

@@ -1,0 +1,87 @@
+"""A loop takes a body model that was learned elsewhere, and forgets J and body together."""
+
+import numpy as np
+import pytest
+from planar_scene import TURN, PlanarScene
+
+from dense_vs import DenseVSError, ServoLoop
+from dense_vs.body_model import BodyModel
+from dense_vs.body_model.chain import Chain
+from dense_vs.body_model.model_file import ModelContent
+from dense_vs.body_model.surface import Surface
+from dense_vs.point_servo.body_tracker import BodyTracker
+
+SCENE = PlanarScene()
+
+
+class TurnedPlate:
+    """Camera and robot: one joint turns the plate in the image plane."""
+
+    joint_names = ("turn",)
+    joint_limits = np.array([[-0.5, 0.5]])
+
+    def __init__(self):
+        self.q, self.time = np.zeros(1), 0.0
+
+    def read(self):
+        gray = SCENE.image(np.array([0.0, 0.0, self.q[0] / TURN, 0.0]))
+        return np.repeat(gray[..., None], 3, axis=2), self.time
+
+    def joints(self):
+        return self.q.copy(), self.time
+
+    def command(self, delta):
+        self.q = self.q + delta
+        self.time += 1 / 30
+
+
+def model(size=(SCENE.height, SCENE.width)):
+    pixels = SCENE.pixels.reshape(-1, 2)
+    points = np.column_stack([(pixels - SCENE.center) / 100.0, np.ones(len(pixels))])
+    surface = Surface(points, np.zeros(len(points), int), np.ones(len(points)), np.full(len(points), 90, np.uint8))
+    chain = Chain(np.array([[0.0, 0.0, 1.0]]), np.array([[0.0, 0.0, 1.0]]), np.zeros(1), np.array([-1]))
+    center = float(SCENE.center[0]), float(SCENE.center[1])
+    limits = np.array([[-0.3, 0.3]])
+    return BodyModel(ModelContent(chain, 100.0, center, size, surface, np.ones(1, bool), limits, 0.1))
+
+
+@pytest.fixture
+def loop():
+    robot = TurnedPlate()
+    return ServoLoop(robot, robot, device="cpu", seed=1)
+
+
+def test_a_model_from_elsewhere_is_js_prior_and_what_points_go_by(loop):
+    assert loop.wants_body
+    loop.use_body(model())
+    assert not loop.wants_body
+    arm = np.array([84.0, 40.0]) - SCENE.center
+    expected = np.array([[-arm[1]], [arm[0]]])
+    # Drawn to the model by a share, from nothing.
+    np.testing.assert_allclose(loop.estimator.at([84.0, 40.0])[0], 0.7 * expected, rtol=0.05)
+    for _ in range(45):
+        loop.babble_once()
+    loop.define_point([84.0, 40.0])
+    assert isinstance(loop.tracker, BodyTracker)
+
+
+def test_another_bodys_model_is_refused_and_changes_nothing(loop):
+    with pytest.raises(DenseVSError, match="expected 1 and"):
+        loop.use_body(model(size=(64, 64)))
+    assert loop.body_model is None
+    assert loop.wants_body
+
+
+def test_j_and_body_are_forgotten_together(loop):
+    loop.use_body(model())
+    for _ in range(10):
+        loop.babble_once()
+    loop.forget()
+    assert loop.body_model is None
+    assert loop.wants_body
+    assert loop.pipeline.prior is None
+    assert not np.any(loop.estimator.jacobian)
+    loop.babble_once()
+    assert loop.frame.dq is None  # the first frame again
+    loop.babble_once()
+    assert loop.frame.dq is not None
