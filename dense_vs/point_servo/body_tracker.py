@@ -207,11 +207,15 @@ class BodyTracker:
         _, affine, by_depth = self._view(q[None])
         covariance = self._covariance(by_depth[0], spread)
         found, correlation = self._look.found(gray, place, affine[0], covariance)
+        as_expected = correlation >= LIKE
+        if not as_expected:  # a surface that was seen aslant is turned otherwise than one that faced the camera
+            other, alike = self._look.turned(gray, place, affine[0])
+            found, correlation = (other, alike) if alike > 0 else (found, correlation)
         self.correlation = np.array([correlation], np.float32)
         share = float(np.clip((correlation - LIKE) / (ALIKE - LIKE), 0, 1))
         if share == 1:
             self._by_own = max(float(np.linalg.norm(found - place)), OWN_DRIFT)
-        if share > 0:
+        if share > 0 and as_expected:
             self._sighting = found
         return place + share * (found - place)
 

@@ -8,12 +8,17 @@ Known so, a look is found again at postures at which a patch compared as it was 
 import cv2
 import numpy as np
 
+from dense_vs.point_servo.surface_patches import SurfacePatches
+
 MOST_RADIUS, LEAST_RADIUS = 12, 2  # px of the look about the expected place, in which it is sought
 STANDARD_DEVIATIONS = 3.0  # that the search spans
-CORRELATION_NOISE = 0.03  # by which correlations differ without reason, against distances from the expected place
+NOISE_SHARE, LEAST_NOISE = 0.25, 0.005  # of what the best correlation lacks of 1: by which others are worse by chance
+SURE = 0.93  # correlation of the look with every turn and shear allowed
+ALIGNED, TURNED = 1.0, 3.0  # px that it may move by then: where the chain says how it is turned, and where it does not
 BLUR = 0.8  # px, before looks are compared
 WIDTH = 0.35  # of the window: standard deviation of the weight of the look's pixels
 LEAST_PIXELS = 60  # of the same surface, for others to be left out
+LEAST_ALIGNED = 0.85  # correlation from which the chain is right about that
 LEAST_SCALE, MOST_SCALE = 0.4, 2.5  # by which the look may have shrunk or grown in any direction
 
 
@@ -36,6 +41,8 @@ class PointLook:
             own = _sampled(same.astype(np.float32), point, np.eye(2), half) > 0.5
             if own.sum() >= LEAST_PIXELS:
                 weights = weights * own
+        self._patches = SurfacePatches(window)
+        self._pixels = self._patches.taken(gray, np.asarray(point)[None], same)
         self._weights = (weights / weights.sum()).ravel()
         look = _blurred(_sampled(gray, point, np.eye(2), half)).ravel()
         self._look = look - self._weights @ look
@@ -67,10 +74,30 @@ class PointLook:
         correlation = both / (self._contrast * np.maximum(contrast, 1e-3))
         y, x = np.divmod(np.arange(side * side), side)
         moved = np.column_stack([x - radius, y - radius]) @ affine.T
-        score = correlation / CORRELATION_NOISE - 0.5 * np.sum(moved @ np.linalg.inv(covariance) * moved, axis=1)
+        noise = max(LEAST_NOISE, NOISE_SHARE * (1 - float(correlation.max())))
+        score = correlation / noise - 0.5 * np.sum(moved @ np.linalg.inv(covariance) * moved, axis=1)
         best = int(score.argmax())
         between = _peak(score.reshape(side, side), y[best], x[best])
-        return expected + moved[best] + affine @ between, float(correlation[best])
+        place = expected + moved[best] + affine @ between
+        if correlation[best] < LEAST_ALIGNED:
+            return place, float(correlation[best])
+        found, alike = self.turned(gray, place, affine, ALIGNED)
+        return (found, max(alike, float(correlation[best]))) if alike > 0 else (place, float(correlation[best]))
+
+    def turned(
+        self, gray: np.ndarray, place: np.ndarray, affine: np.ndarray, most: float = TURNED
+    ) -> tuple[np.ndarray, float]:
+        """Where the look is seen with every turn and shear allowed, and its correlation; -1 unless that is sure.
+
+        Args:
+            gray: uint8 ``(H, W)``.
+            place: ``(2,)`` [px] and affine ``(2, 2)``: what to begin with.
+            affine: as in :meth:`found`.
+            most: px that it may be away from there.
+        """
+        found, _, alike = self._patches.align(self._pixels, gray, place[None], affine[None])
+        sure = alike[0] > SURE and np.linalg.norm(found[0] - place) < most
+        return (found[0], float(alike[0])) if sure else (place, -1.0)
 
 
 def _sampled(gray: np.ndarray, place: np.ndarray, affine: np.ndarray, half: int) -> np.ndarray:
