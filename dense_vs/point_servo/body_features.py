@@ -5,7 +5,7 @@ every keyframe adds places of features; chain, focal length and features are adj
 what is learned far away holds back where it began. A new feature goes to the link whose motion explains its places.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import IntEnum
 
 import numpy as np
@@ -102,6 +102,16 @@ class BodyFeatures:
             spare = [one for one in old if not np.isin(self.lasting, one.features).any()] or old
             gone = {id(one) for one in spare[::6]}
             self.keyframes = [one for one in self.keyframes if id(one) not in gone]
+
+    def forget_unseen(self, others: np.ndarray) -> np.ndarray:
+        """Forget features that no keyframe holds, but for ``others``; the new index ``(M,)`` of each, -1 for none."""
+        held = np.unique(np.concatenate([*(one.features for one in self.keyframes), others, self.lasting]).astype(int))
+        renumbered = np.full(len(self), -1)
+        renumbered[held] = np.arange(len(held))
+        self.links, self.points, self.states = self.links[held], self.points[held], self.states[held]
+        self.keyframes = [replace(one, features=renumbered[one.features]) for one in self.keyframes]
+        self.lasting = renumbered[self.lasting]
+        return renumbered
 
     def seen_on(self, link: int, features: np.ndarray) -> np.ndarray:
         """Which of some features are known to be on a link, bool."""

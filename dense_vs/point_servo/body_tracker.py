@@ -4,7 +4,8 @@ On plain links a patch slides along outlines and shading, turns out of sight, or
 joint readings are exact: with the chain that a body model has, the link's features say where the point is, and while
 the robot moves on they refine the chain. Features are followed from image to image; those that turn out of sight are
 replaced by new ones, each on the link whose motion explains it. The point itself is known by its pixel when it was
-defined and a depth, which follows from its own places and from the features around it.
+defined and a depth, which follows from the features around it and from where its own look, turned as the chain says, is
+seen before and on the way.
 """
 
 from collections.abc import Sequence
@@ -22,6 +23,7 @@ from dense_vs.point_servo.surface_patches import SurfacePatches
 POINT = 0  # index of the point among the features
 FIRST_FEATURES = 180  # in the image in which the point is defined
 ON_LINK, ON_OTHERS = 70, 25  # features that are kept in sight, of the point's link and of each other one
+MOST_FEATURES = 600  # from which those that no keyframe holds are forgotten
 APART, MARGIN = 4, 9  # px between features; px about those of a link in which new ones are sought
 KEYFRAME_MOTION = 4.0  # px that a feature moves by between keyframes
 GATE = 2.0  # px from where its link's features are, at which one is given up
@@ -314,6 +316,9 @@ class BodyTracker:
         kept = features.states[self._live] != State.DROPPED
         self._live, self._places = self._live[kept], self._places[kept]
         self._look_for_more(gray)
+        if len(features) > MOST_FEATURES:
+            renumbered = features.forget_unseen(np.concatenate([self._live, self._first]))
+            self._live, self._first = renumbered[self._live], renumbered[self._first]
 
     def _look_for_more(self, gray: np.ndarray) -> None:
         """New features on and about what is in sight of each link."""

@@ -129,6 +129,25 @@ def test_places_of_the_point_are_kept_when_keyframes_are_many(plate):
     assert sum(0 in one.features for one in features.keyframes) == own
 
 
+def test_features_that_no_keyframe_holds_are_forgotten_and_nothing_else_changes(plate, monkeypatch):
+    trackers = [make(plate), make(plate)]
+    usual = follow(trackers[0], plate, END)
+    monkeypatch.setattr("dense_vs.point_servo.body_features.MOST_KEYFRAMES", 20)
+    monkeypatch.setattr("dense_vs.point_servo.body_tracker.MOST_FEATURES", 0)
+    features = trackers[1].features
+    assert np.max(np.abs(np.array(follow(trackers[1], plate, END)) - usual)) < 0.3  # fewer keyframes, the same point
+    held = np.unique(np.concatenate([one.features for one in features.keyframes]))
+    assert len(features) <= len(np.union1d(held, trackers[1]._first))
+    assert features.links[0] == 2
+    rows = features.tracks(np.array([0]))[1][:, 0]
+    assert np.isfinite(rows[:, 0]).any()
+    links, points = features.links.copy(), features.points.copy()
+    again = features.forget_unseen(np.array([1]))
+    np.testing.assert_array_equal(features.links, links[again >= 0])
+    np.testing.assert_array_equal(features.points, points[again >= 0])
+    np.testing.assert_array_equal(features.tracks(np.array([0]))[1][:, 0], rows)
+
+
 def test_a_covered_point_is_predicted_flagged_and_found_again(plate):
     tracker = make(plate)
     path = np.linspace(0, 1, 21)[1:, None] * np.array([0.25, -0.2, 0.2])
