@@ -11,6 +11,7 @@ import sys
 
 signal.signal(signal.SIGINT, signal.SIG_DFL)
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # before NumPy is imported; see dense_vs.device.one_blas_thread
+os.environ.setdefault("MUJOCO_GL", "disable")  # no OpenGL here; MuJoCo would start processes to look for it
 
 from dense_vs.cli.main import INTERRUPTED, main  # noqa: E402 - what stands above has to be done before
 
@@ -29,6 +30,10 @@ def program() -> int:
         code = main()
     except KeyboardInterrupt:  # while an earlier one was answered
         code = INTERRUPTED
+    except Exception:
+        if not asked:
+            raise
+        code = INTERRUPTED  # while an extension module was imported, which made an ImportError of it
     signal.signal(signal.SIGINT, signal.SIG_DFL)
     signal.signal(signal.SIGTERM, signal.SIG_DFL)
     return 128 + asked[-1] if code == INTERRUPTED and asked else code

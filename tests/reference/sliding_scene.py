@@ -75,6 +75,6 @@ class SlidingRobot:
 def wait_for(condition, seconds: float = 20.0) -> bool:
     """Wait until a condition holds; whether it does."""
     end = time.monotonic() + seconds
-    while not condition() and time.monotonic() < end:
+    while not (held := bool(condition())) and time.monotonic() < end:
         time.sleep(0.01)
-    return bool(condition())
+    return held

@@ -70,9 +70,9 @@ def shown_frame(page) -> int:
 def until(page, condition, seconds=20.0) -> bool:
     """Wait for a condition while the page goes on; whether it holds."""
     end = time.monotonic() + seconds
-    while not condition() and time.monotonic() < end:
+    while not (held := bool(condition())) and time.monotonic() < end:
         page.wait_for_timeout(20)
-    return bool(condition())
+    return held
 
 
 def click(page, place):

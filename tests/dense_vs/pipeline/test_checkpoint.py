@@ -176,5 +176,7 @@ def test_killed_again_and_again_it_goes_on(tmp_path):
     target = center + np.array([9.0, -7.0])
     assert loop.reach(target).reached
     assert np.hypot(*(robot.place(start) - target)) < 2.0
-    Checkpoint(path, NAMES).keep(loop.pipeline, 0.0)  # a new writing takes away what the killed ones left
-    assert wait_for(lambda: [file.name for file in tmp_path.iterdir()] == ["c.npz"], 10)
+    last = Checkpoint(path, NAMES)
+    last.keep(loop.pipeline, 0.0)  # a new writing takes away what the killed ones left
+    last.end()
+    assert [file.name for file in tmp_path.iterdir()] == ["c.npz"]

@@ -52,10 +52,10 @@ def page(session):
 
 def until(page, condition, seconds=90.0) -> bool:
     end = time.monotonic() + seconds
-    while not condition() and time.monotonic() < end:
+    while not (held := bool(condition())) and time.monotonic() < end:
         page.wait_for_timeout(50)
         film(page)
-    return bool(condition())
+    return held
 
 
 def film(page, last=False):
@@ -91,7 +91,7 @@ def test_learn_click_reach_by_the_simulators_truth(page, session, world):
     page.click("#learn")
     assert until(page, lambda: session.mode is Mode.LEARNING)
     assert until(page, lambda: "learned: J explains" in page.inner_text("#log")), session.board.lines()
-    assert page.locator("#body").is_visible() or session.body_state is not BodyState.LEARNING
+    assert until(page, lambda: page.locator("#body").is_visible() or session.body_state is not BodyState.LEARNING)
     first = session.number
     assert until(page, lambda: "body learned" in page.inner_text("#log")), session.board.lines()
     assert session.number > first + 30  # frames went on meanwhile
