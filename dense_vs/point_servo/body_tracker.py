@@ -16,9 +16,10 @@ import numpy as np
 from dense_vs.body_model.chain import Chain
 from dense_vs.point_servo.body_features import BodyFeatures, Keyframe, State
 from dense_vs.point_servo.feature_flow import carried, new_features
+from dense_vs.point_servo.look_back import followed_back
+from dense_vs.point_servo.planned_posture import planned_posture
 from dense_vs.point_servo.point_depth import UNKNOWN, PointDepth, depth_of_features, point_depth, tried_depths
 from dense_vs.point_servo.point_look import PointLook
-from dense_vs.point_servo.surface_patches import SurfacePatches
 
 POINT = 0  # index of the point among the features
 FIRST_FEATURES = 180  # in the image in which the point is defined
@@ -39,9 +40,6 @@ LEAST_OPEN = 0.05  # of the logarithm of the depth, left open in a search: place
 MOST_UNCERTAIN = 0.8  # px, standard deviation of the point's place up to which it is certain
 DOUBT = 1.5  # times the depth's standard deviation: places of features around share their errors
 BASIC = 0.3  # px, of any place
-BACK_WINDOW = 15  # px, side of the patches by which features are compared while looking back
-SURE, REALIGNED = 0.9, 1.0  # correlation with the first look, and px, for a place to be corrected by that look
-UNLIKE = 0.5  # correlation at which a feature is given up while looking back
 SMALL = 0.01  # of the logarithm of the depth, for derivatives
 NOWHERE = np.zeros(2)
 VOTES = 7  # features around, which say what link the point is on where its own places do not
@@ -86,6 +84,7 @@ class BodyTracker:
         self.features.lasting = np.array([POINT])
         self._lost_after = lost_after
         self._gray, positions = history[-1]
+        self._first_gray = self._gray
         self._positions = self._defined_at = self._kept_at = np.array(positions, dtype=np.float64)
         self.point = np.array(point, dtype=np.float64)
         self._pixel = self.point.copy()
@@ -151,6 +150,54 @@ class BodyTracker:
         if len(on) and self._moved(on, q) > KEYFRAME_MOTION:
             self._keep(gray, q)
         return self.point
+
+    def find_again(self, gray: np.ndarray, positions: np.ndarray) -> bool:
+        """Look for the features of the image in which the point was defined; whether enough of them are seen.
+
+        Args:
+            gray: uint8 ``(H, W)``, from near the posture that the point was defined in.
+            positions: joint positions ``(N,)`` [rad].
+        """
+        features, q = self.features, np.asarray(positions, dtype=np.float64)
+        known = (features.states[self._first] == State.KNOWN) & (self._first != POINT)
+        numbers, begun = self._first[known], self._begun[known]
+        step = features.project(numbers, q) - features.project(numbers, self._defined_at)
+        places, believed = carried(self._first_gray, gray, begun, begun + step)
+        self._live, self._places = numbers[believed], places[believed]
+        self._correct(q, self._link, gray)
+        self._gray, self._positions = gray, q
+        self.uncertainty = self._uncertainty(q)
+        return self.unseen == 0
+
+    def posture_for(
+        self,
+        target: np.ndarray,
+        positions: np.ndarray,
+        limits: np.ndarray,
+        *,
+        held: np.ndarray,
+        start: np.ndarray | None = None,
+    ) -> np.ndarray | None:
+        """A posture ``(N,)`` [rad] in which the point is seen at a target ``(2,)`` [px], by what is known now.
+
+        Args:
+            target, positions, limits, start: as in :func:`planned_posture`.
+            held: bool ``(N,)``, joints that stay where they are.
+        """
+        if self._depth is None:
+            return None
+        _, views = self._seen_in(self._defined_at[None])
+        fixed = np.asarray(held, dtype=bool) | ~self.features.learned
+        return planned_posture(self._seen_in, views[0], target, positions, limits, fixed=fixed, start=start)
+
+    def _seen_in(self, postures: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Places ``(T, 2)`` [px] and views ``(T, 3)``, see :data:`Seen`."""
+        features = self.features
+        rotation, translation = features.chain.link_poses(postures)
+        rotation, translation = rotation[:, self._link], translation[:, self._link]
+        there = rotation @ features.points[POINT] + translation
+        views = np.einsum("tji,tj->ti", rotation, there)
+        return features.pixels(there), views / np.linalg.norm(views, axis=1, keepdims=True)
 
     @property
     def _link(self) -> int:
@@ -352,26 +399,8 @@ class BodyTracker:
         features, gray = self.features, self._gray
         begun = np.vstack([self.point, new_features(gray, body, [self.point], FIRST_FEATURES, APART + 1)])
         self._first = numbers = features.added(len(begun))
-        patches = SurfacePatches(BACK_WINDOW)
-        pixels = patches.taken(gray, begun)
-        maps = np.tile(np.eye(2), (len(begun), 1, 1))
-        live, places, later = numbers, begun.copy(), gray
-        kept = [Keyframe(self._defined_at.copy(), live, places, gray)]
-        for image, q in [*history[:-1]][::-1]:
-            found, believed = carried(later, image, places, places)
-            live, places = live[believed], found[believed]
-            later = image
-            if not len(live):
-                kept.append(Keyframe(np.array(q, dtype=np.float64), live, places, image))
-                continue
-            aligned, turned, correlation = patches.align(pixels[live], image, places, maps[live])
-            sure = (correlation > SURE) & (np.linalg.norm(aligned - places, axis=1) < REALIGNED)
-            places = np.where(sure[:, None], aligned, places)
-            maps[live[sure]] = turned[sure]
-            alike = correlation > UNLIKE
-            live, places = live[alike], places[alike]
-            kept.append(Keyframe(np.array(q, dtype=np.float64), live, places, image))
-        features.keyframes = kept[::-1]
+        self._begun = begun
+        features.keyframes = followed_back(history, numbers, begun)
         self._live, self._places = numbers, begun.copy()
         features.assign(numbers)
         if features.states[POINT] != State.KNOWN:

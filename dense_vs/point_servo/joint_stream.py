@@ -5,12 +5,13 @@ import numpy as np
 from dense_vs.health.faults import Fault, FaultKind
 from dense_vs.health.joint_watch import JointWatch
 from dense_vs.health.motion_check import Motion
+from dense_vs.pipeline.frame_pipeline import Frame
 from dense_vs.recording.joint_delay import find_changed_delay, find_joint_delay
 from dense_vs.recording.joint_log import JointBuffer
 from dense_vs.robot.joint_group import JointGroup
 from dense_vs.robot.protocols import Robot
 
-DELAY_FRAMES = 60  # of babbling, that the delay of joint readings is found in
+DELAY_MOTIONS = 60  # of babbling, that the delay of joint readings is found in
 DELAY_MARGIN = 3  # frames more of readings, as the longest delay that is tried
 DELAY_STEP = 8  # px between the pixels that it is found from
 
@@ -33,14 +34,14 @@ class JointStream:
         self._robot, self._group, self.watch = robot, group, watch
         self.finding = delay is None
         self.delay = 0.0 if delay is None else delay
-        self._motion: list[tuple[float, np.ndarray | None]] = []  # time and flow of the frames it is found from
         self.restart()
 
     def restart(self) -> None:
         """Forget earlier readings, as after a gap."""
         self._buffer = JointBuffer(len(self._group.names))
         self.watch.restart()
-        self._motion = []
+        self._motion: list[tuple[float, float, np.ndarray]] = []  # stamps of two images and the flow between them
+        self._begin: float | None = None  # stamp of the image that the next flow begins at
 
     def read(self, image_time: float) -> tuple[Fault, ...]:
         """Take the robot's newest reading, if it can be believed; what is wrong with it.
@@ -74,20 +75,21 @@ class JointStream:
         """Whether the readings of an image's time are there."""
         return image_time + self.delay <= self._buffer.readings()[0][-1] + 1e-6  # s; stamps are rounded sums
 
-    def find_delay(self, time: float, flow: np.ndarray | None) -> bool:
+    def find_delay(self, frame: Frame) -> bool:
         """Note a frame's motion and, once there is enough, find the delay; true where one was found just now."""
         start = DELAY_STEP // 2
-        if flow is None:  # a frame that was not used: begin anew with the next
-            self._motion = []
-        self._motion.append((time, None if flow is None else flow[start::DELAY_STEP, start::DELAY_STEP]))
-        if len(self._motion) < DELAY_FRAMES + DELAY_MARGIN:
+        if frame.held:  # the next flow begins where this one would have
+            return False
+        if frame.flow is not None and self._begin is not None and len(self._motion) < DELAY_MOTIONS:
+            self._motion.append((self._begin, frame.time, frame.flow[start::DELAY_STEP, start::DELAY_STEP]))
+        self._begin = frame.time
+        if len(self._motion) < DELAY_MOTIONS or not self.has(self._motion[-1][1] + DELAY_MARGIN * self.watch.frame_time):
             return False
         self.finding = False
-        seen = self._motion[:DELAY_FRAMES]
-        times = np.array([time for time, _ in seen])
-        flows = np.array([np.nan_to_num(flow).ravel() for _, flow in seen[1:] if flow is not None])
+        pairs = np.array([(begin, end) for begin, end, _ in self._motion])
+        flows = np.array([np.nan_to_num(flow).ravel() for *_, flow in self._motion])
         self._motion = []
-        self.delay = find_joint_delay(flows, times, *self._buffer.readings())
+        self.delay = find_joint_delay(flows, pairs, *self._buffer.readings())
         return self.delay != 0.0
 
     def find_change(self, recent: list[Motion]) -> Fault | None:

@@ -20,11 +20,13 @@ from dense_vs.jacobian.estimator import DenseJacobian
 from dense_vs.pipeline.frame_pipeline import BODY_FLOW, Frame, FramePipeline
 from dense_vs.point_servo.body_tracker import BodyTracker
 from dense_vs.point_servo.command_pace import CommandPace
-from dense_vs.point_servo.following import certain, follow, given_up, pacing_flow
+from dense_vs.point_servo.following import follow, pacing_flow
 from dense_vs.point_servo.joint_stream import JointStream
 from dense_vs.point_servo.law import VisualServo
 from dense_vs.point_servo.learned_body import LearnedBody
-from dense_vs.point_servo.reach import Arrival, Reach, ReachEnd
+from dense_vs.point_servo.point_memory import PointMemory
+from dense_vs.point_servo.reach import Arrival, Reach
+from dense_vs.point_servo.reaching import Reaching
 from dense_vs.point_servo.same_surface import same_surface
 from dense_vs.point_servo.tracker import Method, PointTracker
 from dense_vs.robot.babbling import Babbling
@@ -127,6 +129,7 @@ class ServoLoop:
         shared = self.pipeline.flow.method == BODY_FLOW
         self._tracking_flow = self.pipeline.flow if shared else FlowEstimator(BODY_FLOW, *size)
         self.tracker: PointTracker | BodyTracker | None = None
+        self.memory: PointMemory | None = None
         self._learns_body = body_model is not False
         self._body = LearnedBody(self.pipeline, self.group, body_model)
         self.target: np.ndarray | None = None
@@ -258,8 +261,8 @@ class ServoLoop:
 
     def babble_once(self) -> Frame:
         """One frame of babbling, for a program that decides after every frame whether to go on."""
-        frame = self.step(self._when_due(self._babbling_step))
-        if self.joints.finding and self.joints.find_delay(self.frame.time, self.frame.flow):
+        frame = self.step(self.when_due(self._babbling_step))
+        if self.joints.finding and self.joints.find_delay(self.frame):
             self.pipeline.restart(forget=True)
             self._body.forget_images()
         return frame
@@ -285,27 +288,37 @@ class ServoLoop:
                 model, else as ``"aligned"``; or one of :class:`PointTracker`.
             window, lost_after, min_correlation, max_jump: see :class:`PointTracker`.
         """
+        weights = same_surface(self.estimator, point)
+        options = {"window": window, "min_correlation": min_correlation, "max_jump": max_jump, "lost_after": lost_after}
+        kind: Method = "aligned" if method == "link" else method
+        place, frame = point_array(point, "point"), self.frame
+        self.memory = PointMemory(place, frame.positions, frame.gray, weights, {"method": kind, **options})
         link = None
         if method == "link":
-            method = "aligned"
-            link = self._body.tracker(point_array(point, "point"), self.frame, window=window, lost_after=lost_after)
-        self.tracker = link or PointTracker(
-            point,
-            self.frame.gray,
-            weights=same_surface(self.estimator, point),
-            method=method,
-            window=window,
-            min_correlation=min_correlation,
-            max_jump=max_jump,
-            lost_after=lost_after,
-        )
-        self._followed = self._frame
+            link = self._body.tracker(place, frame, window=window, lost_after=lost_after)
+        self.tracker = link or self.memory.tracker()
+        self._followed = frame
 
-    def reach(self, target: Any, *, tolerance: float = 1.0, settle_frames: int = 5, max_frames: int = 150) -> Reach:
+    def find_again(self) -> bool:
+        """Look for the point in the last image, which is from the posture that it was defined in; whether it is seen.
+
+        From there on it is followed as before or, where a body model can be learned by now, by its link.
+        """
+        seen = None if self.memory is None else self.memory.seen_in(self.frame.gray)
+        if seen is None or self.tracker is None:
+            return False
+        if isinstance(self.tracker, BodyTracker):
+            return self.tracker.find_again(self.frame.gray, self.frame.positions)
+        self.tracker = seen
+        if self._body.wanted and self.learn_body():
+            self.define_point(seen.points[0])
+        return True
+
+    def reach(self, target: Any, *, tolerance: float = 1.0, settle_frames: int = 5, max_frames: int = 400) -> Reach:
         """Servo the defined point to a target by DIJE (17).
 
-        Stops when the tracker has lost the point. One that is followed by its link is sought on, and counts as reached
-        only where what is seen of the link agrees on its place.
+        A point that is followed by its link goes far ways by planned moves, and counts as reached only where what is
+        seen of the link agrees on its place. A point that is lost is looked for where it was defined, once in a reach.
 
         Args:
             target: ``(2,)`` [px].
@@ -321,30 +334,19 @@ class ServoLoop:
         tolerance = check_number("tolerance", tolerance, above=0)
         settle_frames = check_whole("settle_frames", settle_frames, least=1)
         max_frames = check_whole("max_frames", max_frames, least=1)
-        self.target, found, frames = goal, {}, 0
-        arrival = Arrival(tolerance, settle_frames)
-        distance = float(np.hypot(*(self.point - self.target)))
-        assert self.tracker is not None  # else there was no point
-        while frames < max_frames and not (arrival.settled and certain(self.tracker)) and not given_up(self.tracker):
-            self.step(self._when_due(self._servo_step))
-            frames += 1
-            distance = float(np.hypot(*(self.point - self.target)))
-            found |= {fault.kind: fault for fault in self.faults}
-            arrival.observe(distance, blind=any(fault.stops for fault in self.faults))
-        end = ReachEnd.REACHED if arrival.settled else ReachEnd.MISSED
-        if not certain(self.tracker):
-            end = ReachEnd.LOST
-        return Reach((float(goal[0]), float(goal[1])), frames, distance, end, tuple(found.values()))
+        self.point  # noqa: B018, says where there is none
+        self.target = goal
+        return Reaching(self, goal, Arrival(tolerance, settle_frames), max_frames).run()
 
     def _babbling_step(self) -> np.ndarray:
         return self.group.clip_step(self.babbling.step(pacing_flow(self.pipeline, self.frame)), self.frame.positions)
 
-    def _servo_step(self) -> np.ndarray:
+    def servo_step(self) -> np.ndarray:
         J, q = self.estimator.at(self.point)[0], self.joints.newest  # DIJE (16)
         point = self.point + J @ (q - self.frame.positions)  # where it is by now, as far as an image comes late
         return self.servo(J, point, self.target, q, held=self.joints.watch.stuck)
 
-    def _when_due(self, choose: Callable[[], np.ndarray]) -> np.ndarray:
+    def when_due(self, choose: Callable[[], np.ndarray]) -> np.ndarray:
         """The chosen joint step where a command is due by now and nothing stops the robot, else zero."""
         if any(fault.stops for fault in self.faults) or not self._pace.due(self.frame.time):
             return np.zeros(self.estimator.options.joints)

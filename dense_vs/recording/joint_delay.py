@@ -65,21 +65,21 @@ class DelayCurve:
         return float(np.interp(delay, self.delays, self.unexplained))
 
 
-def find_joint_delay(flow: np.ndarray, image_times: np.ndarray, times: np.ndarray, positions: np.ndarray) -> float:
+def find_joint_delay(flow: np.ndarray, pairs: np.ndarray, times: np.ndarray, positions: np.ndarray) -> float:
     """Delay of the readings while J is learned [s]; 0 where none explains the motion clearly better.
 
     Args:
-        flow: ``(K, M)`` image motion of K successive frames at some pixels, x and y alike [px].
-        image_times: ``(K + 1,)`` stamps of their images [s].
+        flow: ``(K, M)`` image motion between the two images of K pairs at some pixels, x and y alike [px].
+        pairs: ``(K, 2)`` stamps of the images [s].
         times: ``(S,)`` stamps of the joint readings [s], increasing; those up to 3 frames past the images are used.
         positions: ``(S, N)`` the readings [rad, m].
     """
-    frame_time = float(np.median(np.diff(image_times)))
+    frame_time = float(np.median(pairs[:, 1] - pairs[:, 0]))
     delays = _tried(BABBLING_FRAMES, frame_time)
     at, joints = even_joints(times, positions)
     if joints.shape[1] == 0:
         return 0.0
-    steps = joint_steps(np.stack([image_times[:-1], image_times[1:]], axis=1), delays, at, joints)
+    steps = joint_steps(pairs, delays, at, joints)
     curve = DelayCurve(delays, unexplained_by_constant_jacobian(steps, flow @ flow.T))
     counts = curve.least < (1 - LEAST_GAIN) * curve.at(0.0)
     return curve.best if counts and abs(curve.best) >= LEAST_FRAMES * frame_time else 0.0

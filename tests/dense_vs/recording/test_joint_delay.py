@@ -21,35 +21,44 @@ def motion(request):
     image_times = frames[3 : COUNT - 3]
     at = np.stack([np.interp(image_times, frames, joint) for joint in coarse.T], axis=1)
     flow = np.diff(at, axis=0) @ rng.normal(0, 80, (JOINTS, 80))
-    return flow + rng.normal(0, 0.2, flow.shape), image_times, times, positions
+    pairs = np.column_stack([image_times[:-1], image_times[1:]])
+    return flow + rng.normal(0, 0.2, flow.shape), pairs, times, positions
 
 
 @pytest.mark.parametrize("delay", [-1.6, -0.75, 0.0, 0.5, 1.0, 2.25])
 def test_finds_the_delay(motion, delay):
-    flow, image_times, times, positions = motion
-    found = find_joint_delay(flow, image_times, times + delay * FRAME, positions)
+    flow, pairs, times, positions = motion
+    found = find_joint_delay(flow, pairs, times + delay * FRAME, positions)
     assert found == pytest.approx(delay * FRAME, abs=0.05 * FRAME)
+
+
+@pytest.mark.parametrize("delay", [-0.75, 1.0])
+def test_finds_it_where_images_are_left_out(motion, delay):
+    flow, pairs, times, positions = motion
+    used = np.arange(len(pairs)) % 7 != 3
+    found = find_joint_delay(flow[used], pairs[used], times + delay * FRAME, positions)
+    assert found == pytest.approx(delay * FRAME, abs=0.1 * FRAME)
 
 
 @pytest.mark.parametrize("delay", [-1.6, -0.75, 0.0, 1.0, 2.25])
 def test_finds_it_in_rough_readings_of_the_image_rate_whatever_their_unit(motion, delay):
-    flow, image_times, times, positions = motion
+    flow, pairs, times, positions = motion
     noise = np.random.default_rng(5).normal(0, 1e-3, positions[3::10].shape)
     rough = np.round((positions[3::10] + noise) / 0.002) * 0.002 * np.array([1e3, 1e-3, 57.3, 1.0])
-    found = find_joint_delay(flow, image_times, times[3::10] + delay * FRAME, rough)
+    found = find_joint_delay(flow, pairs, times[3::10] + delay * FRAME, rough)
     assert found == pytest.approx(delay * FRAME, abs=0.2 * FRAME)
 
 
 def test_noise_has_no_delay(motion):
-    _, image_times, times, positions = motion
-    flow = np.random.default_rng(9).normal(size=(len(image_times) - 1, 200))
-    assert find_joint_delay(flow, image_times, times, positions) == 0.0
+    _, pairs, times, positions = motion
+    flow = np.random.default_rng(9).normal(size=(len(pairs), 200))
+    assert find_joint_delay(flow, pairs, times, positions) == 0.0
 
 
 def test_a_robot_that_stands_still_has_none(motion):
-    flow, image_times, times, positions = motion
+    flow, pairs, times, positions = motion
     for still in (0.0, 0.4, -1e6):
-        assert find_joint_delay(flow, image_times, times, np.full_like(positions, still)) == 0.0
+        assert find_joint_delay(flow, pairs, times, np.full_like(positions, still)) == 0.0
 
 
 PLACES = 150

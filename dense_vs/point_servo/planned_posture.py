@@ -1,0 +1,86 @@
+"""A posture in which a point of the body is seen at its target, planned in one step with the body's chain.
+
+DIJE (17) goes straight through the image and knows no more than the next step: on a far way joints meet their limits,
+and the surface turns out of sight. With the chain a whole move is planned at once, as Gothoskar et al. do by their
+model. Of the postures that bring the point to its target, one is chosen that is near and in which the surface is seen
+from where it was seen when the point was defined, so that it looks alike and stays in sight.
+"""
+
+from collections.abc import Callable
+
+import numpy as np
+from scipy.optimize import least_squares
+
+TRIED, REFINED = 400, 3  # postures at random, and those of them that a search begins at
+RANGE = 1.5  # rad about the present posture, for joints without limits
+MARGIN = 0.03  # rad, kept from the limits
+LOOK, TRAVEL = 8.0, 2.0  # px that a change of the view by 1 (about 60 degrees) and a way of 1 rad weigh as much as
+OFF = 3.0  # px from the target up to which a posture is one that brings the point there
+EVALUATIONS = 40
+
+Seen = Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]]
+"""Of postures ``(T, N)`` [rad]: places of the point ``(T, 2)`` [px] and unit vectors ``(T, 3)`` from which its surface
+is seen, in the frame of its link."""
+
+
+def planned_posture(
+    seen: Seen,
+    view: np.ndarray,
+    target: np.ndarray,
+    positions: np.ndarray,
+    limits: np.ndarray,
+    *,
+    fixed: np.ndarray,
+    seed: int = 0,
+    start: np.ndarray | None = None,
+) -> np.ndarray | None:
+    """The posture ``(N,)`` [rad] to go to; None where none is found that brings the point near its target.
+
+    Args:
+        seen: what the chain says.
+        view: ``(3,)`` from where the surface was seen when the point was defined.
+        target: ``(2,)`` [px].
+        positions: ``(N,)`` the present posture [rad].
+        limits: ``(N, 2)`` of the joints [rad], infinite where there are none.
+        fixed: bool ``(N,)``, joints that stay where they are.
+        seed: of the postures at random.
+        start: a posture that is probably good; then none are tried at random.
+    """
+    q = np.asarray(positions, dtype=np.float64)
+    least = np.where(np.isfinite(limits[:, 0]), limits[:, 0] + MARGIN, q - RANGE)
+    most = np.where(np.isfinite(limits[:, 1]), limits[:, 1] - MARGIN, q + RANGE)
+    free = ~np.asarray(fixed, dtype=bool) & (least < most)
+    if not free.any():
+        return None
+
+    def whole(some: np.ndarray) -> np.ndarray:
+        """Postures ``(T, N)`` with the free joints at ``(T, F)``."""
+        postures = np.tile(q, (len(some), 1))
+        postures[:, free] = some
+        return postures
+
+    def residuals(some: np.ndarray) -> np.ndarray:
+        """``(T, 5 + F)`` [px]."""
+        places, views = seen(whole(some))
+        away = np.clip(np.nan_to_num(places - target, nan=1e4), -1e4, 1e4)
+        return np.hstack([away, LOOK * (views - view), TRAVEL * (some - q[free])])
+
+    low, high = least[free], most[free]
+    if start is None:
+        random = np.random.default_rng(seed)
+        tried = np.vstack([np.clip(q[free], low, high), random.uniform(low, high, (TRIED, int(free.sum())))])
+        cost = np.sum(residuals(tried) ** 2, axis=1)
+        starts = tried[np.unique(np.append(0, np.argsort(cost)[:REFINED]))]
+    else:
+        starts = np.clip(np.asarray(start, dtype=np.float64)[free], low, high)[None]
+    best, least_cost = None, np.inf
+    for begin in starts:
+        found = least_squares(
+            lambda some: residuals(some[None])[0], begin, bounds=(low, high), max_nfev=EVALUATIONS, x_scale=0.1
+        )
+        if found.cost < least_cost:
+            best, least_cost = found.x, found.cost
+    assert best is not None
+    posture = whole(best[None])[0]
+    off = seen(posture[None])[0][0] - target
+    return posture if float(np.hypot(*off)) <= OFF else None

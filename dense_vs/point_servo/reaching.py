@@ -1,0 +1,108 @@
+"""How a loop brings its point to a target: a planned move where the way is far, DIJE (17) near it, and back to look for
+the point where it was lost."""
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from dense_vs.health.faults import Fault, FaultKind
+from dense_vs.point_servo.body_tracker import BodyTracker
+from dense_vs.point_servo.following import certain, given_up
+from dense_vs.point_servo.reach import Arrival, Reach, ReachEnd
+
+if TYPE_CHECKING:
+    from dense_vs.point_servo.loop import ServoLoop
+
+FAR = 25.0  # px from the target from which on a move is planned
+NEAR = 8.0  # px from the target at which DIJE (17) takes over
+ARRIVED = 0.02  # rad from the planned posture
+PLANNED_EVERY = 15  # frames, after which the posture is planned anew, as the chain is known better by then
+RETURNS = 1  # times in a reach that a lost point is looked for where it was defined
+BACK = 0.01  # rad from the posture in which it was defined
+LOOKED = 5  # frames there in which it is looked for
+WAITED = 45  # frames at the target after which a place that is not certain will not become so
+
+
+class Reaching:
+    """One reach.
+
+    Args:
+        loop: that a point is defined in.
+        target: ``(2,)`` [px].
+        arrival: when it is there.
+        max_frames: after which it gives up.
+    """
+
+    def __init__(self, loop: "ServoLoop", target: np.ndarray, arrival: Arrival, max_frames: int):
+        self._loop, self._target = loop, target
+        self._arrival, self._left, self._frames = arrival, max_frames, 0
+        self._faults: dict[FaultKind, Fault] = {}
+        self._planned: np.ndarray | None = None
+        self._planned_at = -PLANNED_EVERY
+
+    def run(self) -> Reach:
+        """Go there."""
+        loop = self._loop
+        far, returns, waited = self._distance() > FAR, 0, 0
+        while self._left > 0 and waited < WAITED and not (self._arrival.settled and certain(loop.tracker)):
+            if given_up(loop.tracker):
+                if returns == RETURNS or not self._find_again():
+                    break
+                returns += 1
+                far = self._distance() > FAR
+                continue
+            far = far and self._distance() > NEAR
+            self._step(self._way() if far else loop.servo_step)
+            self._arrival.observe(self._distance(), blind=any(fault.stops for fault in loop.faults))
+            waited = waited + 1 if self._arrival.settled else 0
+        end = ReachEnd.REACHED if self._arrival.settled else ReachEnd.MISSED
+        if not certain(loop.tracker):
+            end = ReachEnd.LOST
+        x, y = self._target
+        return Reach((float(x), float(y)), self._frames, self._distance(), end, tuple(self._faults.values()))
+
+    def _distance(self) -> float:
+        return float(np.hypot(*(self._loop.point - self._target)))
+
+    def _step(self, choose) -> None:
+        loop = self._loop
+        loop.step(loop.when_due(choose))
+        self._left -= 1
+        self._frames += 1
+        self._faults |= {fault.kind: fault for fault in loop.faults}
+
+    def _way(self):
+        """What chooses the next step of a far way: toward a posture planned by the body's chain where there is one."""
+        loop = self._loop
+        if isinstance(loop.tracker, BodyTracker) and self._frames - self._planned_at >= PLANNED_EVERY:
+            self._planned_at = self._frames
+            self._planned = loop.tracker.posture_for(
+                self._target, loop.joints.newest, loop.group.limits, held=loop.joints.watch.stuck, start=self._planned
+            )
+        if self._planned is None or np.abs(self._planned - loop.joints.newest).max() < ARRIVED:
+            return loop.servo_step
+        return lambda: self._toward(self._planned)
+
+    def _toward(self, posture: np.ndarray) -> np.ndarray:
+        """Joint step ``(N,)`` straight to a posture, as long as the servo's longest."""
+        loop = self._loop
+        way = posture - loop.joints.newest
+        longest = float(np.abs(way).max())
+        most = loop.servo.options.max_step
+        return loop.group.clip_step(way * min(1.0, most / max(longest, 1e-12)), loop.joints.newest)
+
+    def _find_again(self) -> bool:
+        """Go back to the posture in which the point was defined, and look for it there; whether it is seen."""
+        loop = self._loop
+        memory = loop.memory
+        if memory is None:
+            return False
+        looked = 0
+        while self._left > 0 and looked < LOOKED:
+            self._step(lambda: self._toward(memory.positions))
+            there = np.abs(memory.positions - loop.frame.positions).max() < BACK
+            if there and not any(fault.stops for fault in loop.faults):
+                looked += 1
+                if loop.find_again():
+                    return True
+        return False
