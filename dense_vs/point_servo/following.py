@@ -1,14 +1,41 @@
-"""One image's step of following a point, by whichever tracker follows it, and what sets the pace of babbling."""
+"""Following a point, by whichever tracker follows it, and what sets the pace of babbling."""
+
+from typing import Any
 
 import numpy as np
 
+from dense_vs.arrays import point_array
 from dense_vs.flow.estimator import FlowEstimator
-from dense_vs.pipeline.frame_pipeline import LEARNED_UPDATES, MOST_BRIDGED, Frame, FramePipeline
+from dense_vs.jacobian.estimator import DenseJacobian
+from dense_vs.pipeline.frame_pipeline import BODY_FLOW, LEARNED_UPDATES, MOST_BRIDGED, Frame, FramePipeline
 from dense_vs.point_servo.body_tracker import BodyTracker
+from dense_vs.point_servo.learned_body import LearnedBody
 from dense_vs.point_servo.same_surface import same_surface
 from dense_vs.point_servo.tracker import PointTracker
 
 LEAST_BODY = 0.01  # share of the image that makes the robot's own pixels count as known
+
+
+def new_tracker(
+    point: Any, method: Any, frame: Frame, estimator: DenseJacobian, body: LearnedBody, options: dict[str, Any]
+) -> PointTracker | BodyTracker:
+    """A tracker of a point ``(2,)`` [px] in a frame, as :meth:`ServoLoop.define_point` describes it."""
+    if method == "link":
+        method = "aligned"
+        shared = {name: options[name] for name in ("window", "lost_after")}
+        link = body.tracker(point_array(point, "point"), frame, **shared)
+        if link is not None:
+            return link
+    return PointTracker(point, frame.gray, weights=same_surface(estimator, point), method=method, **options)
+
+
+def tracking_flow(pipeline: FramePipeline) -> FlowEstimator:
+    """Flow that points are carried by, sharper at outlines than J's needs to be: a point near one would be carried off
+    with the background.
+    """
+    if pipeline.flow.method == BODY_FLOW:
+        return pipeline.flow
+    return FlowEstimator(BODY_FLOW, pipeline.estimator.options.height, pipeline.estimator.options.width)
 
 
 def follow(
