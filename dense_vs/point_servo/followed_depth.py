@@ -14,6 +14,7 @@ REACH = 4  # px, half the side of the window around the point
 SAME = 0.02  # share of the depth by which pixels of one surface differ within the window
 LEAST = 6  # pixels that have to be there
 CORRECTED = 0.5  # share of the difference that one image corrects; the estimator's depth is filtered already
+FIRST = 8  # corrections when it is begun
 LOST_AFTER = 15  # images without depth around the point
 
 
@@ -42,7 +43,7 @@ class FollowedDepth:
         # The nearest surface that is no speck: beside an outline the window shows what lies behind, too.
         self.depth = float(np.sort(depths)[LEAST // 2])
         self.unseen = 0
-        for _ in range(3):
+        for _ in range(FIRST):
             self.update(estimator, place, np.zeros(estimator.options.joints))
 
     @classmethod

@@ -3,7 +3,7 @@
 import mujoco
 import numpy as np
 
-from dense_vs.checks import check_number, check_seed, check_whole
+from dense_vs.checks import check_flag, check_number, check_seed, check_whole
 from dense_vs.errors import DenseVSError
 from dense_vs.sims.engine import surface_points
 from dense_vs.sims.engine.surface_points import SurfacePoint
@@ -47,6 +47,7 @@ def reachable_targets(
     Raises:
         DenseVSError: no such posture found in a world, or a number out of range.
     """
+    depth = check_flag("depth", depth)
     count, seed = check_whole("count", count, least=1, most=ATTEMPTS), check_seed(seed)
     least_distance = check_number("least_distance", least_distance, least=0)
     border = check_number("border", border)
