@@ -45,10 +45,10 @@ class Aim:
         """Begin with a point ``(2,)`` [px]."""
         self._followed = FollowedDepth.found(self._estimator, point)
 
-    def update(self, point: np.ndarray, dq: np.ndarray) -> None:
-        """Take the point's depth along: its place ``(2,)`` [px] in a new image, and the joint step ``(N,)`` [rad]."""
+    def update(self, point: np.ndarray, dq: np.ndarray, image: np.ndarray | None) -> None:
+        """Take the point's depth along; arguments of :meth:`FollowedDepth.update`."""
         if self._followed is not None:
-            self._followed.update(self._estimator, point, dq)
+            self._followed.update(self._estimator, point, dq, image)
 
     def at(self, target: Any, point: np.ndarray, body: BodyModel | None) -> None:
         """Set the target.

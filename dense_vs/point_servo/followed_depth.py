@@ -27,14 +27,14 @@ class FollowedDepth:
 
     Attributes:
         depth: of the point [m].
-        unseen: images since enough pixels around it were at its depth.
+        unseen: images since a depth image showed enough pixels around it at its depth.
 
     Raises:
         DenseVSError: no depth is known around the place.
     """
 
     def __init__(self, estimator: DenseJacobian, place: np.ndarray):
-        _, depths = _window(estimator, place)
+        _, depths = _window(estimator.depth, place)
         if len(depths) < LEAST:
             raise DenseVSError(
                 f"depth is known at {len(depths)} of the pixels around {np.asarray(place).tolist()}; expected at least "
@@ -44,12 +44,12 @@ class FollowedDepth:
         self.depth = float(np.sort(depths)[LEAST // 2])
         self.unseen = 0
         for _ in range(FIRST):
-            self.update(estimator, place, np.zeros(estimator.options.joints))
+            self._correct(estimator, place)
 
     @classmethod
     def found(cls, estimator: DenseJacobian, place: np.ndarray) -> "FollowedDepth | None":
         """That of a point, where the estimator has depth and knows that of the point."""
-        if not estimator.options.depth or len(_window(estimator, place)[1]) < LEAST:
+        if not estimator.options.depth or len(_window(estimator.depth, place)[1]) < LEAST:
             return None
         return cls(estimator, place)
 
@@ -58,35 +58,42 @@ class FollowedDepth:
         """Whether it has not been seen for long."""
         return self.unseen >= LOST_AFTER
 
-    def update(self, estimator: DenseJacobian, place: np.ndarray, dq: np.ndarray) -> float:
+    def update(self, estimator: DenseJacobian, place: np.ndarray, dq: np.ndarray, image: np.ndarray | None) -> float:
         """Take the depth to the next image; the point's depth [m].
 
         Args:
             estimator: after that image.
             place: ``(2,)`` [px], where the point is in it.
             dq: ``(N,)`` joint step since the image before [rad].
+            image: ``(H, W)`` its depth image [m], 0 where it is not known; None where there was none.
         """
         self.depth += float(estimator.at(place, depth=True)[0, 2] @ dq)
-        offsets, depths = _window(estimator, place)
-        same = np.abs(depths - self.depth) < SAME * self.depth
-        if same.sum() < LEAST:
-            self.unseen += 1
-            return self.depth
-        self.unseen = 0
-        measured = _plane_at_center(offsets[same], depths[same])
-        self.depth += CORRECTED * float(np.clip(measured - self.depth, -SAME * self.depth, SAME * self.depth))
+        self._correct(estimator, place)
+        # The estimator bridges holes: whether the sensor sees the point says its image alone.
+        shown = image is not None and np.sum(self._same(_window(image, place)[1])) >= LEAST
+        self.unseen = 0 if shown else self.unseen + 1
         return self.depth
 
+    def _correct(self, estimator: DenseJacobian, place: np.ndarray) -> None:
+        offsets, depths = _window(estimator.depth, place)
+        same = self._same(depths)
+        if same.sum() >= LEAST:
+            measured = _plane_at_center(offsets[same], depths[same])
+            self.depth += CORRECTED * float(np.clip(measured - self.depth, -SAME * self.depth, SAME * self.depth))
 
-def _window(estimator: DenseJacobian, place: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def _same(self, depths: np.ndarray) -> np.ndarray:
+        """Which of some depths may be of the point's surface."""
+        return np.abs(depths - self.depth) < SAME * self.depth
+
+
+def _window(depth: np.ndarray, place: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Pixels around a place whose depth is known: offsets from it ``(K, 2)`` [px] and depths ``(K,)`` [m]."""
-    depth = estimator.depth
     height, width = depth.shape
     x, y = np.clip(np.rint(place), -REACH, (width + REACH, height + REACH)).astype(int)
     rows = slice(max(y - REACH, 0), max(y + REACH + 1, 0))
     columns = slice(max(x - REACH, 0), max(x + REACH + 1, 0))
     found = depth[rows, columns].astype(np.float64)
-    dy, dx = np.nonzero(np.isfinite(found))
+    dy, dx = np.nonzero(np.isfinite(found) & (found > 0))
     return np.stack([dx + columns.start, dy + rows.start], axis=1) - np.asarray(place), found[dy, dx]
 
 

@@ -388,6 +388,6 @@ class ServoLoop:
         """Take the tracked point along from the last frame that it was followed in, and say where it is not seen."""
         last, self._followed = self._followed, frame
         unseen = follow(tracker, self.pipeline, self._tracking_flow, last, frame, self.renew_patch)
-        self._aim.update(self.point, frame.positions - last.positions)
+        self._aim.update(self.point, frame.positions - last.positions, frame.depth)
         if unseen:
             self._say(Fault(FaultKind.POINT, unseen, stops=False, holds=False))

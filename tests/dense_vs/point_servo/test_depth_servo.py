@@ -73,8 +73,9 @@ def test_at_an_outline_the_nearer_surface_is_followed_and_kept():
     followed = FollowedDepth(estimator, np.array([23.0, 20.0]))
     assert followed.depth == pytest.approx(0.8, abs=1e-3)
     for _ in range(10):  # tracked on the wrong side of it
-        followed.update(estimator, np.array([26.0, 20.0]), np.zeros(2))
+        followed.update(estimator, np.array([26.0, 20.0]), np.zeros(2), depth)
     assert followed.depth == pytest.approx(0.8, abs=1e-3)
+    assert followed.unseen == 0
 
 
 def test_goes_along_by_j_where_no_depth_is_seen_and_says_when_for_too_long():
@@ -86,14 +87,14 @@ def test_goes_along_by_j_where_no_depth_is_seen_and_says_when_for_too_long():
         estimator.update(still, dq, depth=np.full((HEIGHT, WIDTH), 1.0 + q @ [0.3, -0.2]))
     followed = FollowedDepth(estimator, np.array([25.0, 20.0]))
     start = followed.depth
-    # Something 0.3 m nearer covers it.
-    estimator.predict(np.zeros(2), depth=np.full((HEIGHT, WIDTH), 0.6))
+    nearer = np.full((HEIGHT, WIDTH), 0.6)  # something covers it
+    estimator.predict(np.zeros(2), depth=nearer)
     row = estimator.depth_jacobian[20, 25].copy()
-    followed.update(estimator, np.array([25.0, 20.0]), np.array([0.05, 0.0]))
+    followed.update(estimator, np.array([25.0, 20.0]), np.array([0.05, 0.0]), nearer)
     assert followed.depth == pytest.approx(start + 0.05 * row[0], abs=1e-6)
     assert (followed.unseen, followed.lost) == (1, False)
     for _ in range(LOST_AFTER):
-        followed.update(estimator, np.array([25.0, 20.0]), np.zeros(2))
+        followed.update(estimator, np.array([25.0, 20.0]), np.zeros(2), None)
     assert followed.lost
 
 
@@ -177,9 +178,12 @@ def test_a_depth_camera_that_says_nothing_for_a_moment_is_bridged(scene, learned
     loop.define_point([60.0, 50.0])
     camera.covered = True
     goal = loop.point_depth + 0.01
-    reach = loop.reach([61.0, 50.0, goal], max_frames=60, tolerance=1.5)
+    reach = loop.reach([60.5, 50.0, goal], max_frames=LOST_AFTER - 1, tolerance=1.5)
+    assert reach.end is not ReachEnd.LOST
+    later = loop.reach([60.5, 50.0, goal], max_frames=LOST_AFTER, settle_frames=LOST_AFTER)
     camera.covered = False
-    assert reach.reached
+    assert later.end is ReachEnd.LOST
+    assert loop.reach([60.5, 50.0, goal]).reached
     assert 1.0 + NEARER @ robot.q == pytest.approx(goal, abs=0.02)
 
 
