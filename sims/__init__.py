@@ -10,6 +10,8 @@ if TYPE_CHECKING:
     from dense_vs.sims.batch.batch_servo import BatchServo as BatchServo
     from dense_vs.sims.engine.adapters import SimCamera as SimCamera
     from dense_vs.sims.engine.adapters import SimRobot as SimRobot
+    from dense_vs.sims.engine.depth_camera import DepthSensor as DepthSensor
+    from dense_vs.sims.engine.depth_camera import SimDepthCamera as SimDepthCamera
     from dense_vs.sims.engine.frames import DeviceFrame as DeviceFrame
     from dense_vs.sims.engine.frames import Frame as Frame
     from dense_vs.sims.engine.id_segmenter import IdSegmenter as IdSegmenter
@@ -27,9 +29,11 @@ _HOMES = {
     "ROBOTS": "engine.robots",
     "Realism": "engine.realism",
     "IdSegmenter": "engine.id_segmenter",
+    "DepthSensor": "engine.depth_camera",
     "DeviceFrame": "engine.frames",
     "Frame": "engine.frames",
     "SimCamera": "engine.adapters",
+    "SimDepthCamera": "engine.depth_camera",
     "SimRobot": "engine.adapters",
     "SimWorld": "engine.world",
     "SurfacePoint": "engine.surface_points",

@@ -16,8 +16,9 @@ NAMES = {
     "dense_vs.segmentation": "AnnotatedFolder FewShotOptions FewShotSegmenter MaskQuality MaskVerdict OnnxOptions "
     "OnnxSegmenter Segmenter assess_mask read_image read_images read_mask write_mask",
     "dense_vs.generative": "GenerativeModel Observations",
-    "dense_vs.sims": "FRAME_SECONDS ROBOTS BatchServo DeviceFrame DomainRandomization Frame IdSegmenter SimCamera "
-    "SimRobot SimWorld SurfacePoint",
+    "dense_vs.sims": "FRAME_SECONDS ROBOTS BatchServo DepthSensor DeviceFrame DomainRandomization Frame IdSegmenter "
+    "SimCamera SimDepthCamera SimRobot SimWorld SurfacePoint",
+    "dense_vs.robot": "DepthCamera",
 }
 
 

@@ -10,7 +10,7 @@ both papers). Lengths are in a unit of the model's own, as one camera's images l
 
 import os
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -24,6 +24,7 @@ from dense_vs.body_model.surface import Surface, SurfaceOptions, find_surface
 from dense_vs.body_model.tracks import PointTracks, TrackOptions, follow_points, moving_pixels
 from dense_vs.errors import DenseVSError
 
+LEAST_WITH_DEPTH = 50  # pixels of the body
 BESIDE = 3  # px off the body at which a pixel still counts as on it where points are traced
 
 
@@ -184,6 +185,47 @@ class BodyModel:
         J[body] = self._point_jacobians(posture, positions[front[body]], self.surface.links[front[body]])
         return J, body
 
+    def depth_jacobian(self, q: Any) -> np.ndarray:
+        """How depth answers to every joint at a posture ``(N,)`` [rad], float32 ``(H, W, N)``; 0 off the body.
+
+        In the model's unit by rad: in m/rad of a model :meth:`in_meters`.
+        """
+        posture = self._posture(q, "q")
+        positions = self._positions(posture)
+        front = front_points(self._project(positions), positions[:, 2], self.size)
+        D = np.zeros((*self.size, self.joint_count), np.float32)
+        body = front >= 0
+        D[body] = self._point_velocities(posture, positions[front[body]], self.surface.links[front[body]])[..., 2]
+        return D
+
+    def in_meters(self, depths: Any, joints: Any) -> "BodyModel":
+        """The same body with a meter as its unit of length, by some depth images: noise and holes do little to a scale.
+
+        Args:
+            depths: K images, each floating point ``(H, W)`` [m], 0 or NaN where depth is not known.
+            joints: ``(K, N)`` their postures [rad].
+
+        Raises:
+            DenseVSError: depth images of another size or whole numbers, another number of postures, or less than 50
+                pixels of the body with depth.
+        """
+        postures = real_vector(joints, "joints", (len(depths), self.joint_count))
+        ratios = [np.zeros(0)]
+        for depth, q in zip(depths, postures, strict=True):
+            seen = real_vector(np.nan_to_num(np.asarray(depth), posinf=0.0), "depth", self.size)
+            of_body = self.image(q).depths
+            both = np.isfinite(of_body) & (seen > 0)
+            ratios.append(seen[both] / of_body[both])
+        found = np.concatenate(ratios)
+        if len(found) < LEAST_WITH_DEPTH:
+            raise DenseVSError(
+                f"depth is known at {len(found)} pixels of the body; expected at least {LEAST_WITH_DEPTH} in depth "
+                "images in meters, 0 or NaN where it is not known"
+            )
+        scale = float(np.median(found))
+        surface = replace(self.surface, points=scale * self.surface.points)
+        return BodyModel(replace(self._content(), chain=self.chain.scaled(scale), surface=surface))
+
     def flow(self, q: Any, dq: Any) -> np.ndarray:
         """Flow, float32 ``(H, W, 2)`` [px], stored at the pixels of the posture ``q`` that was reached by ``dq``.
 
@@ -239,13 +281,7 @@ class BodyModel:
         Raises:
             DenseVSError: the file cannot be written.
         """
-        write_body(
-            path,
-            ModelContent(
-                self.chain, self.focal_length, self.center, self.size, self.surface, self.learned, self.joint_range,
-                self.error,
-            ),
-        )  # fmt: skip
+        write_body(path, self._content())
 
     @classmethod
     def load(cls, path: str | os.PathLike[str]) -> "BodyModel":
@@ -255,6 +291,18 @@ class BodyModel:
             DenseVSError: not such a file, another version of it, or damaged.
         """
         return cls(read_body(path))
+
+    def _content(self) -> ModelContent:
+        return ModelContent(
+            self.chain,
+            self.focal_length,
+            self.center,
+            self.size,
+            self.surface,
+            self.learned,
+            self.joint_range,
+            self.error,
+        )
 
     def _posture(self, q: Any, name: str) -> np.ndarray:
         return real_vector(q, name, (self.joint_count,))
@@ -272,20 +320,24 @@ class BodyModel:
         depth = np.where(positions[:, 2:] > 1e-6, positions[:, 2:], np.nan)
         return np.nan_to_num(self.focal_length * positions[:, :2] / depth + self.center, nan=-1e6)
 
-    def _point_jacobians(self, q: np.ndarray, positions: np.ndarray, links: np.ndarray) -> np.ndarray:
-        """J ``(P, 2, N)`` [px/rad] of points on links in the camera frame, the interaction matrix times the screws."""
+    def _point_velocities(self, q: np.ndarray, positions: np.ndarray, links: np.ndarray) -> np.ndarray:
+        """Velocities ``(P, N, 3)`` [unit/rad] of points on links in the camera frame by each joint, by its screw."""
         axes, moments = self.chain.screws(q)
         # w x X for all joints by one product: X' [-w]x.
         cross = np.zeros((3, self.joint_count, 3))
         for n, (wx, wy, wz) in enumerate(axes):
             cross[:, n] = [[0, wz, -wy], [-wz, 0, wx], [wy, -wx, 0]]
         velocity = (positions @ cross.reshape(3, -1)).reshape(len(positions), self.joint_count, 3) + moments
+        return velocity * (self.chain.moved_by[links] & self.learned)[:, :, None]
+
+    def _point_jacobians(self, q: np.ndarray, positions: np.ndarray, links: np.ndarray) -> np.ndarray:
+        """J ``(P, 2, N)`` [px/rad] of points on links in the camera frame, the interaction matrix times the screws."""
+        velocity = self._point_velocities(q, positions, links)
         J = np.empty((len(positions), 2, self.joint_count), np.float32)
         scale = self.focal_length / positions[:, 2]
         normal = positions[:, :2] / positions[:, 2:]
-        moved_by = self.chain.moved_by[links] & self.learned
         for row in range(2):
-            J[:, row] = (velocity[..., row] - normal[:, row, None] * velocity[..., 2]) * scale[:, None] * moved_by
+            J[:, row] = (velocity[..., row] - normal[:, row, None] * velocity[..., 2]) * scale[:, None]
         return J
 
     def _moved(self, places: np.ndarray, index: np.ndarray, q_seen: Any, q: Any) -> np.ndarray:

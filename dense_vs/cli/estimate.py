@@ -22,8 +22,8 @@ from dense_vs.cli.recording_options import add_recording_arguments, episode_numb
 from dense_vs.errors import DenseVSError
 from dense_vs.files import output_folder, stored_format, write_json
 from dense_vs.jacobian.error import jacobian_error
-from dense_vs.jacobian.estimator import FORMAT as JACOBIAN
 from dense_vs.jacobian.estimator import DenseJacobian
+from dense_vs.jacobian.jacobian_file import FORMAT as JACOBIAN
 from dense_vs.pipeline.body_prior import BodyPrior
 from dense_vs.pipeline.explained_motion import share_of_pixels_known
 from dense_vs.pipeline.frame_pipeline import scaled_size

@@ -8,7 +8,6 @@ estimated beside J, so that J follows the posture (both in ``kernels/jacobian/co
 grows with the motion; a second step of the fixed point that DIJE (14) begins.
 """
 
-import json
 import os
 from dataclasses import asdict
 from typing import Any
@@ -17,18 +16,17 @@ import numpy as np
 import warp as wp
 
 from dense_vs.arrays import points_array, real_vector, vec2_image
-from dense_vs.checks import check_whole
 from dense_vs.device import resolve_device, resolve_threads, room_for
 from dense_vs.errors import DenseVSError
-from dense_vs.files import atomic_write, read_arrays
+from dense_vs.files import atomic_write
+from dense_vs.jacobian.depth_filter import DepthFilter, depth_bytes
+from dense_vs.jacobian.depth_image import depth_image
 from dense_vs.jacobian.filter import JacobianFilter, filter_bytes
+from dense_vs.jacobian.jacobian_file import file_header, read_jacobian
 from dense_vs.jacobian.options import CovarianceForm, JacobianOptions, OnBadFlow, Prediction, refuse_large_steps
-from dense_vs.jacobian.stored_state import STATE, check_stored
+from dense_vs.jacobian.uncertainty import own_covariance, own_variance
 from dense_vs.kernels.views import seen_as
 
-FORMAT = "dense-vs dense image Jacobian"
-FORMAT_VERSION = 1
-STORED = ("format", "format_version", "options", "updates", *STATE)
 MOST_AWAY = 50.0  # rad in standard units, of a joint from the posture that the filter's state belongs to
 
 
@@ -64,6 +62,8 @@ class DenseJacobian:
             ``joint_scale``; a larger one is refused.
         move_variance: whether ``"diagonal"`` moves the variance with J.
         on_bad_flow: ``"error"`` refuses a flow with a value that is not finite; ``"skip"`` only predicts there.
+        depth: whether J has a third row, of depth images, see :attr:`depth_jacobian`; for ``"shared"``.
+        depth_noise: standard deviation of a depth image at the robot [m].
         device: ``"auto"``, ``"cpu"`` or ``"cuda:N"``.
         threads: CPU threads; ``DENSE_VS_THREADS`` or all allowed cores unless given. Any number gives the same bits.
 
@@ -100,6 +100,8 @@ class DenseJacobian:
         max_joint_step: float = 100.0,
         move_variance: bool = False,
         on_bad_flow: OnBadFlow = "error",
+        depth: bool = False,
+        depth_noise: float = 0.006,
         device: str = "auto",
         threads: int | None = None,
     ):
@@ -125,11 +127,15 @@ class DenseJacobian:
             max_joint_step=max_joint_step,
             move_variance=move_variance,
             on_bad_flow=on_bad_flow,
+            depth=depth,
+            depth_noise=depth_noise,
         )
         self.device = resolve_device(device)
         self.threads = resolve_threads(threads)
-        with room_for("a dense image Jacobian", self.options.worlds, filter_bytes(self.options), self.device):
+        size = filter_bytes(self.options) + depth_bytes(self.options)
+        with room_for("a dense image Jacobian", self.options.worlds, size, self.device):
             self.filter = JacobianFilter(self.options, self.device, self.threads, spans=self.takes_spans)
+            self._depth = DepthFilter(self.options, self.device, self.threads) if self.options.depth else None
         self.updates = 0
         self._away = np.zeros((self.options.worlds, self.options.joints))  # from the filter's reference posture [rad]
 
@@ -155,39 +161,44 @@ class DenseJacobian:
         return jacobian if self.device.is_cpu else jacobian.numpy()
 
     @property
+    def depth(self) -> np.ndarray:
+        """Depth of every pixel by all depth images so far, float32 ``(H, W)`` [m]; NaN where it is not known.
+
+        A hole in the last image is bridged by what was seen before, moved by the joint steps.
+
+        Raises:
+            DenseVSError: made without ``depth``.
+        """
+        return self._unbatch(self._with_depth().depth)
+
+    @property
+    def depth_jacobian(self) -> np.ndarray:
+        """J's third row, how depth answers to every joint, float32 ``(H, W, N)`` [m/rad].
+
+        Raises:
+            DenseVSError: made without ``depth``.
+        """
+        return self._unbatch(_read_only(self._with_depth().jacobian))
+
+    def _with_depth(self) -> DepthFilter:
+        if self._depth is None:
+            raise DenseVSError("estimator has no depth; expected DenseJacobian(depth=True)")
+        return self._depth
+
+    @property
     def variance(self) -> np.ndarray:
         """Variance of J's columns, float32 ``(H, W, N)`` [px^2/rad^2], the same for rows x and y, DIJE (6), DIJE (7).
 
         Infinite for a joint that is not learned.
         """
-        joints = self.options.joints
-        stored = self.filter.stored_covariance()
-        if self.options.covariance == "diagonal":
-            variance = stored
-        elif self.options.covariance == "full":
-            variance = np.diagonal(stored, axis1=-2, axis2=-1)
-        else:
-            own = np.diagonal(stored, axis1=1, axis2=2)[:, :joints] * np.square(self._factors)
-            shared = np.where(self._factors > 0, own, np.inf)[:, None, None].astype(np.float32)
-            variance = np.broadcast_to(shared, (*self.filter.shape, joints))
-        return self._unbatch(_read_only(variance))
+        return self._unbatch(_read_only(own_variance(self.filter)))
 
     @property
     def covariance(self) -> np.ndarray:
         """Covariance of a row of J: float64 ``(N, N)`` for ``"shared"`` and ``"fixed"``, float32
         ``(H, W, N, N)`` for ``"full"`` and ``"diagonal"`` [px^2/rad^2].
         """
-        stored = self.filter.stored_covariance()
-        if self.options.covariance == "diagonal":
-            stored = stored[..., None] * np.eye(self.options.joints, dtype=np.float32)
-        joints = self.options.joints
-        kept = stored[..., :joints, :joints]
-        if self.options.joint_scale is None:
-            return self._unbatch(kept.copy())
-        unlearned = np.diag(np.where(self._factors > 0, 0.0, np.inf))
-        both = np.outer(self._factors > 0, self._factors > 0)
-        scaled = np.where(both, kept * np.outer(self._factors, self._factors), 0.0)
-        return self._unbatch(np.where(np.isinf(unlearned), unlearned, scaled))
+        return self._unbatch(own_covariance(self.filter))
 
     @property
     def learned(self) -> np.ndarray:
@@ -209,7 +220,7 @@ class DenseJacobian:
         """Whether a flow may span more than a frame: with a covariance that all pixels share and J moved by J dq."""
         return self.options.covariance == "shared" and self.options.prediction != "flow"
 
-    def update(self, flow: Any, dq: Any, span: Any = None) -> None:
+    def update(self, flow: Any, dq: Any, span: Any = None, depth: Any = None) -> None:
         """Take one frame: move J with the image, DIJE (8), then correct it by the flow, DIJE (10).
 
         Args:
@@ -219,15 +230,19 @@ class DenseJacobian:
             span: ``(N,)`` floating point [rad], the joint displacement from the flow's first image to the present one
                 where that image lies further back than the last frame; ``dq`` unless given. Where little moves in a
                 frame, such a flow says more: its errors hardly grow with the distance moved (beyond the paper).
+            depth: ``(H, W)`` floating point [m], depth image of the present frame, 0 or NaN where it is not known; for
+                an estimator with ``depth``, which only predicts it in a frame without.
 
         Raises:
             DenseVSError: shape, dtype, a value that is not finite, a step above ``max_joint_step``; a span where
-                :attr:`takes_spans` is false; the estimate stays as it was.
+                :attr:`takes_spans` is false; a depth image as of :func:`.depth_image.depth_image`; the estimate stays
+                as it was.
 
         Flow of 2^17 px and more is no flow, as one that is not finite.
         """
         joint_step = self._joint_step(dq)
         spanned = None if span is None else self._span(span)
+        measured = self._depth_image(depth)
         self.filter.stage(vec2_image(flow, "flow", self.filter.shape, self.device))
         if self.options.on_bad_flow == "error" and (bad := int(self.filter.bad.numpy().sum())):
             self.filter.bad.zero_()
@@ -235,16 +250,16 @@ class DenseJacobian:
                 f"flow has {bad} pixels that are not finite; expected finite values, or "
                 "DenseJacobian(on_bad_flow='skip')"
             )
-        self._advance(joint_step, spanned)
+        self._advance(joint_step, spanned, measured)
 
-    def predict(self, dq: Any) -> None:
+    def predict(self, dq: Any, depth: Any = None) -> None:
         """Take one frame without its flow: move J with the image, its uncertainty growing; a later flow may span it.
 
         Raises:
             DenseVSError: as for :meth:`update`.
         """
         joint_step = self._joint_step(dq)
-        self._advance(joint_step, self._span(np.zeros(np.shape(dq))))
+        self._advance(joint_step, self._span(np.zeros(np.shape(dq))), self._depth_image(depth))
 
     def blend(self, jacobian: Any, share: Any) -> None:
         """Draw J to one that is known from elsewhere, as from a body model; the uncertainty stays. For one world.
@@ -276,26 +291,32 @@ class DenseJacobian:
         """
         return self._unbatch(self.filter.predicted_flow(self._joint_step(dq)).numpy())
 
-    def at(self, points: Any) -> np.ndarray:
+    def at(self, points: Any, *, depth: bool = False) -> np.ndarray:
         """J at image points by bilinear interpolation, DIJE (16).
 
         Args:
             points: ``(K, 2)`` x, y [px], ``(worlds, K, 2)`` for several worlds; outside the image the nearest
                 border pixel answers.
+            depth: whether the row of depth is wanted too; it is not averaged across a jump of depth.
 
         Returns:
-            float32 ``(K, 2, N)`` [px/rad].
+            float32 ``(K, 2, N)`` [px/rad]; ``(K, 3, N)`` with depth [m/rad] as the third row.
         """
         worlds = self.options.worlds
         if worlds == 1:
             batch = points_array(points, "points")[None]
         else:
             batch = real_vector(points, "points", (worlds, -1, 2))
-        return self._unbatch(self.filter.at(batch).numpy())
+        rows = self.filter.at(batch).numpy()
+        if depth:
+            rows = np.concatenate([rows, self._with_depth().at(batch)[..., None, :]], axis=-2)
+        return self._unbatch(rows)
 
     def reset(self) -> None:
         """Forget everything: J = 0 and H = 0 with their initial variances."""
         self.filter.reset()
+        if self._depth is not None:
+            self._depth.reset()
         self._away[...] = 0.0
         self.updates = 0
 
@@ -310,9 +331,8 @@ class DenseJacobian:
 
     def stored(self) -> dict[str, Any]:
         """The arrays that :meth:`save` writes, by name; on a CPU views, valid until the next ``update``."""
-        content: dict[str, Any] = dict(self.filter.stored())
-        content |= {"format": FORMAT, "format_version": FORMAT_VERSION}
-        return content | {"options": json.dumps(asdict(self.options)), "updates": self.updates}
+        depth = {} if self._depth is None else self._depth.stored()
+        return self.filter.stored() | depth | file_header(self.options, self.updates)
 
     @classmethod
     def load(cls, path: str | os.PathLike[str], *, device: str = "auto", threads: int | None = None) -> "DenseJacobian":
@@ -321,24 +341,16 @@ class DenseJacobian:
         Raises:
             DenseVSError: not such a file, another version of it, or arrays that do not fit its options.
         """
-        content = read_arrays(path, "a saved Jacobian", STORED)
-        if str(content.get("format")) != FORMAT:
-            raise DenseVSError(f"{path} is not a saved Jacobian; expected a file that DenseJacobian.save wrote")
-        if str(content.get("format_version")) != str(FORMAT_VERSION):
-            raise DenseVSError(f"{path} has format version {content.get('format_version')}; expected {FORMAT_VERSION}")
-        try:
-            options = JacobianOptions(**json.loads(str(content["options"])))
-            updates = check_whole("updates", content["updates"].item(), least=0)
-            check_stored(content, options)  # before memory is taken for sizes that the file only claims
-        except (KeyError, ValueError, TypeError, AttributeError, RecursionError) as error:
-            raise DenseVSError(f"{path} is damaged: {error}") from error
+        options, updates, content = read_jacobian(path)
         estimator = cls(device=device, threads=threads, **asdict(options))
-        estimator.filter.restore({name: content[name] for name in STATE})
+        estimator.filter.restore(content)
+        if estimator._depth is not None:
+            estimator._depth.restore(content)
         estimator._away = np.array(content["displacement"])
         estimator.updates = updates
         return estimator
 
-    def _advance(self, joint_step: np.ndarray, span: np.ndarray | None) -> None:
+    def _advance(self, joint_step: np.ndarray, span: np.ndarray | None, depth: np.ndarray | None) -> None:
         """Take a frame, from a reference posture so near that what float32 keeps of J + H d is J's."""
         if self.options.order == 2:
             away = self._away + joint_step
@@ -347,7 +359,17 @@ class DenseJacobian:
                 away = joint_step.astype(np.float64)
             self._away = away
         self.filter.advance(joint_step, span)
+        if self._depth is not None:
+            self._depth.advance(self.filter, joint_step, depth)
         self.updates += 1
+
+    def _depth_image(self, depth: Any) -> np.ndarray | None:
+        """The image as (worlds, H, W) float32."""
+        if depth is None:
+            return None
+        self._with_depth()
+        shape = self.filter.shape
+        return depth_image(depth, shape[1:] if self.options.worlds == 1 else shape).reshape(shape)
 
     def _span(self, span: Any) -> np.ndarray:
         if not self.takes_spans:

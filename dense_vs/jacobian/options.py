@@ -65,6 +65,10 @@ class JacobianOptions:
             other forms keep it in place.
         on_bad_flow: ``"error"`` refuses a flow image with a value that is not finite; ``"skip"`` only
             predicts at those pixels.
+        depth: whether depth and its row of J are estimated, from depth images; for ``"shared"``, and not with
+            prediction ``"flow"``. Their other variances follow from those of the pixel rows.
+        depth_noise: standard deviation of a depth image at the robot [m]; twice that of a pixel where neighbors' errors
+            are alike, as most cameras' are.
     """
 
     height: int
@@ -88,6 +92,8 @@ class JacobianOptions:
     max_joint_step: float = 100.0
     move_variance: bool = False
     on_bad_flow: OnBadFlow = "error"
+    depth: bool = False
+    depth_noise: float = 0.006
 
     def __post_init__(self):
         for name, least, most in (
@@ -112,6 +118,7 @@ class JacobianOptions:
                 f"prediction 'nearest' with covariance {self.covariance!r}; expected covariance 'shared' or 'fixed'"
             )
         self._check_joint_scale()
+        self._check_depth()
         if self.covariance == "full" and self.joints > MAX_JOINTS_FULL:
             raise DenseVSError(
                 f"covariance 'full' with {self.joints} joints; expected at most {MAX_JOINTS_FULL}, "
@@ -154,6 +161,15 @@ class JacobianOptions:
         """Factor that brings each joint's step to standard units; 0 for one that is not learned."""
         return step_factors(self.joint_scale, self.joints)
 
+    def _check_depth(self) -> None:
+        object.__setattr__(self, "depth", check_flag("depth", self.depth))
+        object.__setattr__(self, "depth_noise", check_number("depth_noise", self.depth_noise, above=0))
+        if self.depth and (self.covariance != "shared" or self.prediction == "flow"):
+            raise DenseVSError(
+                f"depth with covariance {self.covariance!r} and prediction {self.prediction!r}; expected covariance "
+                "'shared' and prediction 'model', 'nearest' or 'none'"
+            )
+
     def _check_joint_scale(self) -> None:
         if self.joint_scale is None:
             return
@@ -183,6 +199,8 @@ class EstimatorOptions(TypedDict, total=False):
     max_joint_step: float
     move_variance: bool
     on_bad_flow: OnBadFlow
+    depth: bool
+    depth_noise: float
 
 
 def step_factors(joint_scale: Any, joints: int) -> tuple[float, ...]:

@@ -22,6 +22,7 @@ from dense_vs.flow.estimator import FlowEstimator, to_gray
 from dense_vs.health.faults import Fault
 from dense_vs.health.image_watch import ImageWatch
 from dense_vs.health.motion_check import MotionCheck
+from dense_vs.jacobian.depth_image import depth_image
 from dense_vs.jacobian.estimator import DenseJacobian
 from dense_vs.pipeline.body_prior import BodyPrior
 from dense_vs.pipeline.camera_sway import CameraSway
@@ -50,6 +51,7 @@ class Frame:
         measured: ``(H, W, 2)`` float32 and ``(N,)``, flow and joint displacement since the image that J was corrected
             by before [px, rad], without a camera's sway where that is taken out; None in the frames in which J was only
             moved.
+        depth: float32 ``(H, W)`` [m], 0 where it is not known, where a depth image came with the image.
         faults: what is wrong with it. Where one of them holds, the frame was not learned from, ``dq`` is None, and
             ``positions`` are the last that were believed.
     """
@@ -61,6 +63,7 @@ class Frame:
     dq: np.ndarray | None
     measured: tuple[np.ndarray, np.ndarray] | None = None
     faults: tuple[Fault, ...] = ()
+    depth: np.ndarray | None = None
     _calculate: Callable[[], np.ndarray | None] = field(default=lambda: None, repr=False, compare=False)
 
     @cached_property
@@ -102,7 +105,8 @@ class FramePipeline:
         camera_sway: what is known of it; None without ``sway``.
 
     Raises:
-        DenseVSError: sizes that differ, several worlds, a scale out of (0, 1], a baseline below 0.
+        DenseVSError: sizes that differ, several worlds, a scale out of (0, 1], a baseline below 0, sway of an estimator
+            with depth.
     """
 
     def __init__(
@@ -146,13 +150,19 @@ class FramePipeline:
         self._body_flow = self.flow if body is None else FlowEstimator(BODY_FLOW, *self._body_size)
         self.before_update = before_update
         self.prior = prior
-        self.camera_sway = CameraSway(*size, joints) if check_flag("sway", sway) else None
+        if check_flag("sway", sway) and estimator.options.depth:
+            raise DenseVSError(
+                "sway with an estimator of depth, which is not moved with the camera; expected one of them"
+            )
+        self.camera_sway = CameraSway(*size, joints) if sway else None
         self.frame: Frame | None = None
         self._watch = ImageWatch() if watched else None
         self.check = MotionCheck() if watched else None
         self._seen: tuple[float, np.ndarray | None] | None = None  # stamp and positions of the last image, used or not
 
-    def process(self, image: Any, time: float, positions: Any, faults: tuple[Fault, ...] = ()) -> Frame:
+    def process(
+        self, image: Any, time: float, positions: Any, faults: tuple[Fault, ...] = (), depth: Any = None
+    ) -> Frame:
         """Take the next image; from the second on the estimator is updated.
 
         Args:
@@ -160,10 +170,13 @@ class FramePipeline:
             time: its stamp [s], later than the last one's.
             positions: ``(N,)`` joint positions at that time [rad].
             faults: of these positions; where one holds, the frame is shown and not learned from.
+            depth: floating point ``(H, W)`` [m], depth of the same pixels, 0 or NaN where it is not known; for an
+                estimator with depth, see :class:`DenseJacobian`. One without any depth counts as none at all, but for
+                the first.
 
         Raises:
-            DenseVSError: another image size than before, a time that does not increase, bad positions; nothing has
-                changed then.
+            DenseVSError: another image size than before, a time that does not increase, bad positions, a depth image
+                as of :func:`.depth_image.depth_image`; nothing has changed then.
         """
         last, seen = self.frame, self._seen
         if not np.isfinite(time) or (seen is not None and time <= seen[0]):
@@ -178,6 +191,7 @@ class FramePipeline:
                 f"image of {gray.shape[1]} x {gray.shape[0]} pixels once scaled by {self.scale}; "
                 f"expected {expected[1]} x {expected[0]}"
             )
+        seen_depth = None if depth is None else self._scaled_depth(depth, np.shape(image)[:2])
         given = faults
         if self._watch is not None:
             before = q if seen is None or seen[1] is None else seen[1]
@@ -185,7 +199,7 @@ class FramePipeline:
             faults = faults if fault is None else (*faults, fault)
         # Where a reading is not believed, how far the robot moves until the next is not known.
         self._seen = time, None if any(fault.holds for fault in given) else q
-        shown = Frame(time, scaled, gray, q, None, faults=faults)
+        shown = Frame(time, scaled, gray, q, None, faults=faults, depth=seen_depth)
         if shown.held:
             return shown
         if last is None:
@@ -248,10 +262,10 @@ class FramePipeline:
         self._moved_to = q
         spans = self.estimator.takes_spans
         if self._watch is not None and spans and self._span_frames > 1 and self.motion(span) > MOST_BRIDGED:
-            self.estimator.predict(step)
+            self.estimator.predict(step, shown.depth)
             return self._begin_span(followed(_calculate=partial(self.estimator.predicted_flow, dq)))
         if not self._is_due(span):
-            self.estimator.predict(step)
+            self.estimator.predict(step, shown.depth)
             return followed()
         flow = calculate() if self._span_frames == 1 else self.flow(first.gray, gray)
         fault = None
@@ -259,11 +273,11 @@ class FramePipeline:
             columns, rows = self._grid.astype(int).T
             fault = self.check.judge(flow[rows, columns], self.estimator.at(self._grid), span, first.time, shown.time)
         if fault is not None:
-            self.estimator.predict(step)
+            self.estimator.predict(step, shown.depth)
             return self._begin_span(followed(faults=(*shown.faults, fault)))
         motion = self._camera_motion(flow, span)
         flow = flow if motion is None else motion.taken_out(flow)
-        self.estimator.update(flow, step, span if moved_since else None)
+        self.estimator.update(flow, step, span if moved_since else None, shown.depth)
         if self.prior is not None:
             self.prior.correct(self.estimator, q, flow, span)
         if self.body is not None:
@@ -327,6 +341,16 @@ class FramePipeline:
             return image.copy()
         height, width = scaled_size(image.shape[:2], self.scale)
         return cv2.resize(image, (width, height), interpolation=cv2.INTER_AREA)
+
+    def _scaled_depth(self, depth: Any, shape: tuple[int, ...]) -> np.ndarray | None:
+        """A depth image at the estimator's scale, of single pixels, as their mean may lie on no surface."""
+        if not self.estimator.options.depth:
+            raise DenseVSError("a depth image for an estimator without depth; expected DenseJacobian(depth=True)")
+        checked = depth_image(depth, shape, empty=self.frame is not None)
+        if self.scale != 1.0:
+            height, width = scaled_size(shape, self.scale)
+            checked = cv2.resize(checked, (width, height), interpolation=cv2.INTER_NEAREST)
+        return checked if checked.any() else None
 
 
 def scaled_size(shape: tuple[int, ...], scale: float) -> tuple[int, int]:

@@ -1,14 +1,32 @@
-"""One image's step of following a point, by whichever tracker follows it, and what sets the pace of babbling."""
+"""Following a point, by whichever tracker follows it, and what sets the pace of babbling."""
 
 import numpy as np
 
 from dense_vs.flow.estimator import FlowEstimator
-from dense_vs.pipeline.frame_pipeline import LEARNED_UPDATES, MOST_BRIDGED, Frame, FramePipeline
+from dense_vs.pipeline.frame_pipeline import BODY_FLOW, LEARNED_UPDATES, MOST_BRIDGED, Frame, FramePipeline
 from dense_vs.point_servo.body_tracker import BodyTracker
+from dense_vs.point_servo.learned_body import LearnedBody
+from dense_vs.point_servo.point_memory import PointMemory
 from dense_vs.point_servo.same_surface import same_surface
 from dense_vs.point_servo.tracker import PointTracker
 
 LEAST_BODY = 0.01  # share of the image that makes the robot's own pixels count as known
+
+
+def new_tracker(memory: PointMemory, frame: Frame, body: LearnedBody | None) -> PointTracker | BodyTracker:
+    """A tracker of the point that a memory has of the last frame: by its link where ``body`` knows it."""
+    options = {name: memory.options[name] for name in ("window", "lost_after")}
+    link = None if body is None else body.tracker(memory.place, frame, **options)
+    return link or memory.tracker()
+
+
+def tracking_flow(pipeline: FramePipeline) -> FlowEstimator:
+    """Flow that points are carried by, sharper at outlines than J's needs to be: a point near one would be carried off
+    with the background.
+    """
+    if pipeline.flow.method == BODY_FLOW:
+        return pipeline.flow
+    return FlowEstimator(BODY_FLOW, pipeline.estimator.options.height, pipeline.estimator.options.width)
 
 
 def follow(

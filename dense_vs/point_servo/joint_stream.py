@@ -83,7 +83,9 @@ class JointStream:
         if frame.flow is not None and self._begin is not None and len(self._motion) < DELAY_MOTIONS:
             self._motion.append((self._begin, frame.time, frame.flow[start::DELAY_STEP, start::DELAY_STEP]))
         self._begin = frame.time
-        if len(self._motion) < DELAY_MOTIONS or not self.has(self._motion[-1][1] + DELAY_MARGIN * self.watch.frame_time):
+        if len(self._motion) < DELAY_MOTIONS or not self.has(
+            self._motion[-1][1] + DELAY_MARGIN * self.watch.frame_time
+        ):
             return False
         self.finding = False
         pairs = np.array([(begin, end) for begin, end, _ in self._motion])

@@ -1,8 +1,14 @@
-"""The visual servoing law DIJE (17): joint step = k_p J# (p_target - p).
+"""The visual servoing law DIJE (17): joint step = k_p J# (p_target - p), in the image or in image and depth.
 
 Beyond the paper: J# is the damped pseudoinverse J^T (J J^T + d^2 I)^-1, which stays small where J is
 small or not learned yet; the step is bounded, joint limits are kept by moving the remaining joints, and a small dither
 keeps the estimator excited.
+
+With depth (beyond the paper) J has a third row [m/rad] and the error a third number [m]; both are multiplied by the
+pixels per meter s = f / Z at the target's depth Z. A camera of focal length f [px] shows a point (X, Y, Z) at
+(f X / Z, f Y / Z), so a motion (dX, dY) across the line of sight is s (dX, dY) px. With the third row by s, all rows
+count a meter alike: the error is as long as the way in space, times s (near the optical axis), and one damping serves
+all. Where the error is zero does not depend on s, so a rough focal length will do.
 """
 
 from dataclasses import dataclass
@@ -10,7 +16,7 @@ from typing import Any
 
 import numpy as np
 
-from dense_vs.arrays import point_array, real_vector
+from dense_vs.arrays import number_array, point_array, real_vector
 from dense_vs.checks import check_number, check_seed, check_whole
 from dense_vs.errors import DenseVSError
 from dense_vs.robot.joint_group import checked_limits
@@ -76,7 +82,14 @@ class VisualServo:
         self._random = np.random.default_rng(check_seed(seed))
 
     def __call__(
-        self, jacobian: Any, point: Any, target: Any, positions: Any = None, *, held: Any = None
+        self,
+        jacobian: Any,
+        point: Any,
+        target: Any,
+        positions: Any = None,
+        *,
+        held: Any = None,
+        pixels_per_meter: float | None = None,
     ) -> np.ndarray:
         """Joint step ``(N,)`` [rad] towards the target.
 
@@ -85,10 +98,17 @@ class VisualServo:
             point, target: ``(2,)`` [px].
             positions: ``(N,)`` joint positions [rad]; needed where there are limits.
             held: bool ``(N,)``, joints that are to stay where they are; the others do without them.
+            pixels_per_meter: focal length by depth [px/m]; with it the servo is in depth too: ``jacobian`` is
+                ``(3, N)`` with depth [m/rad] as the third row, ``point`` and ``target`` are ``(3,)`` [px, px, m].
 
         Raises:
             DenseVSError: another shape, a value that is not finite, or positions missing.
         """
+        if pixels_per_meter is not None:
+            scale = np.array([1.0, 1.0, check_number("pixels_per_meter", pixels_per_meter, above=0)])
+            J = real_vector(jacobian, "jacobian", (3, self.joints))
+            error = number_array(target, "target", (3,)) - number_array(point, "point", (3,))
+            return self._toward(scale[:, None] * J, scale * error, positions, held)
         J = real_vector(jacobian, "jacobian", (2, self.joints))
         return self._toward(J, point_array(target, "target") - point_array(point, "point"), positions, held)
 

@@ -7,7 +7,6 @@ from typing import Any, Literal
 
 import numpy as np
 
-from dense_vs.arrays import point_array
 from dense_vs.body.self_body import SelfBody
 from dense_vs.body_model import BodyModel
 from dense_vs.checks import check_number, check_whole
@@ -17,13 +16,15 @@ from dense_vs.health.faults import Fault, FaultKind
 from dense_vs.health.joint_watch import JointWatch
 from dense_vs.health.motion_check import BABBLING_SHARE, LEAST_SHARE
 from dense_vs.jacobian.estimator import DenseJacobian
-from dense_vs.pipeline.frame_pipeline import BODY_FLOW, Frame, FramePipeline
+from dense_vs.pipeline.frame_pipeline import Frame, FramePipeline
+from dense_vs.point_servo.aim import Aim
 from dense_vs.point_servo.body_tracker import BodyTracker
 from dense_vs.point_servo.command_pace import CommandPace
-from dense_vs.point_servo.following import follow, pacing_flow
+from dense_vs.point_servo.following import follow, new_tracker, pacing_flow, tracking_flow
 from dense_vs.point_servo.joint_stream import JointStream
 from dense_vs.point_servo.law import VisualServo
 from dense_vs.point_servo.learned_body import LearnedBody
+from dense_vs.point_servo.loop_estimator import loop_estimator, read_depth
 from dense_vs.point_servo.point_memory import PointMemory
 from dense_vs.point_servo.reach import Arrival, Reach
 from dense_vs.point_servo.reaching import Reaching
@@ -49,7 +50,7 @@ class ServoLoop:
         flow: of the estimator's size; the default method unless given.
         babbling: the motion before J is known; the default unless given.
         scale: factor on the image size.
-        threads, device: CPU threads and device of an estimator made here.
+        threads, device, depth: of an estimator made here; with depth the camera is a :class:`DepthCamera`.
         seed: of babbling and dither made here.
         command_period: time between commands [s], for a robot that takes a new one only so often; in the frames between
             them J is learned and the commanded step is zero. A command every frame unless given.
@@ -98,22 +99,15 @@ class ServoLoop:
         max_step: Any = None,
         max_speed: float | None = None,
         sway: bool = False,
+        depth: bool = False,
         on_frame: Callable[["ServoLoop"], None] | None = None,
     ):
         self.camera, self.robot = camera, robot
         self.group = JointGroup.of_robot(robot, joints)
         count = len(self.group.names)
         image, time = camera.read()
-        if estimator is None:
-            height, width = (round(side * scale) for side in np.asarray(image).shape[:2])
-            estimator = DenseJacobian(
-                height=height, width=width, joints=count, device=device, threads=threads, on_bad_flow="skip"
-            )
-        if estimator.options.joints != count:
-            raise DenseVSError(
-                f"estimator has {estimator.options.joints} joints; expected {count}: {', '.join(self.group.names)}"
-            )
-        self.estimator = estimator
+        where = {"device": device, "threads": threads}
+        self.estimator = estimator = loop_estimator(estimator, camera, image, self.group, scale, depth=depth, **where)
         self.servo = servo or VisualServo(count, joint_limits=self.group.limits, seed=seed)
         self.renew_patch = None if renew_patch is None else check_number("renew_patch", renew_patch, above=0, below=1)
         self._pace = CommandPace(command_period, time)
@@ -124,22 +118,21 @@ class ServoLoop:
         self.gate = CommandGate(robot, self.group, max_step=largest)
         watch = JointWatch(self.group.names, self.gate.max_step, max_speed)
         self.pipeline = FramePipeline(estimator, flow, scale=scale, body=body, watched=True, sway=sway)
-        # Sharper at outlines than J's flow needs to be: a point near one would be carried off with the background.
-        size = estimator.options.height, estimator.options.width
-        shared = self.pipeline.flow.method == BODY_FLOW
-        self._tracking_flow = self.pipeline.flow if shared else FlowEstimator(BODY_FLOW, *size)
+        self._tracking_flow = tracking_flow(self.pipeline)
         self.tracker: PointTracker | BodyTracker | None = None
         self.memory: PointMemory | None = None
+        self.aim = Aim(estimator)
         self._learns_body = body_model is not False
         self._body = LearnedBody(self.pipeline, self.group, body_model)
-        self.target: np.ndarray | None = None
         self.on_frame = on_frame
         delay = None if joint_delay is None else check_number("joint_delay", joint_delay)
         self.joints = JointStream(robot, self.group, watch, delay)
-        self._held: deque[tuple[np.ndarray, float, tuple[Fault, ...]]] = deque()  # images that wait for their readings
+        self._held: deque[tuple[np.ndarray, float, Any, tuple[Fault, ...]]] = deque()  # images that wait for readings
         self._newest = time
         faults = self.joints.read(time)
-        self._frame = self._followed = self.pipeline.process(image, time, self.joints.at(time), faults)
+        self._frame = self._followed = self.pipeline.process(
+            image, time, self.joints.at(time), faults, read_depth(self.camera, self.estimator)
+        )
 
     @property
     def frame(self) -> Frame:
@@ -172,6 +165,16 @@ class ServoLoop:
             raise DenseVSError("no point is defined; expected define_point() first")
         return self.tracker.points[0]
 
+    @property
+    def point_depth(self) -> float:
+        """Depth of the tracked point [m]; NaN where it is not known, or the loop has no depth."""
+        return self.aim.depth
+
+    @property
+    def target(self) -> np.ndarray | None:
+        """Where the point is to be, ``(2,)`` [px], ``(3,)`` with depth [m]; None before the first reach."""
+        return self.aim.target
+
     def step(self, delta: np.ndarray) -> Frame:
         """Command a joint step ``(N,)`` [rad], then take the next image through estimator and tracker.
 
@@ -190,7 +193,7 @@ class ServoLoop:
             stop=stop or self._waited_long(),
         )
         self.joints.watch.commanded(sent)
-        frame = self._take(*self.camera.read())
+        frame = self._take(*self.camera.read(), read_depth(self.camera, self.estimator))
         seen = all(fault.kind not in (FaultKind.DARK, FaultKind.FROZEN) for fault in frame.faults)
         if self.tracker is not None and seen and frame is not self._followed:
             self._follow_point(self.tracker, frame)
@@ -210,7 +213,7 @@ class ServoLoop:
             DenseVSError: stamps of joints and camera that are not of one clock.
         """
         self._restart()
-        self._take(*self.camera.read())
+        self._take(*self.camera.read(), read_depth(self.camera, self.estimator))
 
     def _restart(self) -> None:
         self.joints.restart()
@@ -288,16 +291,13 @@ class ServoLoop:
                 model, else as ``"aligned"``; or one of :class:`PointTracker`.
             window, lost_after, min_correlation, max_jump: see :class:`PointTracker`.
         """
-        weights = same_surface(self.estimator, point)
         options = {"window": window, "min_correlation": min_correlation, "max_jump": max_jump, "lost_after": lost_after}
         kind: Method = "aligned" if method == "link" else method
-        place, frame = point_array(point, "point"), self.frame
-        self.memory = PointMemory(place, frame.positions, frame.gray, weights, {"method": kind, **options})
-        link = None
-        if method == "link":
-            link = self._body.tracker(place, frame, window=window, lost_after=lost_after)
-        self.tracker = link or self.memory.tracker()
+        place, frame, same = point_array(point, "point"), self.frame, same_surface(self.estimator, point)
+        self.memory = PointMemory(place, frame.positions, frame.gray, same, {"method": kind, **options})
+        self.tracker = new_tracker(self.memory, frame, self._body if method == "link" else None)
         self._followed = frame
+        self.aim.follow(self.point)
 
     def find_again(self) -> bool:
         """Look for the point in the last image, which is from the posture that it was defined in; whether it is seen.
@@ -312,39 +312,39 @@ class ServoLoop:
         self.tracker = seen
         if self._body.wanted and self.learn_body():
             self.define_point(seen.points[0])
+        self.aim.follow(self.point)
         return True
 
     def reach(self, target: Any, *, tolerance: float = 1.0, settle_frames: int = 5, max_frames: int = 400) -> Reach:
-        """Servo the defined point to a target by DIJE (17).
+        """Servo the defined point to a target by DIJE (17), in the image or in image and depth.
 
         A point that is followed by its link goes far ways by planned moves, and counts as reached only where what is
         seen of the link agrees on its place. A point that is lost is looked for where it was defined, once in a reach.
 
         Args:
-            target: ``(2,)`` [px].
-            tolerance: distance that counts as there [px].
+            target: ``(2,)`` [px]; in a loop with depth also ``(3,)`` [px, px, m].
+            tolerance: distance that counts as there [px]; a meter of depth counts as one across the image there.
             settle_frames: frames it has to stay there.
             max_frames: frames after which it gives up.
 
         Raises:
-            DenseVSError: no point defined, a target that is not two finite numbers, a tolerance that is not above 0,
-                or frames that are no whole numbers of at least 1.
+            DenseVSError: no point defined or of unknown depth, a target that is not such numbers, a tolerance that is
+                not above 0, or frames that are no whole numbers of at least 1.
         """
-        goal = point_array(target, "target")
         tolerance = check_number("tolerance", tolerance, above=0)
         settle_frames = check_whole("settle_frames", settle_frames, least=1)
         max_frames = check_whole("max_frames", max_frames, least=1)
-        self.point  # noqa: B018, says where there is none
-        self.target = goal
-        return Reaching(self, goal, Arrival(tolerance, settle_frames), max_frames).run()
+        self.aim.at(target, self.point, self.body_model)
+        return Reaching(self, Arrival(tolerance, settle_frames), max_frames).run()
 
     def _babbling_step(self) -> np.ndarray:
         return self.group.clip_step(self.babbling.step(pacing_flow(self.pipeline, self.frame)), self.frame.positions)
 
     def servo_step(self) -> np.ndarray:
-        J, q = self.estimator.at(self.point)[0], self.joints.newest  # DIJE (16)
-        point = self.point + J @ (q - self.frame.positions)  # where it is by now, as far as an image comes late
-        return self.servo(J, point, self.target, q, held=self.joints.watch.stuck)
+        """Joint step ``(N,)`` [rad] of DIJE (17) toward the target."""
+        q = self.joints.newest
+        moved = q - self.frame.positions  # as far as an image comes late
+        return self.aim.step(self.servo, self.point, moved, q, self.joints.watch.stuck)
 
     def when_due(self, choose: Callable[[], np.ndarray]) -> np.ndarray:
         """The chosen joint step where a command is due by now and nothing stops the robot, else zero."""
@@ -356,21 +356,22 @@ class ServoLoop:
         if self.pipeline.check is not None:
             self.pipeline.check.least_share = least_share
 
-    def _take(self, image: np.ndarray, time: float) -> Frame:
+    def _take(self, image: np.ndarray, time: float, depth: Any = None) -> Frame:
         """The last frame that this image lets be processed: itself, or an earlier one that waited for its readings."""
         if time - self._newest > MOST_GAP:
             self._restart()
         faults = self.joints.read(time)
         self._newest = max(self._newest, time)
         if self.joints.delay <= 0:
-            return self._process(image, time, faults)
-        self._held.append((np.array(image), time, faults))  # a camera may reuse its buffer
+            return self._process(image, time, depth, faults)
+        kept = None if depth is None else np.array(depth)
+        self._held.append((np.array(image), time, kept, faults))  # a camera may reuse its buffer
         while self._held and (self.joints.has(self._held[0][1]) or len(self._held) > MOST_HELD):
             self._process(*self._held.popleft())
         return self._frame
 
-    def _process(self, image: np.ndarray, time: float, faults: tuple[Fault, ...]) -> Frame:
-        self._frame = frame = self.pipeline.process(image, time, self.joints.at(time), faults)
+    def _process(self, image: np.ndarray, time: float, depth: Any, faults: tuple[Fault, ...]) -> Frame:
+        self._frame = frame = self.pipeline.process(image, time, self.joints.at(time), faults, depth)
         check = self.pipeline.check
         if check is None or all(fault.kind is not FaultKind.MISFIT for fault in frame.faults):
             return frame
@@ -397,5 +398,6 @@ class ServoLoop:
         """Take the tracked point along from the last frame that it was followed in, and say where it is not seen."""
         last, self._followed = self._followed, frame
         unseen = follow(tracker, self.pipeline, self._tracking_flow, last, frame, self.renew_patch)
+        self.aim.update(self.point, frame.positions - last.positions, frame.depth)
         if unseen:
             self._say(Fault(FaultKind.POINT, unseen, stops=False, holds=False))

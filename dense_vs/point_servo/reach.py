@@ -54,14 +54,15 @@ class Reach:
     """One reach.
 
     Attributes:
-        target: x, y [px].
+        target: x, y [px], and depth [m] where it had one.
         frames: frames it took.
-        error_px: distance of the tracked point from the target at the end.
+        error_px: distance of the tracked point from the target at the end; a meter of depth counts as one across the
+            image there.
         end: how it ended.
         faults: what was wrong with its frames, each kind as it was seen last.
     """
 
-    target: tuple[float, float]
+    target: tuple[float, ...]
     frames: int
     error_px: float
     end: ReachEnd

@@ -7,7 +7,7 @@ import numpy as np
 
 from dense_vs.health.faults import Fault, FaultKind
 from dense_vs.point_servo.body_tracker import BodyTracker
-from dense_vs.point_servo.following import certain, given_up
+from dense_vs.point_servo.following import given_up
 from dense_vs.point_servo.reach import Arrival, Reach, ReachEnd
 
 if TYPE_CHECKING:
@@ -28,13 +28,12 @@ class Reaching:
 
     Args:
         loop: that a point is defined in.
-        target: ``(2,)`` [px].
-        arrival: when it is there.
+        arrival: when it is at the loop's aim.
         max_frames: after which it gives up.
     """
 
-    def __init__(self, loop: "ServoLoop", target: np.ndarray, arrival: Arrival, max_frames: int):
-        self._loop, self._target = loop, target
+    def __init__(self, loop: "ServoLoop", arrival: Arrival, max_frames: int):
+        self._loop = loop
         self._arrival, self._left, self._frames = arrival, max_frames, 0
         self._faults: dict[FaultKind, Fault] = {}
         self._planned: np.ndarray | None = None
@@ -44,7 +43,7 @@ class Reaching:
         """Go there."""
         loop = self._loop
         far, returns, waited = self._distance() > FAR, 0, 0
-        while self._left > 0 and waited < WAITED and not (self._arrival.settled and certain(loop.tracker)):
+        while self._left > 0 and waited < WAITED and not (self._arrival.settled and loop.aim.certain(loop.tracker)):
             if given_up(loop.tracker):
                 if returns == RETURNS or not self._find_again():
                     break
@@ -56,13 +55,13 @@ class Reaching:
             self._arrival.observe(self._distance(), blind=any(fault.stops for fault in loop.faults))
             waited = waited + 1 if self._arrival.settled else 0
         end = ReachEnd.REACHED if self._arrival.settled else ReachEnd.MISSED
-        if not certain(loop.tracker):
+        if not loop.aim.certain(loop.tracker):
             end = ReachEnd.LOST
-        x, y = self._target
-        return Reach((float(x), float(y)), self._frames, self._distance(), end, tuple(self._faults.values()))
+        assert loop.target is not None
+        return Reach(tuple(loop.target.tolist()), self._frames, self._distance(), end, tuple(self._faults.values()))
 
     def _distance(self) -> float:
-        return float(np.hypot(*(self._loop.point - self._target)))
+        return self._loop.aim.distance(self._loop.point)
 
     def _step(self, choose) -> None:
         loop = self._loop
@@ -77,7 +76,11 @@ class Reaching:
         if isinstance(loop.tracker, BodyTracker) and self._frames - self._planned_at >= PLANNED_EVERY:
             self._planned_at = self._frames
             self._planned = loop.tracker.posture_for(
-                self._target, loop.joints.newest, loop.group.limits, held=loop.joints.watch.stuck, start=self._planned
+                loop.target[:2],
+                loop.joints.newest,
+                loop.group.limits,
+                held=loop.joints.watch.stuck,
+                start=self._planned,
             )
         if self._planned is None or np.abs(self._planned - loop.joints.newest).max() < ARRIVED:
             return loop.servo_step

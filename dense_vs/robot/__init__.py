@@ -7,7 +7,16 @@ May import: the ground (``errors``, ``checks``, ``arrays``, ``device``, ``files`
 from dense_vs.robot.babbling import Babbling, BabblingOptions
 from dense_vs.robot.command_gate import CommandGate
 from dense_vs.robot.joint_group import JointGroup
-from dense_vs.robot.protocols import Camera, Gripper, GripperState, Holding, JointUnits, Robot, Watched
+from dense_vs.robot.protocols import (
+    Camera,
+    DepthCamera,
+    Gripper,
+    GripperState,
+    Holding,
+    JointUnits,
+    Robot,
+    Watched,
+)
 from dense_vs.robot.wrapped_robot import WrappedRobot
 
 __all__ = [
@@ -15,6 +24,7 @@ __all__ = [
     "BabblingOptions",
     "Camera",
     "CommandGate",
+    "DepthCamera",
     "Gripper",
     "GripperState",
     "Holding",

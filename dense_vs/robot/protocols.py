@@ -23,6 +23,18 @@ class Camera(Protocol):
 
 
 @runtime_checkable
+class DepthCamera(Camera, Protocol):
+    """A camera that gives depth images of the same pixels, as an RGB-D camera whose depth is aligned to its color."""
+
+    def depth(self) -> np.ndarray:
+        """Depth along the optical axis in the image that :meth:`read` gave last, floating point ``(H, W)`` [m].
+
+        0 or NaN where it is not known.
+        """
+        ...
+
+
+@runtime_checkable
 class Robot(Protocol):
     """A robot that reports its joints and follows small changes of them."""
 

@@ -105,7 +105,7 @@ class ReachView:
         if loop.tracker is not None:
             draw_point(camera, 2 * loop.point + 0.5, "point")
         if loop.target is not None:
-            draw_point(camera, 2 * loop.target + 0.5, "target")
+            draw_point(camera, 2 * loop.target[:2] + 0.5, "target")
         doing = "babbling: learning J" if loop.tracker is None else "reaching: point +, target x"
         camera = label(camera, f"{frame.time:6.2f} s  {doing}")
         flow = np.zeros((height, width, 2), np.float32) if frame.flow is None else frame.flow

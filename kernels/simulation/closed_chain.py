@@ -10,10 +10,11 @@ def couple_jacobian_kernel(
     row_begin: int,
     column_step: int,
     # In:
-    jacobian_in: wp.array4d[float],  # (worlds, height, width, 2 (N + P)) px/rad, rows of x and y one after the other
+    # (worlds, height, width, 2 (N + P)) px/rad, rows of x and y one after the other; 3 (N + P) with depth
+    jacobian_in: wp.array4d[float],
     coupling_in: wp.array3d[float],  # (worlds, P, N) dp/dq
     # Out:
-    jacobian_out: wp.array4d[float],  # (worlds, height, width, 2 N) px/rad
+    jacobian_out: wp.array4d[float],  # (worlds, height, width, 2 N) px/rad; 3 N with depth
 ):
     """Columns of the commanded joints, with what the passive ones add."""
     world, row, column = wp.tid()
@@ -22,7 +23,7 @@ def couple_jacobian_kernel(
     passive = coupling_in.shape[1]
     joints = coupling_in.shape[2]
     for x in range(column, width, column_step):
-        for axis in range(2):
+        for axis in range(jacobian_out.shape[3] // joints):
             first = axis * (joints + passive)
             for n in range(joints):
                 slope = jacobian_in[world, y, x, first + n]

@@ -5,6 +5,7 @@ V = (Vx, Vy, Vz) of that point in camera axes changes its direction by
 
     (Vx Z - X Vz) / Z^2,    (Vy Z - Y Vz) / Z^2,
 
+its depth by Vz,
 and a displacement D between two frames by the same with Z (Z - Dz) below the line. Focal lengths and the lens
 (:mod:`.lens`) make pixels of it. A joint gives V = axis x (p -
 anchor) (hinge) or axis (slide) to what it moves. When it moves the camera too, the point appears to stand
@@ -53,7 +54,8 @@ def image_jacobian_kernel(
     slides_in: wp.array[int],  # (N,) 1 for a slide, 0 for a hinge
     influence_in: wp.array2d[float],  # (geoms, N): moves the geom (1 or 0) minus moves the camera (1 or 0)
     # Out:
-    jacobian_out: wp.array4d[float],  # (worlds, height, width, 2 N) px/rad, rows of (2, N) one after the other
+    # (worlds, height, width, 2 N) px/rad, rows of (2, N) one after the other; 3 N with that of depth [m/rad]
+    jacobian_out: wp.array4d[float],
 ):
     """Image Jacobian of the surface point at every pixel."""
     world, row, column = wp.tid()
@@ -70,6 +72,7 @@ def image_jacobian_kernel(
         for n in range(joints):
             u = float(0.0)
             v = float(0.0)
+            approach = float(0.0)
             if geom >= 0:
                 influence = influence_in[geom, n]
                 if influence != 0.0:
@@ -85,8 +88,11 @@ def image_jacobian_kernel(
                     turning = lens_velocity(lens, direction, turning)
                     u = focal[0] * turning[0]
                     v = focal[1] * turning[1]
+                    approach = velocity[2]
             jacobian_out[world, y, x, n] = u
             jacobian_out[world, y, x, joints + n] = v
+            if jacobian_out.shape[3] > 2 * joints:
+                jacobian_out[world, y, x, 2 * joints + n] = approach
 
 
 @wp.kernel

@@ -3,7 +3,7 @@
 import mujoco
 import numpy as np
 
-from dense_vs.checks import check_number, check_seed, check_whole
+from dense_vs.checks import check_flag, check_number, check_seed, check_whole
 from dense_vs.errors import DenseVSError
 from dense_vs.sims.engine import surface_points
 from dense_vs.sims.engine.surface_points import SurfacePoint
@@ -35,9 +35,10 @@ def reachable_targets(
     border: float = 20.0,
     share_of_range: float = 0.8,
     reach: float | None = None,
+    depth: bool = False,
 ) -> np.ndarray:
     """Targets ``(count, 2)`` [px], ``(worlds, count, 2)`` for several worlds, each at least ``least_distance`` from
-    the one before.
+    the one before; with ``depth`` ``(count, 3)`` [px, px, m].
 
     A posture is drawn from the middle ``share_of_range`` of the joint ranges (from 0.5 rad about the present one
     where a joint has no limits), or from ``reach`` rad about the home posture where that is given; passive joints
@@ -46,6 +47,7 @@ def reachable_targets(
     Raises:
         DenseVSError: no such posture found in a world, or a number out of range.
     """
+    depth = check_flag("depth", depth)
     count, seed = check_whole("count", count, least=1, most=ATTEMPTS), check_seed(seed)
     least_distance = check_number("least_distance", least_distance, least=0)
     border = check_number("border", border)
@@ -63,6 +65,7 @@ def reachable_targets(
                 world, point, number, count, random, starts[number], least_distance, border, share_of_range, reach
             )
         )
+    found = [targets if depth else targets[:, :2] for targets in found]
     return found[0] if worlds == 1 else np.stack(found)
 
 
@@ -117,7 +120,7 @@ def _targets_of_world(
         if not inside or near or not surface_points.is_seen(model, data, pose, geom, position):
             refused["outside" if not inside else "near" if near else "hidden"] += 1
             continue
-        targets.append(pixel)
+        targets.append([*pixel, float(pose[:3, 2] @ (position - pose[:3, 3]))])
         previous = pixel
     if len(targets) < count:
         raise DenseVSError(
@@ -126,4 +129,4 @@ def _targets_of_world(
             + ", ".join(_CRITERIA[why].format(times, border, least_distance) for why, times in refused.items() if times)
             + f"; {_REMEDIES[max(refused, key=lambda why: refused[why])]}"
         )
-    return np.array(targets).reshape(count, 2)
+    return np.array(targets).reshape(count, 3)

@@ -5,6 +5,7 @@ point moves with each joint, and where it was one frame earlier (:mod:`dense_vs.
 """
 
 from collections.abc import Callable
+from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
@@ -21,6 +22,14 @@ from dense_vs.sims.engine.lens import Lens
 from dense_vs.sims.engine.pose_memory import PoseMemory
 from dense_vs.sims.engine.renderer import Renderer
 from dense_vs.sims.engine.scene import Scene
+
+
+@dataclass(frozen=True)
+class JacobianTruth:
+    """The image Jacobian's rows one after the other, (B, H, W, rows N) float32, and what fills them when called."""
+
+    rows: wp.array
+    compute: Callable[[], None]
 
 
 class GroundTruth:
@@ -63,9 +72,14 @@ class GroundTruth:
         self._axes = [data.cam_xpos, data.cam_xmat, data.xanchor, data.xaxis, joints, slides, influence]
 
     @cached_property
-    def jacobian(self) -> wp.array:
-        """(B, H, W, 2 N) float32, what :attr:`compute_jacobian` fills."""
-        return wp.zeros((*self._ids.shape, 2 * self._count), dtype=float, device=self._device)
+    def jacobian(self) -> JacobianTruth:
+        """Rows x and y [px/rad]."""
+        return self._jacobian(2)
+
+    @cached_property
+    def spatial_jacobian(self) -> JacobianTruth:
+        """Rows x, y [px/rad] and depth [m/rad]."""
+        return self._jacobian(3)
 
     @cached_property
     def flow(self) -> wp.array:
@@ -83,24 +97,6 @@ class GroundTruth:
         return wp.zeros((self._ids.shape[0], self._passive, self._count), dtype=float, device=self._device)
 
     @cached_property
-    def compute_jacobian(self) -> Callable[[], None]:
-        """Call it to fill :attr:`jacobian`."""
-        if not self._passive:
-            return self._launch(image_jacobian_kernel, [*self._seen, *self._axes, self.jacobian])
-        columns = 2 * (self._count + self._passive)
-        separate = wp.zeros((*self._ids.shape, columns), dtype=float, device=self._device)
-        launches = (
-            self._launch(image_jacobian_kernel, [*self._seen, *self._axes, separate]),
-            self._launch(couple_jacobian_kernel, [separate, self.coupling, self.jacobian]),
-        )
-
-        def compute() -> None:
-            for launch in launches:
-                launch()
-
-        return compute
-
-    @cached_property
     def compute_flow(self) -> PixelLaunch:
         """Call it to fill :attr:`flow`."""
         return self._launch(flow_kernel, [*self._seen, *self._poses, *self._previous, self.flow])
@@ -109,6 +105,25 @@ class GroundTruth:
     def compute_mask(self) -> PixelLaunch:
         """Call it to fill :attr:`mask`."""
         return self._launch(geom_mask_kernel, [self._ids, self._members, self.mask])
+
+    def _jacobian(self, rows: int) -> JacobianTruth:
+        def empty(columns: int) -> wp.array:
+            return wp.zeros((*self._ids.shape, rows * columns), dtype=float, device=self._device)
+
+        jacobian = empty(self._count)
+        if not self._passive:
+            return JacobianTruth(jacobian, self._launch(image_jacobian_kernel, [*self._seen, *self._axes, jacobian]))
+        separate = empty(self._count + self._passive)
+        launches = (
+            self._launch(image_jacobian_kernel, [*self._seen, *self._axes, separate]),
+            self._launch(couple_jacobian_kernel, [separate, self.coupling, jacobian]),
+        )
+
+        def compute() -> None:
+            for launch in launches:
+                launch()
+
+        return JacobianTruth(jacobian, compute)
 
     def _launch(self, kernel: Any, arguments: list) -> PixelLaunch:
         return PixelLaunch(kernel, self._ids.shape, arguments, self._device, self._threads)

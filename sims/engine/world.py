@@ -189,17 +189,17 @@ class SimWorld:
         history = self._physics.joint_history()
         return history_times(self._frame, history.shape[1]), self._out(self._readings.of(history))
 
-    def true_jacobian(self) -> np.ndarray:
-        """Image Jacobian (H, W, 2, N) of the surface point at every pixel [px/rad].
+    def true_jacobian(self, depth: bool = False) -> np.ndarray:
+        """Image Jacobian (H, W, 2, N) of the surface point at every pixel [px/rad]; (H, W, 3, N) with depth [m/rad].
 
         Passive joints that constraints tie to the chosen ones follow them, see :mod:`.closed_chain`; all
         others keep their angle.
         """
-        jacobian = self.true_jacobian_device().numpy()
-        return self._out(jacobian.reshape(*self._shape, 2, -1).copy())
+        jacobian = self.true_jacobian_device(depth).numpy()
+        return self._out(jacobian.reshape(*self._shape, 3 if depth else 2, -1).copy())
 
-    def true_jacobian_device(self) -> wp.array:
-        """The same on the device: (B, H, W, 2 N) float32, the row of x before that of y."""
+    def true_jacobian_device(self, depth: bool = False) -> wp.array:
+        """The same on the device: (B, H, W, 2 N) float32, the row of x before that of y; 3 N with that of depth."""
         self.frame_device()
         chain = self._scene.chain
         if len(chain.passive):
@@ -208,8 +208,9 @@ class SimWorld:
                 qpos = self._physics.host_state(world).qpos
                 couplings.append(chain.coupling(self._physics.models.host(world), qpos))
             self._truth.coupling.assign(np.array(couplings, dtype=np.float32))
-        self._truth.compute_jacobian()
-        return self._truth.jacobian
+        truth = self._truth.spatial_jacobian if depth else self._truth.jacobian
+        truth.compute()
+        return truth.rows
 
     def true_flow(self) -> np.ndarray:
         """Flow (H, W, 2) [px] between the last two frames, stored at the pixels of the present one.

@@ -38,7 +38,7 @@ def _jacobian_options() -> dict[str, Any]:
         "prediction_iterations": 2, "process_noise": 300.0, "drift_noise": 0.0, "measurement_noise": 0.01,
         "initial_variance": 1e4, "hessian_noise": 1000.0, "initial_hessian_variance": 1e4, "max_variance": 1e4,
         "joint_scale": np.full(N, 0.012), "rest": 0.0, "max_innovation": 1.0, "move_variance": False,
-        "on_bad_flow": "error", "threads": 1,
+        "on_bad_flow": "error", "depth": True, "depth_noise": 0.01, "threads": 1,
     }  # fmt: skip
 
 
@@ -80,6 +80,21 @@ def jacobian_targets() -> list[Target]:
                 lambda form=form: {"self": estimator(**form), "dq": dq()},
             ),
         ]
+    depth = np.full((H, W), 0.9)
+    targets += [
+        Target(
+            "DenseJacobian, depth: update",
+            lambda self, flow, dq, depth: (self.update(flow, dq, depth=depth), self.depth)[1],
+            lambda: {"self": estimator(depth=True), "flow": flow(), "dq": dq(), "depth": depth.copy()},
+            state=_stored,
+            may_be_nan=True,
+        ),
+        Target(
+            "DenseJacobian, depth: at",
+            lambda self, points: self.at(points, depth=True),
+            lambda: {"self": estimator(depth=True), "points": np.array([[3.0, 4.0], [5.5, 6.5]])},
+        ),
+    ]
     return targets
 
 

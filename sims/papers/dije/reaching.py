@@ -16,6 +16,7 @@ from dense_vs.point_servo.loop import ServoLoop
 from dense_vs.point_servo.reach import Reach
 from dense_vs.point_servo.tracker import sample
 from dense_vs.robot.babbling import Babbling
+from dense_vs.robot.protocols import Camera
 from dense_vs.sims.engine.adapters import SimCamera, SimRobot
 from dense_vs.sims.engine.faults import FaultInjector
 from dense_vs.sims.engine.surface_points import SurfacePoint
@@ -31,11 +32,13 @@ class MeasuredReach:
         reach: as the loop saw it.
         true_error_px: distance of the surface point that was chosen from the target.
         jacobian: error of the dense J at the end of the reach.
+        true_error_m: its distance in space from a target with depth [m]; NaN for one without.
     """
 
     reach: Reach
     true_error_px: float
     jacobian: JacobianError
+    true_error_m: float = float("nan")
 
 
 @dataclass
@@ -59,6 +62,7 @@ class ReachingExperiment:
 
     Args:
         world: of one robot.
+        camera: of the world; one of color images alone unless given.
         point: site, body or geom of the model, or image point ``(2,)`` [px], that the surface point to control is
             seen at when the babbling is over. Pixels are those of the loop, whose images may be scaled, here and below.
         seed: of babbling, dither and targets.
@@ -83,6 +87,7 @@ class ReachingExperiment:
         on_frame: Callable[["ReachingExperiment"], None] | None = None,
         injector: FaultInjector | None = None,
         traced: bool = True,
+        camera: Camera | None = None,
         **loop: Any,
     ):
         self.world = world
@@ -99,7 +104,7 @@ class ReachingExperiment:
         joints = len(world.joint_names)
         pace = loop.get("command_period") or FRAME_SECONDS
         loop.setdefault("babbling", Babbling(joints, seed=seed, frame_time=pace))
-        camera = SimCamera(world) if injector is None else injector
+        camera = camera or (SimCamera(world) if injector is None else injector)
         robot = SimRobot(world, command_seconds=command_seconds) if injector is None else injector
         self.loop = ServoLoop(camera, robot, seed=seed, scale=scale, on_frame=self._after_frame, **loop)
 
@@ -123,11 +128,14 @@ class ReachingExperiment:
         return pixel
 
     def targets(self, count: int, **options: Any) -> np.ndarray:
-        """Targets ``(count, 2)`` that the chosen point can reach; options of :func:`reachable_targets`."""
+        """Targets ``(count, 2)`` that the chosen point can reach, ``(count, 3)`` with ``depth=True``; options of
+        :func:`reachable_targets`.
+        """
         assert self.surface_point is not None
         for distance in ("least_distance", "border"):
             options[distance] = options.get(distance, 20.0) / self.scale
-        return self._scaled(reachable_targets(self.world, self.surface_point, count, self._seed, **options))
+        targets = reachable_targets(self.world, self.surface_point, count, self._seed, **options)
+        return np.concatenate([self._scaled(targets[:, :2]), targets[:, 2:]], axis=1)
 
     def project(self, point: str | SurfacePoint) -> np.ndarray:
         """Where a point truly is in the loop's images, ``(2,)`` [px]; see :meth:`SimWorld.project`."""
@@ -138,8 +146,22 @@ class ReachingExperiment:
         assert self.surface_point is not None
         reach = self.loop.reach(target, **options)
         true_point = self.project(self.surface_point)
-        true_error = float(np.hypot(*(true_point - reach.target)))
-        return MeasuredReach(reach, true_error, self.jacobian_error())
+        true_error = float(np.hypot(*(true_point - reach.target[:2])))
+        in_space = float("nan")
+        if len(reach.target) == 3:
+            in_space = float(np.linalg.norm(self.in_camera(self.surface_point) - self.seen_at(reach.target)))
+        return MeasuredReach(reach, true_error, self.jacobian_error(), in_space)
+
+    def in_camera(self, point: str | SurfacePoint) -> np.ndarray:
+        """Where a point truly is before the camera, ``(3,)`` [m]; axes x right, y down, z forward."""
+        pose = self.world.T_world_camera
+        return pose[:3, :3].T @ (self.world.viewpoint.located(point, 0)[1] - pose[:3, 3])
+
+    def seen_at(self, target: Any) -> np.ndarray:
+        """Point ``(3,)`` [m] before the camera that a target ``(3,)`` [px, px, m] of the loop's images stands for."""
+        x, y, depth = target
+        pixel = (np.array([x, y]) + 0.5) / self.scale - 0.5
+        return float(depth) * np.append(self.world.viewpoint.lens.directions(pixel), 1.0)
 
     def jacobian_error(self) -> JacobianError:
         """Error of the estimate now."""
@@ -179,7 +201,7 @@ class ReachingExperiment:
             trace.points.append(loop.point.copy())
             trace.true_points.append(self.project(self.surface_point))
             at = trace.true_points[-1]
-        trace.targets.append(unknown if loop.target is None else loop.target.copy())
+        trace.targets.append(unknown if loop.target is None else loop.target[:2].copy())
         true = self.truth()[0]
         trace.true.append(sample(true.reshape(*true.shape[:2], -1), at[None])[0].reshape(true.shape[2:]))
         trace.estimated.append(loop.estimator.at(at)[0])

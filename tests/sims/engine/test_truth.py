@@ -60,9 +60,10 @@ def placed(state, geom, local):
 
 def test_jacobian_is_that_of_mj_jac(world):
     model, state, frame = world.scene.model, copied_state(world), world.frame()
-    jacobian = world.true_jacobian()
+    jacobian, spatial = world.true_jacobian(), world.true_jacobian(depth=True)
     assert jacobian.shape == (*frame.ids.shape, 2, len(world.joint_names))
     assert jacobian.dtype == np.float32
+    np.testing.assert_array_equal(spatial[..., :2, :], jacobian)
     columns = model.jnt_dofadr[world.scene.joint_ids]
     _, rotation = camera(world, state)
     K = world.intrinsics
@@ -77,6 +78,7 @@ def test_jacobian_is_that_of_mj_jac(world):
         np.testing.assert_allclose(
             jacobian[y, x], interaction @ velocity, atol=JACOBIAN_TOLERANCE * np.abs(jacobian).max()
         )
+        np.testing.assert_allclose(spatial[y, x, 2], velocity[2], atol=DEPTH_TOLERANCE)  # m/rad
 
 
 def test_jacobian_is_the_derivative_of_the_image(world):

@@ -1,0 +1,44 @@
+"""The file of a saved estimate: what it holds, and whether that can be gone on from."""
+
+import json
+import os
+from dataclasses import asdict
+from typing import Any
+
+import numpy as np
+
+from dense_vs.checks import check_whole
+from dense_vs.errors import DenseVSError
+from dense_vs.files import read_arrays
+from dense_vs.jacobian.options import JacobianOptions
+from dense_vs.jacobian.stored_state import DEPTH, STATE, check_stored
+
+FORMAT = "dense-vs dense image Jacobian"
+FORMAT_VERSION = 1
+STORED = ("format", "format_version", "options", "updates", *STATE, *DEPTH)
+
+
+def file_header(options: JacobianOptions, updates: int) -> dict[str, Any]:
+    """What a file holds beside the arrays of the state."""
+    header = {"format": FORMAT, "format_version": FORMAT_VERSION}
+    return header | {"options": json.dumps(asdict(options)), "updates": updates}
+
+
+def read_jacobian(path: str | os.PathLike[str]) -> tuple[JacobianOptions, int, dict[str, np.ndarray]]:
+    """Options, number of updates and arrays of a saved estimate.
+
+    Raises:
+        DenseVSError: not such a file, another version of it, or arrays that do not fit its options.
+    """
+    content = read_arrays(path, "a saved Jacobian", STORED)
+    if str(content.get("format")) != FORMAT:
+        raise DenseVSError(f"{path} is not a saved Jacobian; expected a file that DenseJacobian.save wrote")
+    if str(content.get("format_version")) != str(FORMAT_VERSION):
+        raise DenseVSError(f"{path} has format version {content.get('format_version')}; expected {FORMAT_VERSION}")
+    try:
+        options = JacobianOptions(**json.loads(str(content["options"])))
+        updates = check_whole("updates", content["updates"].item(), least=0)
+        check_stored(content, options)  # before memory is taken for sizes that the file only claims
+    except (KeyError, ValueError, TypeError, AttributeError, RecursionError) as error:
+        raise DenseVSError(f"{path} is damaged: {error}") from error
+    return options, updates, content

@@ -1,0 +1,33 @@
+"""Variance and covariance of J's columns as users see them: in the joints' own units, with or without a shared form."""
+
+import numpy as np
+
+from dense_vs.jacobian.filter import JacobianFilter
+
+
+def own_variance(rows: JacobianFilter) -> np.ndarray:
+    """Variances (B, H, W, N) [px^2/rad^2]; infinite for a joint that is not learned."""
+    options, stored = rows.options, rows.stored_covariance()
+    if options.covariance == "diagonal":
+        return stored
+    if options.covariance == "full":
+        return np.diagonal(stored, axis1=-2, axis2=-1)
+    factors = np.array(options.step_factors)
+    own = np.diagonal(stored, axis1=1, axis2=2)[:, : options.joints] * np.square(factors)
+    shared = np.where(factors > 0, own, np.inf)[:, None, None].astype(np.float32)
+    return np.broadcast_to(shared, (*rows.shape, options.joints))
+
+
+def own_covariance(rows: JacobianFilter) -> np.ndarray:
+    """Covariance of a row of J, (B, N, N), or (B, H, W, N, N) where each pixel has its own [px^2/rad^2]."""
+    options, stored = rows.options, rows.stored_covariance()
+    if options.covariance == "diagonal":
+        stored = stored[..., None] * np.eye(options.joints, dtype=np.float32)
+    kept = stored[..., : options.joints, : options.joints]
+    if options.joint_scale is None:
+        return kept.copy()
+    factors = np.array(options.step_factors)
+    unlearned = np.diag(np.where(factors > 0, 0.0, np.inf))
+    both = np.outer(factors > 0, factors > 0)
+    scaled = np.where(both, kept * np.outer(factors, factors), 0.0)
+    return np.where(np.isinf(unlearned), unlearned, scaled)
