@@ -20,7 +20,7 @@ from dense_vs.jacobian.estimator import DenseJacobian
 from dense_vs.pipeline.frame_pipeline import BODY_FLOW, Frame, FramePipeline
 from dense_vs.point_servo.body_tracker import BodyTracker
 from dense_vs.point_servo.command_pace import CommandPace
-from dense_vs.point_servo.following import certain, follow, given_up, pacing_flow
+from dense_vs.point_servo.following import certain, follow, given_up, pacing_flow, point_jacobian
 from dense_vs.point_servo.joint_stream import JointStream
 from dense_vs.point_servo.law import VisualServo
 from dense_vs.point_servo.learned_body import LearnedBody
@@ -340,7 +340,8 @@ class ServoLoop:
         return self.group.clip_step(self.babbling.step(pacing_flow(self.pipeline, self.frame)), self.frame.positions)
 
     def _servo_step(self) -> np.ndarray:
-        J, q = self.estimator.at(self.point)[0], self.joints.newest  # DIJE (16)
+        assert self.tracker is not None
+        J, q = point_jacobian(self.tracker, self.pipeline, self.frame.positions), self.joints.newest
         point = self.point + J @ (q - self.frame.positions)  # where it is by now, as far as an image comes late
         return self.servo(J, point, self.target, q, held=self.joints.watch.stuck)
 
