@@ -14,10 +14,12 @@ import numpy as np
 from dense_vs.checks import check_number
 from dense_vs.errors import DenseVSError
 from dense_vs.jacobian.estimator import DenseJacobian
+from dense_vs.pipeline.occlusion import Occlusion
 
 MEMORY = 0.9  # of the agreement, from one measured motion to the next
 MOVING = 0.5  # px by the model: pixels that move less say nothing
 LEAST_PIXELS = 50
+HIDDEN_SHARE = 0.5  # at least, by which J is drawn to the model's where something covers the body
 # Of a chain, found on simulated arms, and of J remembered by posture, found on three reaches of a humanoid. What is
 # remembered is coarser than what is measured now, so it has less say, but keeps it as long as it explains anything.
 CHAIN_SHARE, CHAIN_AGREEMENT = 0.7, 0.5
@@ -70,6 +72,8 @@ class BodyPrior:
         self.share = check_number("share", share, above=0, most=1)
         self.least_agreement = check_number("least_agreement", least_agreement, most=1)
         self.agreement = 1.0
+        self._occlusion: Occlusion | None = None
+        self._kept: tuple[bytes, np.ndarray, np.ndarray] | None = None  # posture, J and body asked for last
 
     @classmethod
     def of(cls, body: KnownBody, size: tuple[int, int], joints: int) -> "BodyPrior":
@@ -111,8 +115,45 @@ class BodyPrior:
 
     def begin(self, estimator: DenseJacobian, positions: np.ndarray, share: float = 1.0) -> None:
         """Start from the model's J at a posture ``(N,)`` [rad], or draw what is there to it by a share."""
-        J, body = self.known(positions)
+        J, body = self._at(positions)
         estimator.blend(self._completed(J, estimator, positions), np.float32(share) * body.astype(np.float32))
+
+    @property
+    def hidden(self) -> np.ndarray | None:
+        """Bool ``(H, W)``, pixels of the body that something else covers; None where that is not known."""
+        return None if self._occlusion is None else self._occlusion.hidden
+
+    def labels(self, own: np.ndarray, positions: np.ndarray) -> np.ndarray:
+        """Labels ``(H, W)`` of the body, by the model where something is in front, or was a moment ago.
+
+        Args:
+            own: bool ``(H, W)``, labels by what was seen.
+            positions: ``(N,)`` [rad].
+        """
+        if self._occlusion is None or not self._occlusion.lately.any():
+            return own
+        return np.where(self._occlusion.lately, self._at(positions)[1], own)
+
+    def uncovered(
+        self, estimator: DenseJacobian, positions: np.ndarray, flow: np.ndarray, span: np.ndarray
+    ) -> np.ndarray:
+        """A measured flow without what covers the body, NaN there, so that J is not unlearned; as it is for no outline.
+
+        Args:
+            estimator: before its update by this flow.
+            positions, flow, span: as in :meth:`correct`.
+        """
+        if self.told is not None or not self.agrees:
+            self._occlusion = None
+            return flow
+        J, body = self._at(positions)
+        if self._occlusion is None:
+            self._occlusion = Occlusion(body.shape)
+        step = np.asarray(span, dtype=np.float32)
+        hidden = self._occlusion.observe(body, flow, J @ step, estimator.predicted_flow(step))
+        if not hidden.any():
+            return flow
+        return np.where(self._occlusion.around[..., None], np.float32(np.nan), flow)
 
     def correct(self, estimator: DenseJacobian, positions: np.ndarray, flow: np.ndarray, span: np.ndarray) -> None:
         """After a measured motion: judge the model by it, and draw J to the model's if it agrees.
@@ -120,10 +161,10 @@ class BodyPrior:
         Args:
             estimator: after its update.
             positions: ``(N,)`` [rad].
-            flow: ``(H, W, 2)`` [px] that was measured.
+            flow: ``(H, W, 2)`` [px] that was measured; what is not finite does not count.
             span: ``(N,)`` joint displacement of that flow [rad].
         """
-        J, body = self.known(positions)
+        J, body = self._at(positions)
         predicted = J[body] @ np.asarray(span, dtype=np.float32)
         measured = flow[body]
         counted = (np.linalg.norm(predicted, axis=1) > MOVING) & np.isfinite(measured).all(axis=1)
@@ -132,8 +173,24 @@ class BodyPrior:
             off = np.linalg.norm(measured[counted] - predicted[counted], axis=1).sum()
             moved = np.maximum(np.linalg.norm(measured[counted], axis=1), MOVING).sum()
             self.agreement = MEMORY * self.agreement + (1 - MEMORY) * (1 - float(off / moved))
-        if self.agrees:
-            estimator.blend(self._completed(J, estimator, positions), self.share * body.astype(np.float32))
+        self.draw(estimator, positions)
+
+    def draw(self, estimator: DenseJacobian, positions: np.ndarray) -> None:
+        """Draw J to the model's at a posture ``(N,)`` [rad], if they agree; more where something covers the body."""
+        if not self.agrees:
+            return
+        J, body = self._at(positions)
+        share = self.share * body.astype(np.float32)
+        if self.hidden is not None:
+            share[self.hidden & body] = max(self.share, HIDDEN_SHARE)
+        estimator.blend(self._completed(J, estimator, positions), share)
+
+    def _at(self, positions: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """What the model knows at a posture, which is asked for twice a motion."""
+        posture = np.asarray(positions, dtype=np.float64).tobytes()
+        if self._kept is None or self._kept[0] != posture:
+            self._kept = posture, *self.known(positions)
+        return self._kept[1:]
 
     def _completed(self, J: np.ndarray, estimator: DenseJacobian, positions: np.ndarray) -> np.ndarray:
         """The model's J, with the estimator's in the directions that the model does not speak of."""

@@ -268,23 +268,49 @@ class FramePipeline:
             self.estimator.predict(step, shown.depth)
             return followed()
         flow = calculate() if self._span_frames == 1 else self.flow(first.gray, gray)
+        flow = flow if self.camera_sway is not None else self._uncovered(flow, q, span)
         fault = None
         if self.check is not None and spans and self.estimator.updates > LEARNED_UPDATES:
             columns, rows = self._grid.astype(int).T
             fault = self.check.judge(flow[rows, columns], self.estimator.at(self._grid), span, first.time, shown.time)
         if fault is not None:
             self.estimator.predict(step, shown.depth)
+            if self.prior is not None:
+                self.prior.draw(self.estimator, q)
             return self._begin_span(followed(faults=(*shown.faults, fault)))
         motion = self._camera_motion(flow, span)
         flow = flow if motion is None else motion.taken_out(flow)
+        flow = flow if self.camera_sway is None else self._uncovered(flow, q, span)
         self.estimator.update(flow, step, span if moved_since else None, shown.depth)
         if self.prior is not None:
             self.prior.correct(self.estimator, q, flow, span)
         if self.body is not None:
             seen = self._body_flow(self._for_body(first.gray), self._for_body(gray))
+            if not (told := np.isfinite(flow[..., 0])).all():
+                seen = np.where(self._for_body(told)[..., None] > 0, seen, np.float32(np.nan))
             self.body.observe(seen, span, self._for_body(shown.image))
             self.body.submit(self._body_jacobian())
         return self._begin_span(followed(measured=(flow, span)))
+
+    def _uncovered(self, flow: np.ndarray, q: np.ndarray, span: np.ndarray) -> np.ndarray:
+        """A flow without what covers a known body, where the estimator takes one with holes."""
+        if self.prior is None or self.estimator.options.on_bad_flow != "skip":
+            return flow
+        return self.prior.uncovered(self.estimator, q, flow, span)
+
+    @property
+    def hidden(self) -> np.ndarray:
+        """Whether something else covers the robot's own body at each pixel, as far as ``prior`` tells, ``(H, W)``."""
+        found = None if self.prior is None else self.prior.hidden
+        if found is None:
+            return np.zeros((self.estimator.options.height, self.estimator.options.width), bool)
+        return found
+
+    def hidden_at(self, point: np.ndarray) -> bool:
+        """Whether something else covers the robot's own body at a place ``(2,)`` [px]; not outside of the image."""
+        x, y = np.rint(np.clip(point, -1, 1 << 20)).astype(int)
+        options = self.estimator.options
+        return bool(0 <= x < options.width and 0 <= y < options.height and self.hidden[y, x])
 
     def _camera_motion(self, flow: np.ndarray, span: np.ndarray) -> CameraMotion | None:
         """The camera's motion that is to be taken out of a flow; J has been moved with it."""
@@ -308,7 +334,7 @@ class FramePipeline:
         return self.motion(span) >= self.baseline
 
     def labels(self) -> np.ndarray:
-        """Whether each pixel of the last frame is the robot's own body, bool ``(H, W)``.
+        """Whether each pixel of the last frame is the robot's own body, also where it is hidden, bool ``(H, W)``.
 
         Raises:
             DenseVSError: the pipeline has no ``body``.
@@ -316,16 +342,17 @@ class FramePipeline:
         if self.body is None:
             raise DenseVSError("the pipeline has no body to label; expected FramePipeline(..., body=SelfBody())")
         own = self.body.labels(self._body_jacobian())
-        if self._body_step == 1:
-            return own
-        height, width = self.estimator.options.height, self.estimator.options.width
-        return cv2.resize(own.astype(np.float32), (width, height), interpolation=cv2.INTER_LINEAR) > 0.5
+        if self._body_step > 1:
+            height, width = self.estimator.options.height, self.estimator.options.width
+            own = cv2.resize(own.astype(np.float32), (width, height), interpolation=cv2.INTER_LINEAR) > 0.5
+        return own if self.prior is None or self.frame is None else self.prior.labels(own, self.frame.positions)
 
     def _for_body(self, image: np.ndarray) -> np.ndarray:
         """An image of the estimator's size as the body sees it."""
         if self._body_step == 1:
             return image
-        return cv2.resize(image, self._body_size[::-1], interpolation=cv2.INTER_AREA)
+        whole = image.astype(np.uint8) if image.dtype == bool else image
+        return cv2.resize(whole, self._body_size[::-1], interpolation=cv2.INTER_AREA)
 
     def _body_jacobian(self) -> Any:
         """J in the pixels of the body's images."""

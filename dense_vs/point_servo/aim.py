@@ -82,18 +82,25 @@ class Aim:
         return float(np.linalg.norm(np.append(off[:2], off[2:] * (self._pixels_per_meter or 0.0))))
 
     def step(
-        self, servo: VisualServo, point: np.ndarray, moved: np.ndarray, positions: np.ndarray, held: np.ndarray
+        self,
+        servo: VisualServo,
+        point: np.ndarray,
+        jacobian: np.ndarray,
+        moved: np.ndarray,
+        positions: np.ndarray,
+        held: np.ndarray,
     ) -> np.ndarray:
         """Joint step ``(N,)`` [rad] toward the target.
 
         Args:
             servo: the law.
             point: ``(2,)`` [px], where the point was in the last image.
+            jacobian: ``(2, N)`` [px/rad] of the point there; that of a target with depth is the estimator's.
             moved: ``(N,)`` joint step since [rad].
             positions: ``(N,)`` joint positions [rad].
             held: bool ``(N,)``, joints that stay.
         """
-        J = self._estimator.at(point, depth=self._pixels_per_meter is not None)[0]  # DIJE (16)
+        J = jacobian if self._pixels_per_meter is None else self._estimator.at(point, depth=True)[0]  # DIJE (16)
         place = self._place(point) + J @ moved
         return servo(J, place, self.target, positions, held=held, pixels_per_meter=self._pixels_per_meter)
 

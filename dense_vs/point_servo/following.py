@@ -4,12 +4,13 @@ import numpy as np
 
 from dense_vs.flow.estimator import FlowEstimator
 from dense_vs.pipeline.frame_pipeline import BODY_FLOW, LEARNED_UPDATES, MOST_BRIDGED, Frame, FramePipeline
-from dense_vs.point_servo.body_tracker import BodyTracker
+from dense_vs.point_servo.body_tracker import POINT, BodyTracker
 from dense_vs.point_servo.learned_body import LearnedBody
 from dense_vs.point_servo.point_memory import PointMemory
 from dense_vs.point_servo.same_surface import same_surface
 from dense_vs.point_servo.tracker import PointTracker
 
+SMALL = 1e-4  # rad, for derivatives
 LEAST_BODY = 0.01  # share of the image that makes the robot's own pixels count as known
 
 
@@ -41,7 +42,7 @@ def follow(
     estimator = pipeline.estimator
     if isinstance(tracker, BodyTracker):
         tracker.update(frame.gray, frame.positions)
-        return "too few features of its link are seen where they are expected" if tracker.unseen else ""
+        return _why_unseen(tracker, pipeline)
     dq = frame.positions - last.positions
     if pipeline.motion(dq) > MOST_BRIDGED:
         flow = estimator.predicted_flow(dq)
@@ -53,6 +54,42 @@ def follow(
     if renew_patch is not None and not tracker.lost[0] and least <= correlation < renew_patch:
         tracker.redefine(tracker.points, frame.gray, same_surface(estimator, tracker.points[0]))
     return f"its surroundings correlate by {correlation:.2f} with how they were" if correlation < least else ""
+
+
+def _why_unseen(tracker: BodyTracker, pipeline: FramePipeline) -> str:
+    if tracker.unseen:
+        return "too few features of its link are seen where they are expected"
+    if not in_sight(tracker.point, pipeline):
+        x, y = tracker.point
+        why = "something covers it" if pipeline.hidden_at(tracker.point) else f"({x:.0f}, {y:.0f}) is out of the image"
+        return f"{why}; by the rest of its link it is known to {tracker.uncertainty:.1f} px"
+    return ""
+
+
+def in_sight(point: np.ndarray, pipeline: FramePipeline) -> bool:
+    """Whether a place ``(2,)`` [px] is inside the image and nothing covers the body there."""
+    options = pipeline.estimator.options
+    inside = (point >= 0).all() and (point <= (options.width - 1, options.height - 1)).all()
+    return bool(inside) and not pipeline.hidden_at(point)
+
+
+def point_jacobian(tracker: PointTracker | BodyTracker, pipeline: FramePipeline, positions: np.ndarray) -> np.ndarray:
+    """J ``(2, N)`` of the tracked point [px/rad]: DIJE (16), or where it is not in sight, by the chain.
+
+    Args:
+        tracker: of the point.
+        pipeline: whose J is asked where the point is seen.
+        positions: joint positions ``(N,)`` of the last image [rad].
+    """
+    point = tracker.points[0]
+    if not isinstance(tracker, BodyTracker) or in_sight(point, pipeline):
+        return pipeline.estimator.at(point)[0]
+    features, one = tracker.features, np.array([POINT])
+    columns = []
+    for step in SMALL * np.eye(len(positions)):
+        ahead, back = (features.project(one, positions + sign * step)[0] for sign in (1, -1))
+        columns.append((ahead - back) / (2 * SMALL))
+    return np.stack(columns, axis=1) * features.learned
 
 
 def certain(tracker: PointTracker | BodyTracker) -> bool:

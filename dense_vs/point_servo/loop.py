@@ -7,6 +7,7 @@ from typing import Any, Literal
 
 import numpy as np
 
+from dense_vs.arrays import point_array
 from dense_vs.body.self_body import SelfBody
 from dense_vs.body_model import BodyModel
 from dense_vs.checks import check_number, check_whole
@@ -20,7 +21,7 @@ from dense_vs.pipeline.frame_pipeline import Frame, FramePipeline
 from dense_vs.point_servo.aim import Aim
 from dense_vs.point_servo.body_tracker import BodyTracker
 from dense_vs.point_servo.command_pace import CommandPace
-from dense_vs.point_servo.following import follow, new_tracker, pacing_flow, tracking_flow
+from dense_vs.point_servo.following import follow, new_tracker, pacing_flow, point_jacobian, tracking_flow
 from dense_vs.point_servo.joint_stream import JointStream
 from dense_vs.point_servo.law import VisualServo
 from dense_vs.point_servo.learned_body import LearnedBody
@@ -342,9 +343,11 @@ class ServoLoop:
 
     def servo_step(self) -> np.ndarray:
         """Joint step ``(N,)`` [rad] of DIJE (17) toward the target."""
+        assert self.tracker is not None
         q = self.joints.newest
+        J = point_jacobian(self.tracker, self.pipeline, self.frame.positions)
         moved = q - self.frame.positions  # as far as an image comes late
-        return self.aim.step(self.servo, self.point, moved, q, self.joints.watch.stuck)
+        return self.aim.step(self.servo, self.point, J, moved, q, self.joints.watch.stuck)
 
     def when_due(self, choose: Callable[[], np.ndarray]) -> np.ndarray:
         """The chosen joint step where a command is due by now and nothing stops the robot, else zero."""

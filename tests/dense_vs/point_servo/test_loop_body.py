@@ -1,5 +1,7 @@
 """A loop takes a body model that was learned elsewhere, and forgets J and body together."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 from planar_scene import TURN, PlanarScene
@@ -10,6 +12,7 @@ from dense_vs.body_model.chain import Chain
 from dense_vs.body_model.model_file import ModelContent
 from dense_vs.body_model.surface import Surface
 from dense_vs.point_servo.body_tracker import BodyTracker
+from dense_vs.point_servo.following import follow, in_sight, point_jacobian
 
 SCENE = PlanarScene()
 
@@ -85,3 +88,27 @@ def test_j_and_body_are_forgotten_together(loop):
     assert loop.frame.dq is None  # the first frame again
     loop.babble_once()
     assert loop.frame.dq is not None
+
+
+def test_out_of_sight_a_points_j_is_the_chains_and_the_loop_says_why(loop):
+    loop.use_body(model())
+    for _ in range(45):
+        loop.babble_once()
+    loop.define_point([84.0, 40.0])
+    tracker, pipeline, q = loop.tracker, loop.pipeline, loop.frame.positions
+    assert in_sight(tracker.point, pipeline)
+    seen = point_jacobian(tracker, pipeline, q)
+    np.testing.assert_array_equal(seen, loop.estimator.at(tracker.point)[0])
+    arm = tracker.point - SCENE.center
+    covered = np.ones((SCENE.height, SCENE.width), bool)
+    pipeline.prior = SimpleNamespace(hidden=covered, agrees=True)
+    assert not in_sight(tracker.point, pipeline)
+    np.testing.assert_allclose(point_jacobian(tracker, pipeline, q), [[-arm[1]], [arm[0]]], rtol=0.1, atol=2.0)
+    tracker.unseen = 0
+    said = follow(tracker, pipeline, None, loop.frame, loop.frame, None)
+    assert said.startswith("something covers it; by the rest of its link it is known to")
+    pipeline.prior = None
+    tracker.point = np.array([SCENE.width + 5.0, 40.0])
+    assert not in_sight(tracker.point, pipeline)
+    assert np.isfinite(point_jacobian(tracker, pipeline, q)).all()
+    assert not pipeline.hidden_at(tracker.point)

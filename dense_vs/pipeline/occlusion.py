@@ -1,0 +1,89 @@
+"""What covers a known body, told by motion: J is not unlearned behind it, nor learned from it (beyond DIJE).
+
+Where a model has the body, flow u and the motion p that the joints cause should agree. The share of the two that they
+do not have in common, |u - p|^2 / (|u|^2 + |p|^2), summed over a small window and the last few motions, is near 0 on
+the body, 1 where something stands still before the moving body or moves by itself before it, see :class:`MotionCheck`,
+which asks the same of the whole image. Where J as it is now explains the flow better than the model does, it counts
+instead: a model that is wrong in some place covers nothing, and a tool in the hand, whose J is learned, does not. What
+covers some of the body covers also what is beside it, as far as it is strange in the same way.
+"""
+
+import cv2
+import numpy as np
+
+WINDOW = 11  # px, side of the window
+DECAY = 0.3  # of the sums, from one measured motion to the next
+STRANGE = 0.35  # share from which a pixel counts as covered
+FAINT = 0.05  # px^2 a pixel: sums below say nothing
+LEAST_PIXELS = 60  # of a connected part that are on the body: flow fails in smaller ones
+LATELY = 12  # measured motions for which labels go by the model where something was in front
+BESIDE = 6  # px around it that are covered too, as flow bleeds over outlines
+MOST_COVERED = 0.75  # share of the body that moves, beyond which either flow has failed or the model is wrong
+PATIENCE = 5  # measured motions of this kind in a row, after which it is the model, and nothing is covered
+LONGEST = 200  # measured motions, after which what is seen counts again: not covered, the body has changed
+
+
+class Occlusion:
+    """What covers the body in the images of one camera.
+
+    Attributes:
+        cover: bool ``(H, W)``, what is in front of the body and beside it, by the last motion.
+        hidden: bool ``(H, W)``, pixels of the body behind it.
+        lately: bool ``(H, W)``, pixels that were covered within the last :data:`LATELY` motions.
+    """
+
+    def __init__(self, size: tuple[int, int]):
+        self.cover, self.hidden, self.lately = (np.zeros(size, bool) for _ in range(3))
+        self._off = np.zeros(size, np.float32)
+        self._moved = np.zeros(size, np.float32)
+        self._since = np.zeros(size, np.int32)  # motions that each has been covered for
+        self._ago = np.full(size, LATELY + 1, np.int32)
+        self._doubted = 0
+
+    def observe(self, body: np.ndarray, flow: np.ndarray, by_model: np.ndarray, by_estimate: np.ndarray) -> np.ndarray:
+        """Take a measured motion; :attr:`hidden` by then.
+
+        Args:
+            body: bool ``(H, W)``, where the model has the body.
+            flow: ``(H, W, 2)`` measured [px].
+            by_model, by_estimate: ``(H, W, 2)`` what joints cause by the model, 0 off the body, and by J as it is [px].
+        """
+        finite = np.isfinite(flow).all(axis=2)[..., None]
+        u, model, estimate = (np.where(finite, p, 0).astype(np.float32) for p in (flow, by_model, by_estimate))
+        off = np.minimum(_squares(u - model), _squares(u - estimate))
+        moved = _squares(u) + _squares(model)
+        window = (WINDOW, WINDOW)
+        self._off = DECAY * self._off + cv2.blur(off, window)
+        self._moved = DECAY * self._moved + cv2.blur(moved, window)
+        told = self._moved > FAINT
+        strange = told & (self._off > STRANGE * self._moved)
+        self._since[told & ~strange] = 0
+        doubtful = (strange & body).sum() > MOST_COVERED * (told & body).sum()
+        self._doubted = self._doubted + 1 if doubtful else 0
+        if self._doubted > PATIENCE:
+            strange[...] = False
+        strange |= ~told & self.cover  # nothing moves: nothing has come or gone
+        self.cover = _parts_on(strange & (self._since <= LONGEST), body)
+        self.hidden = self.cover & body
+        self._since[self.cover] += 1
+        self._ago = np.where(self.around, 0, np.minimum(self._ago + 1, LATELY + 1))
+        self.lately = self._ago <= LATELY
+        return self.hidden
+
+    @property
+    def around(self) -> np.ndarray:
+        """Bool ``(H, W)``, what covers and pixels next to it, whose flow says nothing of the body."""
+        side = 2 * BESIDE + 1
+        return cv2.dilate(self.cover.astype(np.uint8), np.ones((side, side), np.uint8)) > 0
+
+
+def _squares(vectors: np.ndarray) -> np.ndarray:
+    return np.einsum("yxi,yxi->yx", vectors, vectors)
+
+
+def _parts_on(mask: np.ndarray, body: np.ndarray) -> np.ndarray:
+    """Connected parts of a mask ``(H, W)`` with at least :data:`LEAST_PIXELS` on the body."""
+    count, parts = cv2.connectedComponents(mask.astype(np.uint8), connectivity=4)
+    kept = np.bincount(parts[body], minlength=count) >= LEAST_PIXELS
+    kept[0] = False
+    return kept[parts]
