@@ -181,6 +181,8 @@ def test_a_run_that_is_stopped_leaves_what_it_has(project):
         ("def plot_it():\n    x = a - b", []),
         ("def label_quality():\n    x = a - b", ["a + b"]),
         ("print(a - b)", []),
+        ("x = a > 1e-6", ["a <= 1e-06"]),
+        ("x = max(a, 1e-9 * b)", ["min(a, 1e-09 * b)", "1e-09 / b"]),
     ],
 )
 def test_wrong_steps(source, after):

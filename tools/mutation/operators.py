@@ -3,6 +3,8 @@
 Comparisons turned round or moved to the border, conditions negated, answers of yes or no made always yes and always no,
 arithmetic swapped, signs dropped, extremes exchanged, flags and small numbers changed, limits and counts one off.
 Texts, messages, annotations, progress, drawings and declarations of arguments are left out: no figure depends on them.
+So are guards against rounding, numbers below :data:`ROUNDING`: ten times as large, or with or without the border, they
+do the same.
 """
 
 import ast
@@ -44,6 +46,7 @@ TURNED = {
 }
 AT_BORDER = {ast.Lt: ast.LtE, ast.LtE: ast.Lt, ast.Gt: ast.GtE, ast.GtE: ast.Gt}
 ARITHMETIC = {ast.Add: ast.Sub, ast.Sub: ast.Add, ast.Mult: ast.Div, ast.Div: ast.Mult, ast.Pow: ast.Mult}
+ROUNDING = 1e-5
 # No figure depends on what these do.
 LEFT_OUT = ("draw", "plot", "add_arguments", "picture", "__repr__")
 LEFT_OUT_CALLS = (
@@ -141,7 +144,7 @@ def _nodes(tree: ast.Module) -> list[tuple[ast.expr, str]]:
 
 def _replacements(node: ast.expr) -> Iterator[ast.expr]:
     if isinstance(node, ast.Compare) and len(node.ops) == 1:
-        for table in (TURNED, AT_BORDER):
+        for table in (TURNED,) if _guard(node) else (TURNED, AT_BORDER):
             if type(node.ops[0]) in table:
                 yield ast.Compare(node.left, [table[type(node.ops[0])]()], node.comparators)
     elif isinstance(node, ast.BinOp) and type(node.op) in ARITHMETIC and not _text(node) and not _noise_added(node):
@@ -155,11 +158,18 @@ def _replacements(node: ast.expr) -> Iterator[ast.expr]:
     elif isinstance(node, ast.Constant) and isinstance(node.value, bool):
         yield ast.Constant(not node.value)
     elif isinstance(node, ast.Constant) and isinstance(node.value, float) and abs(node.value) not in (0.0, 1.0):
-        yield ast.Constant(node.value * 10)
+        if abs(node.value) >= ROUNDING:
+            yield ast.Constant(node.value * 10)
     elif isinstance(node, ast.Constant) and isinstance(node.value, float):
         yield ast.Constant(1.0 - node.value)
     elif isinstance(node, ast.IfExp):
         yield ast.IfExp(node.test, node.orelse, node.body)
+
+
+def _guard(node: ast.Compare) -> bool:
+    """Whether something is compared with a number that only guards against rounding."""
+    numbers = [one.value for one in ast.walk(node.comparators[0]) if isinstance(one, ast.Constant)]
+    return any(isinstance(number, float) and 0 < abs(number) < ROUNDING for number in numbers)
 
 
 def _answers(node: ast.expr) -> Iterator[ast.expr]:

@@ -20,6 +20,13 @@ PROFILING = (  # its other programs measure times alone
     "surface_table",
     "surface_view",
 )
+DRAWINGS = (
+    "*_pictures.py",
+    "*/figures.py",
+    "*_figure.py",
+    "*_plot.py",
+    "*/image_tiles.py",
+)  # no figure depends on them
 MODULES = {
     "scores": (
         *(f"profiling/{name}.py" for name in PROFILING),
@@ -72,7 +79,8 @@ def groups_of(root: Path, groups: dict[str, tuple[str, ...]], only: str) -> dict
         files[group] = []
         for path in (path for pattern in patterns for path in sorted(root.glob(pattern))):
             file = path.relative_to(root).as_posix()
-            if file not in seen and fnmatch.fnmatch(file, only):
+            drawing = any(fnmatch.fnmatch(file, pattern) for pattern in DRAWINGS)
+            if file not in seen and not drawing and fnmatch.fnmatch(file, only):
                 seen.add(file)
                 files[group].append(file)
     return files
