@@ -13,7 +13,15 @@ import pytest
 pytest.importorskip("pytest_cov")
 pytest.importorskip("xdist")
 
-PROGRAM = Path(__file__).parents[2] / "tools" / "mutation" / "run.py"
+sys.path.append(str(Path(__file__).parents[2] / "tools"))
+
+from mutation import sample
+from mutation.operators import mutants
+from mutation.result import interval
+from mutation.sample import MODULES, draw, groups_of
+
+TOOLS = Path(__file__).parents[2] / "tools"
+PROGRAM = TOOLS / "mutation" / "run.py"
 SCORE = """
 LIMIT = 2.0
 
@@ -71,7 +79,7 @@ def project(tmp_path):
 def command(project, *options):
     return [
         *(sys.executable, PROGRAM, "--root", project, "--modules", "tiny/*.py"),
-        *("--minutes", "2", "--each", "50", "--json", project / "result.json", *options),
+        *("--minutes", "2", "--sample", "50", "--json", project / "result.json", *options),
     ]
 
 
@@ -89,11 +97,32 @@ def test_what_tests_tell_apart_is_killed(project):
     assert survivors["share", "one < LIMIT", "one <= LIMIT"]["reason"] == "no test tells them apart yet"
     assert survivors["unseen", "max(errors)", "min(errors)"]["reason"] == "no test reaches this line"
     # A constant, two comparisons, a quotient; the same of the slow function; two that nothing reaches.
-    assert result["shares"]["all"] == {"mutations": 10, "killed": 7, "timeouts": 0, "share_killed": 0.7}
+    assert result["shares"]["all"] == {
+        "of": 10, "mutations": 10, "killed": 7, "timeouts": 0, "share_killed": 0.7, "between": [0.3968, 0.8922],
+    }  # fmt: skip
+    assert result["shares"]["chosen"] == result["shares"]["all"]
     assert result["controls"] == {"run": 1, "failed": []}
     assert result["tests_failed_without_mutation"] == ["tests/test_score.py::test_that_fails_of_itself"]
     assert result["errors"] == []
     assert not list((project / "out" / "mutation").glob("trial-*"))
+    # Going on finds everything done; with a new test, what has survived is tried once more.
+    again = subprocess.run(
+        command(project, "--jobs", "2", "--resume"), check=True, capture_output=True, text=True, timeout=300
+    )
+    assert "passed" not in again.stdout  # neither the tests nor a mutation ran
+    resumed = json.loads((project / "result.json").read_text())
+    for name in ("shares", "survivors", "controls"):
+        assert resumed[name] == result[name]
+    more = TESTS.replace("share, slow_share", "share, slow_share, unseen")
+    (project / "tests" / "test_score.py").write_text(more + "\n\ndef test_unseen():\n    assert unseen([1, 2]) == 3\n")
+    subprocess.run(command(project, "--jobs", "2", "--again"), check=True, capture_output=True, timeout=300)
+    (left,) = json.loads((project / "result.json").read_text())["survivors"]
+    assert left["after"] == "one <= LIMIT"
+    other = subprocess.run(
+        command(project, "--seed", "1", "--resume"), check=False, capture_output=True, text=True, timeout=300
+    )
+    assert other.returncode != 0
+    assert "the run to go on with differs" in other.stderr
 
 
 @pytest.mark.slow
@@ -130,3 +159,65 @@ def test_a_run_that_is_stopped_leaves_what_it_has(project):
     finally:
         if run.poll() is None:
             os.killpg(run.pid, signal.SIGKILL)
+
+
+@pytest.mark.parametrize(
+    ("source", "after"),
+    [
+        ("x = a < b", ["a >= b", "a <= b"]),
+        ("x = a == 3", ["a != 3", "a == 4"]),
+        ("def f():\n    return a >= b", ["a < b", "a > b", "True", "False"]),
+        ("def f():\n    return a and b", ["a or b", "True", "False"]),
+        ("x = a - b", ["a + b"]),
+        ("x = not a", ["a"]),
+        ("LEAST = 3", ["4"]),
+        ("x: float = 0.5", ["5.0"]),
+        ("f(x=True)", ["False"]),
+        ("x = max(a)", ["min(a)"]),
+        ("x = y.argmin()", ["y.argmax()"]),
+        ("x = a if b else c", ["c if b else a"]),
+        ("x = np.abs(a)", ["a"]),
+        ("raise Error(f'{a - b}')", []),
+        ("def plot_it():\n    x = a - b", []),
+        ("def label_quality():\n    x = a - b", ["a + b"]),
+        ("print(a - b)", []),
+        ("x = a > 1e-6", ["a <= 1e-06"]),
+        ("x = max(a, 1e-9 * b)", ["min(a, 1e-09 * b)", "1e-09 / b"]),
+    ],
+)
+def test_wrong_steps(source, after):
+    assert [one.after for one in mutants(source)] == after
+
+
+@pytest.mark.parametrize(
+    ("killed", "total", "low", "high"), [(85, 100, 0.7672, 0.9069), (0, 10, 0.0, 0.2775), (10, 10, 0.7225, 1.0)]
+)
+def test_where_the_share_of_all_lies(killed, total, low, high):
+    """Published values of Wilson's interval."""
+    assert interval(killed, total) == pytest.approx((low, high), abs=1e-4)
+
+
+def test_a_sample_takes_every_mutation_alike_and_the_groups_in_turn(tmp_path):
+    (tmp_path / "a").mkdir()
+    (tmp_path / "a" / "long.py").write_text("\n".join(f"x{k} = a - b" for k in range(90)))
+    (tmp_path / "a" / "short.py").write_text("\n".join(f"x{k} = a + b" for k in range(10)))
+    (tmp_path / "tests" / "a").mkdir(parents=True)
+    groups = groups_of(tmp_path, {"first": ("a/short.py",), "all": ("a/*.py",)}, "*")
+    assert groups == {"first": ["a/short.py"], "all": ["a/long.py"]}
+    assert sample.tests_of(tmp_path, groups) == [tmp_path / "tests" / "a"]
+    drawn, counts = draw(tmp_path, groups, 8, seed=3)
+    assert counts == {"first": 10, "all": 90}
+    assert [group for group, *_ in drawn] == ["first", "all"] * 8
+    assert len({(file, one.place) for _, file, one in drawn}) == 16
+    assert drawn == draw(tmp_path, groups, 8, seed=3)[0]
+    assert drawn != draw(tmp_path, groups, 8, seed=4)[0]
+    both, _ = draw(tmp_path, {"both": ["a/long.py", "a/short.py"]}, 50, seed=0)
+    assert 1 <= sum(file == "a/short.py" for _, file, _ in both) <= 9  # a tenth of the mutations is there
+    assert len(draw(tmp_path, groups, 50, seed=3)[0]) == 60
+
+
+def test_every_pattern_names_modules():
+    root = TOOLS.parent
+    for patterns in MODULES.values():
+        for pattern in patterns:
+            assert list(root.glob(pattern)), pattern

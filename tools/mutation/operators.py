@@ -1,14 +1,16 @@
 """The chosen mutations of a Python source: each a small wrong step that a programmer could have made.
 
-Comparisons turned round or moved to the border, arithmetic swapped, signs dropped, extremes exchanged, flags and small
-numbers changed, conditions negated. Texts, messages, annotations, progress, drawings and declarations of arguments are
-left out: no figure depends on them.
+Comparisons turned round or moved to the border, conditions negated, answers of yes or no made always yes and always no,
+arithmetic swapped, signs dropped, extremes exchanged, flags and small numbers changed, limits and counts one off.
+Texts, messages, annotations, progress, drawings and declarations of arguments are left out: no figure depends on them.
+So are guards against rounding, numbers below :data:`ROUNDING`: ten times as large, or with or without the border, they
+do the same.
 """
 
 import ast
 import copy
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 SWAPPED_CALLS = {
     "argmin": "argmax",
@@ -44,8 +46,9 @@ TURNED = {
 }
 AT_BORDER = {ast.Lt: ast.LtE, ast.LtE: ast.Lt, ast.Gt: ast.GtE, ast.GtE: ast.Gt}
 ARITHMETIC = {ast.Add: ast.Sub, ast.Sub: ast.Add, ast.Mult: ast.Div, ast.Div: ast.Mult, ast.Pow: ast.Mult}
+ROUNDING = 1e-5
 # No figure depends on what these do.
-LEFT_OUT = ("draw", "plot", "add_arguments", "_line", "label", "picture", "__repr__")
+LEFT_OUT = ("draw", "plot", "add_arguments", "picture", "__repr__")
 LEFT_OUT_CALLS = (
     "progress",
     "print",
@@ -77,7 +80,7 @@ class Mutant:
     before: str
     after: str
     place: int
-    replacement: ast.expr
+    replacement: ast.expr = field(compare=False)
 
     def mutated(self, source: str) -> ast.Module:
         """The module with the mutation in it."""
@@ -91,7 +94,7 @@ def mutants(source: str) -> Iterator[Mutant]:
     """All mutations of a module, in the order of its syntax tree."""
     tree = ast.parse(source)
     for place, (node, function) in enumerate(_nodes(tree)):
-        for replacement in _replacements(node):
+        for replacement in (*_replacements(node), *_answers(node), *_one_off(node)):
             yield Mutant(node.lineno, function, ast.unparse(node), ast.unparse(replacement), place, replacement)
 
 
@@ -117,8 +120,13 @@ def _nodes(tree: ast.Module) -> list[tuple[ast.expr, str]]:
             return
         if isinstance(node, ast.AnnAssign):
             if node.value is not None:
+                node.value.named = True  # type: ignore[attr-defined]
                 visit(node.value, function)
             return
+        if isinstance(node, ast.Assign):
+            node.value.named = True  # type: ignore[attr-defined]
+        if isinstance(node, ast.Return) and node.value is not None:
+            node.value.returned = True  # type: ignore[attr-defined]
         if isinstance(node, ast.Expr) and isinstance(node.value, ast.Constant):
             return
         if isinstance(node, ast.Call) and ast.unparse(node.func).startswith(LEFT_OUT_CALLS):
@@ -136,7 +144,7 @@ def _nodes(tree: ast.Module) -> list[tuple[ast.expr, str]]:
 
 def _replacements(node: ast.expr) -> Iterator[ast.expr]:
     if isinstance(node, ast.Compare) and len(node.ops) == 1:
-        for table in (TURNED, AT_BORDER):
+        for table in (TURNED,) if _guard(node) else (TURNED, AT_BORDER):
             if type(node.ops[0]) in table:
                 yield ast.Compare(node.left, [table[type(node.ops[0])]()], node.comparators)
     elif isinstance(node, ast.BinOp) and type(node.op) in ARITHMETIC and not _text(node) and not _noise_added(node):
@@ -150,11 +158,37 @@ def _replacements(node: ast.expr) -> Iterator[ast.expr]:
     elif isinstance(node, ast.Constant) and isinstance(node.value, bool):
         yield ast.Constant(not node.value)
     elif isinstance(node, ast.Constant) and isinstance(node.value, float) and abs(node.value) not in (0.0, 1.0):
-        yield ast.Constant(node.value * 10)
+        if abs(node.value) >= ROUNDING:
+            yield ast.Constant(node.value * 10)
     elif isinstance(node, ast.Constant) and isinstance(node.value, float):
         yield ast.Constant(1.0 - node.value)
     elif isinstance(node, ast.IfExp):
         yield ast.IfExp(node.test, node.orelse, node.body)
+
+
+def _guard(node: ast.Compare) -> bool:
+    """Whether something is compared with a number that only guards against rounding."""
+    numbers = [one.value for one in ast.walk(node.comparators[0]) if isinstance(one, ast.Constant)]
+    return any(isinstance(number, float) and 0 < abs(number) < ROUNDING for number in numbers)
+
+
+def _answers(node: ast.expr) -> Iterator[ast.expr]:
+    """Always yes and always no, of what can only be one of them."""
+    if isinstance(node, (ast.Compare, ast.BoolOp)) and getattr(node, "returned", False):
+        yield ast.Constant(True)
+        yield ast.Constant(False)
+
+
+def _one_off(node: ast.expr) -> Iterator[ast.expr]:
+    """A whole number that something is compared with, or that is given a name, one larger."""
+    numbers: list[ast.expr] = []
+    if isinstance(node, ast.Compare) and len(node.ops) == 1:
+        numbers = node.comparators
+    for number in numbers:
+        if isinstance(number, ast.Constant) and type(number.value) is int:
+            yield ast.Compare(node.left, node.ops, [ast.Constant(number.value + 1)])  # type: ignore[attr-defined]
+    if getattr(node, "named", False) and isinstance(node, ast.Constant) and type(node.value) is int:
+        yield ast.Constant(node.value + 1)
 
 
 def _calls(node: ast.Call) -> Iterator[ast.expr]:

@@ -95,3 +95,72 @@ def test_a_stopped_robot_gets_zero_steps():
     gate.allow()
     gated.command(STEP)
     np.testing.assert_array_equal(robot.got, STEP)
+
+
+def test_the_defaults_by_hand():
+    gate = PageGate()
+    assert gate.max_speed == 1.0
+    assert (gate.largest_step(0.02), gate.largest_step(0.1), gate.largest_step(0.2)) == (0.02, 0.1, 0.1)
+    gate.allow()
+    np.testing.assert_allclose(passed(gate, [0.02, -0.01], seconds=0.02), [0.02, -0.01])  # the border passes
+    np.testing.assert_allclose(passed(gate, [0.04, -0.02], seconds=0.02), [0.02, -0.01])
+    gate.max_speed = 0.5
+    np.testing.assert_allclose(passed(gate, [0.04, -0.02], seconds=0.02), [0.01, -0.005])
+
+
+@pytest.mark.parametrize(("after", "passes"), [(0.39, True), (0.4, False), (0.41, False)])
+def test_a_press_counts_for_less_than_half_a_second(after, passes):
+    clock = Clock()
+    gate = PageGate(clock=clock)
+    gate.dead_man = True
+    gate.allow()
+    clock.now = 5.0
+    gate.press()
+    clock.now += after
+    assert gate.passing == passes
+    assert gate.open
+    gate.dead_man = False
+    assert gate.passing
+
+
+def test_a_press_opens_nothing():
+    gate = PageGate()
+    gate.dead_man = True
+    gate.press()
+    assert not gate.passing
+    assert not gate.open
+    assert gate.reason == "not started"
+    gate.allow()
+    assert gate.passing
+    assert gate.reason == ""
+
+
+def test_limits_on_both_sides():
+    gate = PageGate(1000.0)
+    gate.allow()
+    np.testing.assert_allclose(passed(gate, [-0.3, -5.0], positions=(-0.9, 0.0)), [-0.1, -5.0])
+    np.testing.assert_allclose(passed(gate, [-0.3, 0.0], positions=(-1.5, 0.0)), [0.0, 0.0])
+    np.testing.assert_allclose(passed(gate, [0.3, 0.0], positions=(-1.5, 0.0)), [0.3, 0.0])
+
+
+def test_a_gated_robot_is_limited_by_where_its_joints_were_read():
+    class Robot:
+        joint_names, joint_limits, got = ("a", "b"), LIMITS, None
+
+        def joints(self):
+            return np.array([0.995, 0.0]), 7.0
+
+        def command(self, delta):
+            self.got = delta
+
+    gate, robot = PageGate(), Robot()
+    gated = GatedRobot(robot, gate)
+    assert gated.reading_time == -np.inf
+    gate.allow()
+    gated.joints()
+    assert gated.reading_time == 7.0
+    gated.command(np.array([0.02, 0.01]))
+    np.testing.assert_allclose(robot.got, [0.005, 0.01])
+    np.testing.assert_array_equal(gated.last_command, robot.got)
+    gated.command(np.array([0.0, 0.1]))
+    np.testing.assert_allclose(robot.got, [0.0, 1 / 30])  # a rad/s for a frame

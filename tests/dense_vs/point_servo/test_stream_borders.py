@@ -1,0 +1,140 @@
+"""When the delay of joint readings is sought, what changes it, and bilinear samples, by hand."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from dense_vs.health import FaultKind, JointWatch
+from dense_vs.point_servo import joint_stream
+from dense_vs.point_servo.joint_stream import JointStream
+from dense_vs.point_servo.tracker import sample
+from dense_vs.robot import JointGroup
+
+FRAME = 1 / 30
+
+
+class Robot:
+    def __init__(self):
+        self.q, self.stamp = np.array([1.0, 9.0, 2.0]), 5.0
+
+    def joints(self):
+        return self.q.copy(), self.stamp
+
+
+def stream_of(delay=0.0):
+    robot, names = Robot(), ("a", "c")
+    group = JointGroup.choose(names, ("a", "b", "c"))
+    return JointStream(robot, group, JointWatch(names, np.full(2, 0.1)), delay), robot
+
+
+def read(stream, robot, count):
+    for _ in range(count):
+        assert stream.read(robot.stamp) == ()
+        robot.stamp += FRAME
+        robot.q = robot.q + np.array([0.01, 5.0, 0.02])
+
+
+def test_readings_are_interpolated_to_the_image_s_time():
+    stream, robot = stream_of()
+    read(stream, robot, 5)
+    np.testing.assert_allclose(stream.newest, [1.04, 2.08])
+    assert stream.newest_time == pytest.approx(5 + 4 * FRAME)
+    np.testing.assert_allclose(stream.at(5 + 1.5 * FRAME), [1.015, 2.03])
+    assert stream.has(5 + 4 * FRAME)
+    assert stream.has(5 + 4 * FRAME + 5e-7)  # stamps are rounded sums
+    assert not stream.has(5 + 4.1 * FRAME)
+    behind, robot = stream_of(delay=2 * FRAME)
+    read(behind, robot, 5)
+    np.testing.assert_allclose(behind.at(5.0), [1.02, 2.04])
+    assert behind.has(5 + 2 * FRAME)
+    assert not behind.has(5 + 2.1 * FRAME)
+    assert not behind.finding
+
+
+def test_a_reading_that_cannot_be_is_not_kept():
+    stream, robot = stream_of()
+    read(stream, robot, 5)
+    before = stream.newest.copy()
+    robot.q = robot.q + np.array([3.0, 0.0, 0.0])
+    (fault,) = stream.read(robot.stamp)
+    assert fault.kind is FaultKind.READING
+    np.testing.assert_array_equal(stream.newest, before)
+    assert not stream.has(robot.stamp)
+    stream.restart()
+    assert stream.read(robot.stamp) == ()
+    np.testing.assert_allclose(stream.newest, robot.q[[0, 2]])
+
+
+@pytest.mark.parametrize(("found", "told"), [(0.05, True), (0.0, False)])
+def test_the_delay_is_sought_once_sixty_frames_and_three_more_were_seen(monkeypatch, found, told):
+    given = {}
+
+    def find(flows, times, stamps, positions):
+        given.update(flows=flows, times=times, stamps=stamps, positions=positions)
+        return found
+
+    monkeypatch.setattr(joint_stream, "find_joint_delay", find)
+    stream, robot = stream_of(delay=None)
+    assert stream.finding
+    read(stream, robot, 3)
+    flow = np.zeros((24, 32, 2), np.float32)
+    flow[4::8, 4::8] = [1.0, 2.0]
+    flow[4, 4, 0] = np.nan
+    answers = [stream.find_delay(k * FRAME, flow * (k + 1)) for k in range(10)]
+    assert not stream.find_delay(10 * FRAME, None)  # a frame that was not used: it begins anew with the next
+    answers += [stream.find_delay(k * FRAME, flow * (k + 1)) for k in range(11, 73)]
+    assert answers == [False] * 71 + [told]
+    assert not stream.finding
+    assert stream.delay == found
+    np.testing.assert_allclose(given["times"], np.arange(10, 70) * FRAME)
+    assert given["flows"].shape == (59, 3 * 4 * 2)
+    np.testing.assert_allclose(given["flows"][0][:4], [0.0, 24.0, 12.0, 24.0])  # unknown is none
+    np.testing.assert_allclose(given["positions"][-1], [1.02, 2.04])
+
+
+@pytest.mark.parametrize(
+    ("now", "found", "text"),
+    [
+        (0.0, None, None),
+        (0.0, 0.39 * FRAME, None),
+        (0.0, 0.41 * FRAME, "joint readings are 0.014 s behind the images now; taken out"),
+        (0.1, 0.1 - 0.41 * FRAME, "joint readings are 0.086 s behind the images now; taken out"),
+        (0.1, 0.1 - 0.39 * FRAME, None),
+        (0.0, -0.1, "images come 0.100 s later than their stamps say; taken out"),
+        (0.1, 0.0, "images come -0.000 s later than their stamps say; taken out"),
+    ],
+)
+def test_a_delay_that_changed_is_taken_out(monkeypatch, now, found, text):
+    given = {}
+
+    def find(flows, jacobians, pairs, times, positions, *, now, frame_time):
+        given.update(flows=flows, jacobians=jacobians, pairs=pairs, now=now, frame_time=frame_time)
+        return found
+
+    monkeypatch.setattr(joint_stream, "find_changed_delay", find)
+    stream, robot = stream_of(delay=now)
+    read(stream, robot, 3)
+    motions = [SimpleNamespace(flow=f"u{k}", jacobian=f"J{k}", begin=k, end=k + 1) for k in range(4)]
+    fault = stream.find_change(motions)
+    assert given["flows"] == ["u1", "u2", "u3"]  # the first may span the change
+    assert given["jacobians"] == ["J1", "J2", "J3"]
+    assert given["pairs"].tolist() == [[1, 2], [2, 3], [3, 4]]
+    assert (given["now"], given["frame_time"]) == (now, pytest.approx(FRAME))
+    if text is None:
+        assert fault is None
+        assert stream.delay == now
+        return
+    assert (fault.kind, fault.text, fault.stops, fault.holds) == (FaultKind.LATE, text, False, False)
+    assert stream.delay == found
+
+
+def test_samples_are_bilinear_and_those_of_the_border_outside():
+    y, x = np.mgrid[:4, :6].astype(float)
+    image = np.stack([2 * x + 3 * y + x * y, x], axis=2)
+    places = np.array(
+        [[0.0, 0.0], [5.0, 3.0], [1.25, 2.5], [4.75, 0.5], [-3.0, 1.0], [9.0, 1.5], [2.5, -1.0], [2.5, 7.0]]
+    )
+    inside = np.clip(places, 0, [5, 3])
+    expected = np.column_stack([2 * inside[:, 0] + 3 * inside[:, 1] + inside[:, 0] * inside[:, 1], inside[:, 0]])
+    np.testing.assert_allclose(sample(image, places), expected, atol=1e-12)

@@ -1,0 +1,69 @@
+"""Babbling step by step beside its equations, and its pace on either side of every limit."""
+
+import numpy as np
+import pytest
+
+from dense_vs import Babbling
+
+
+def reference(seed, joints, rates, amplitude=0.15, tau=0.4, frame=1 / 30):
+    """An Ornstein-Uhlenbeck process and its first-order lag, by Euler's method at the given rates."""
+    rng, noise, offset, steps = np.random.default_rng(seed), np.zeros(joints), np.zeros(joints), []
+    for rate in rates:
+        dt = min(rate * frame / tau, 0.5)
+        noise = noise - dt * noise + np.sqrt(2 * dt) * rng.normal(size=joints)
+        most = 6 * amplitude * min(frame / tau, 0.5)
+        wanted = np.clip(offset + dt * (np.sqrt(2) * amplitude * noise - offset), -3 * amplitude, 3 * amplitude)
+        step = np.clip(wanted - offset, -most, most)
+        offset = offset + step
+        steps.append(step)
+    return np.array(steps)
+
+
+@pytest.mark.parametrize(
+    "options", [{}, {"amplitude": 0.3, "time_constant": 0.05, "frame_time": 0.7}, {"time_constant": 2.0}]
+)
+def test_steps_are_those_of_the_process(options):
+    babbling = Babbling(3, seed=4, **options)
+    named = {"amplitude": "amplitude", "time_constant": "tau", "frame_time": "frame"}
+    expected = reference(4, 3, [0.5] * 400, **{named[name]: value for name, value in options.items()})
+    steps = np.array([babbling.step() for _ in range(400)])
+    np.testing.assert_allclose(steps, expected, atol=1e-12)
+    assert babbling.excitation == pytest.approx(np.linalg.eigvalsh(steps.T @ steps)[0])
+
+
+def test_the_largest_step_is_six_deviations_at_full_speed():
+    assert Babbling(1).largest_step == pytest.approx(6 * 0.15 * (1 / 30) / 0.4)
+    assert Babbling(1, time_constant=0.01).largest_step == pytest.approx(6 * 0.15 * 0.5)
+
+
+def paced(*fastest, size=(40, 400), max_flow=4.0):
+    babbling = Babbling(2, max_flow=max_flow)
+    for value in fastest:
+        babbling.step(np.full((*size, 2), value, np.float32))
+    return babbling.rate
+
+
+@pytest.mark.parametrize(
+    ("flow", "rate"),
+    [((4.0,), 0.51), ((4.01,), 0.5 * 4 / 4.01), ((5.0,), 0.4), ((8.0,), 0.25), ((90.0,), 0.25), ((90.0,) * 9, 0.02),
+     ((1.0,) * 99, 1.0), ((0.0, 0.0), 0.5 * 1.02**2), ((-5.0,), 0.4), ((np.nan,), 0.51)],
+)  # fmt: skip
+def test_the_pace_falls_at_once_and_rises_slowly(flow, rate):
+    assert paced(*flow) == pytest.approx(rate, rel=1e-6)
+
+
+@pytest.mark.parametrize(("share", "slower"), [(0.005, False), (0.02, True)])
+@pytest.mark.parametrize("axis", [0, 1])
+def test_a_hundredth_of_the_pixels_may_be_faster(share, slower, axis):
+    """Every fourth pixel of each row and column is looked at, and both components count."""
+    flow = np.zeros((40, 400, 2), np.float32)
+    flow[:, : int(share * 400), axis] = 8.0
+    babbling = Babbling(2)
+    babbling.step(flow)
+    assert (babbling.rate < 0.5) == slower
+    beside = np.zeros((40, 400, 2), np.float32)
+    beside[1::4], beside[:, 1::4] = 99.0, 99.0
+    babbling = Babbling(2)
+    babbling.step(beside)
+    assert babbling.rate > 0.5

@@ -1,0 +1,402 @@
+"""What is measured in a simulated world, with worlds and loops made by hand."""
+
+import sys
+from pathlib import Path
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+sys.path.insert(0, str(Path(__file__).parents[2] / "profiling"))
+
+import accuracy
+import body_model
+import metrics
+import surface_view
+from surface_scores import ReachScore, ViewScore
+
+from dense_vs.errors import DenseVSError
+
+
+def error(median, p90=0.0):
+    return SimpleNamespace(median=median, p90=p90, inner_median=median / 2)
+
+
+def measured(end="reached", true_error=0.5, frames=20):
+    reach = SimpleNamespace(end=SimpleNamespace(value=end), frames=frames)
+    return SimpleNamespace(reach=reach, true_error_px=true_error)
+
+
+class Experiment:
+    """A view that has learned with J off by 0.25; its reaches end 3 and 0 px from the true point."""
+
+    made = None
+
+    def __init__(self, world, **options):
+        Experiment.made = options
+        self.on_frame, self.surface_point = options["on_frame"], None
+        labels = np.array([[1, 0], [2, 1]])
+        pipeline = SimpleNamespace(labels=lambda: labels)
+        self.loop = SimpleNamespace(pipeline=pipeline, joint_delay=-0.05, point=np.zeros(2))
+        self.results = [(measured("reached", 2.5), (3.0, 4.0)), (measured("lost", 0.5, 9), (0.0, 0.0))]
+
+    def learn(self):
+        self.on_frame(self)
+        self.on_frame(self)
+        return error(0.25, 0.75)
+
+    def truth(self):
+        return "true J", np.array([[True, True], [False, False]])
+
+    def choose(self):
+        self.surface_point = "point"
+        self.on_frame(self)
+
+    def targets(self, count):
+        return list(range(count))
+
+    def reach(self, target):
+        self.on_frame(self)
+        result, self.true = self.results[target]
+        return result
+
+    def project(self, _):
+        return -np.array(self.true)
+
+
+@pytest.fixture
+def view(monkeypatch):
+    """Measures a view by hand-made parts: what was told, and how often the exact estimator was fed."""
+
+    class Exact:
+        updates = 0
+
+        def __init__(self, world):
+            self.estimator = SimpleNamespace(jacobian="exact J")
+            Exact.updates = 0
+
+        def update(self):
+            Exact.updates += 1
+
+    class Body:
+        def __init__(self, device):
+            pass
+
+        def __enter__(self):
+            return self
+
+        def __exit__(self, *_):
+            pass
+
+    def j_error(J, true, mask):
+        assert (J, true) == ("exact J", "true J")
+        assert mask.sum() == 2
+        return error(0.125)
+
+    monkeypatch.setattr(surface_view, "make_world", lambda view, options: SimpleNamespace(joint_names=["a", "b"]))
+    monkeypatch.setattr(surface_view, "ExactFlow", Exact)
+    monkeypatch.setattr(surface_view, "SelfBody", Body)
+    monkeypatch.setattr(surface_view, "ReachingExperiment", Experiment)
+    monkeypatch.setattr(surface_view, "jacobian_error", j_error)
+
+    def run(targets=2, exact=True):
+        told = []
+        options = SimpleNamespace(exact=exact, device="cpu", seconds=7.0)
+        surface_view.measure(ViewScore("panda", "A", "clean", 3, 4, targets), options, told.append)
+        return told, Exact.updates
+
+    return run
+
+
+def test_a_view_is_told_when_learned_and_after_every_reach(view):
+    told, fed = view()
+    learned, first, second, done = told
+    assert (learned.joints, learned.j_median, learned.j_p90, learned.exact_median) == (2, 0.25, 0.75, 0.125)
+    # Labeled as the robot's: two of four pixels, one of which is; the true robot has two.
+    assert (learned.overlap, learned.precision, learned.recall) == pytest.approx((1 / 3, 0.5, 0.5))
+    assert learned.delay_frames == pytest.approx(-1.5)
+    assert fed == 2  # while it babbles, not while it reaches
+    assert first.reaches == [ReachScore("reached", 2.5, 5.0, 20)]
+    assert second.reaches == done.reaches == [*first.reaches, ReachScore("lost", 0.5, 0.0, 9)]
+    assert [one.finished for one in told] == [False, False, False, True]
+    assert not done.failure
+    assert 0 < learned.seconds <= done.seconds < 60
+    assert (Experiment.made["seed"], Experiment.made["babble_seconds"], Experiment.made["traced"]) == (3, 7.0, False)
+
+
+def test_a_view_without_targets_or_exact_flow(view):
+    told, fed = view(targets=0, exact=False)
+    assert len(told) == 2
+    assert told[-1].finished
+    assert np.isnan(told[0].exact_median)
+    assert fed == 0
+
+
+def test_a_view_that_fails_says_why(view, monkeypatch):
+    def fail(*_):
+        raise DenseVSError("no tip in view")
+
+    monkeypatch.setattr(Experiment, "choose", fail)
+    told, _ = view()
+    assert told[-1].failure == "no tip in view"
+    assert not told[-1].finished
+    assert told[-1].j_median == 0.25
+
+
+@pytest.mark.parametrize(("images", "realism"), [("clean", False), ("sensor", "sensor")])
+def test_a_commercial_arm_uses_its_first_joints_and_ours_all(monkeypatch, images, realism):
+    made = []
+
+    def world(arm, **options):
+        made.append((arm, options))
+        return SimpleNamespace(joint_names=["a", "b", "c"])
+
+    monkeypatch.setattr(surface_view, "SimWorld", world)
+    options = SimpleNamespace(device="cpu")
+    common = {"seed": 5, "realism": realism, "device": "cpu"}
+    surface_view.make_world(ViewScore("arm", "", images, 5, 2, 0), options)
+    assert made.pop() == ("arm", common)
+    surface_view.make_world(ViewScore("panda", "B", images, 5, 2, 0), options)
+    assert made[-1] == ("panda", {"joints": ["a", "b"], "camera": "B", **common})
+
+
+def test_exact_flow_goes_with_exact_joint_steps(monkeypatch):
+    given = []
+    positions = [np.array([0.5, 1.0]), np.array([0.7, 0.9]), np.array([0.6, 0.9])]
+    world = SimpleNamespace(
+        shape=(1, 4, 6), joint_names=["a", "b"], device="cpu", true_flow=lambda: "flow",
+        physics=SimpleNamespace(joint_positions=lambda: [positions.pop(0)]),
+    )  # fmt: skip
+    estimator = SimpleNamespace(update=lambda flow, dq: given.append(dq))
+    monkeypatch.setattr(surface_view, "DenseJacobian", lambda **options: estimator)
+    exact = surface_view.ExactFlow(world)
+    exact.update()
+    exact.update()
+    np.testing.assert_allclose(given, [[0.2, -0.1], [-0.1, 0.0]])
+
+
+def test_accuracy_means_and_worst_are_over_all_worlds(monkeypatch):
+    shown = {}
+    errors = {("arm", 0): 0.1, ("arm", 1): 0.3, ("planar", 0): 0.2, ("planar", 1): 0.2}
+
+    def run_world(robot, seed, targets, distractor):
+        assert (targets, distractor) == (2, "none")
+        median = errors[robot, seed]
+        return {"default, estimated flow": error(median), "default, exact flow": error(median / 10)}, [
+            measured(true_error=seed + 0.5), measured(true_error=2.0)]  # fmt: skip
+
+    monkeypatch.setattr(accuracy, "run_world", run_world)
+    monkeypatch.setattr(accuracy, "report", lambda found, _: shown.update({m.name: m.value for m in found}) or 0)
+    monkeypatch.setattr(sys, "argv", ["accuracy.py", "--seeds", "0,1", "--targets", "2"])
+    assert accuracy.main() == 0
+    assert shown["J error, default, estimated flow, median: mean"] == pytest.approx(0.2)
+    assert shown["J error, default, estimated flow, median: worst"] == 0.3
+    assert shown["J error, default, estimated flow, inner_median: mean"] == pytest.approx(0.1)
+    assert shown["J error, default, exact flow, median: mean"] == pytest.approx(0.02)
+    assert shown["reaches"] == 8
+    assert shown["reaches below 2 px"] == 0.5
+
+
+def test_every_mode_is_fed_its_own_flow_and_only_while_babbling(monkeypatch):
+    fed, made = {}, {}
+
+    class Estimator:
+        def __init__(self, **options):
+            self.name = len(made)
+            made[self.name] = options
+            fed[self.name] = []
+            self.jacobian = self.name
+
+        def update(self, flow, dq):
+            fed[self.name].append((flow, dq))
+
+    class Loop:
+        def __init__(self, world, seed, on_frame):
+            self.loop, self.surface_point, self.on_frame = SimpleNamespace(), None, on_frame
+
+        def frame(self, flow):
+            self.loop.frame = SimpleNamespace(flow=flow, dq="dq")
+            self.on_frame(self)
+
+        def learn(self):
+            self.frame(None)
+            self.frame("estimated")
+            return "own error"
+
+        def choose(self):
+            self.surface_point = "point"
+            self.frame("estimated")
+
+        def targets(self, count):
+            return range(count)
+
+        def reach(self, target):
+            return target
+
+    world = SimpleNamespace(shape=(1, 4, 6), joint_names=["a", "b"], true_flow=lambda: "exact",
+                            true_jacobian=lambda: "true", robot_mask=lambda: "mask")  # fmt: skip
+    monkeypatch.setattr(accuracy, "SimWorld", lambda robot, seed, distractor: world)
+    monkeypatch.setattr(accuracy, "DenseJacobian", Estimator)
+    monkeypatch.setattr(accuracy, "ReachingExperiment", Loop)
+    monkeypatch.setattr(accuracy, "jacobian_error", lambda J, true, mask: (J, true, mask))
+    errors, reaches = accuracy.run_world("arm", 0, 3, "none")
+    assert reaches == [0, 1, 2]
+    assert len(errors) == 2 * len(accuracy.MODES)
+    assert errors.pop("default, estimated flow") == "own error"  # the loop's own estimator
+    for name, (J, *truth) in errors.items():
+        assert truth == ["true", "mask"]
+        assert fed[J] == [("exact" if name.endswith("exact flow") else "estimated", "dq")]
+    assert accuracy.run_world("arm", 0, 0, "none")[1] == []
+
+
+def test_a_link_is_the_last_joint_that_moves_the_pixel():
+    J = np.zeros((2, 3, 2, 3))
+    J[0, 0, 1, 0] = J[0, 1, 0, 1] = 5.0
+    J[0, 1, 0, 0] = J[0, 2, 1, 2] = -4.0
+    J[1, 0, 0, 2] = 5e-5  # as good as none
+    J[1, 2] = 1.0  # not of the robot
+    mask = np.array([[True, True, True], [True, True, False]])
+    world = SimpleNamespace(true_jacobian=lambda: J, robot_mask=lambda: mask)
+    np.testing.assert_array_equal(body_model.true_links(world), [[0, 1, 2], [-1, -1, -1]])
+
+
+def test_a_track_near_another_link_has_no_true_link():
+    links = np.zeros((20, 20), int)
+    links[:, 10:] = 1
+    links[:, 19] = -1
+    stride = body_model.TrackOptions().stride
+    seen = SimpleNamespace(links={0: links, 2 * stride: links + 5})
+    begin = [(0, 7.4, 5.0), (0, 7.6, 5.0), (0, 11.4, 0.0), (0, 12.0, 19.0), (0, 17.0, 5.0), (2, 3.0, 3.0)]
+    pixels = np.full((3, len(begin), 2), np.nan)
+    for m, (frame, x, y) in enumerate(begin):
+        pixels[frame, m] = x, y
+    tracks = SimpleNamespace(pixels=pixels, references=np.array([one[0] for one in begin]))
+    np.testing.assert_array_equal(body_model.link_truth(seen, tracks), [0, -2, -2, 1, -2, 5])
+
+
+class AskedWorld:
+    """Robot in the left half of a 4 x 8 image; a point's place is its pixel moved by the joints."""
+
+    def __init__(self):
+        self.q = np.array([1.0, 1.0])
+        self.steps = []
+
+    def joints(self):
+        return self.q.copy(), 0.0
+
+    def step(self, dq):
+        self.steps.append(np.abs(dq).max())
+        self.q = self.q + dq
+
+    def robot_mask(self):
+        return np.arange(8)[None, :].repeat(4, axis=0) < 4
+
+    def true_jacobian(self):
+        J = np.zeros((4, 8, 2, 2))
+        J[:, 1:, 0] = 1.0  # the first column stands still: no place for points
+        return J
+
+    def track_point(self, pixel):
+        assert 1 <= pixel[0] < 4
+        return pixel - self.q
+
+    def project(self, point):
+        return point + self.q
+
+    def frame(self):
+        return SimpleNamespace(depth=np.full((4, 8), 2.0))
+
+
+def test_a_model_is_asked_about_postures_that_it_has_not_seen(monkeypatch):
+    world, asked = AskedWorld(), []
+
+    class Model:
+        def trace(self, pixels, q_seen, q):
+            np.testing.assert_array_equal(q_seen, [1.0, 1.0])
+            asked.append(q)
+            off = np.where(np.arange(len(pixels)) < 0.25 * len(pixels), np.nan, 3.0)
+            return pixels - q_seen + q + np.array([0.0, 1.0]) * off[:, None]
+
+        def jacobian(self, q):
+            return "J"
+
+        def image(self, q):
+            body = np.arange(8)[None, :].repeat(4, axis=0) < 6
+            depths = np.full((4, 8), 6.0)  # of any unit
+            depths[:, 0] = 9.0
+            return SimpleNamespace(body=body, depths=depths)
+
+    medians = iter(np.arange(1.0, 9.0))
+    monkeypatch.setattr(body_model, "jacobian_error", lambda J, true, robot: error(next(medians), 0.5))
+    joints = np.array([[0.0, -0.2], [0.3, 0.1], [0.1, 0.0]])
+    points, worst, median, p90, overlap, depth = body_model.ask(world, Model(), joints, seed=2)
+    assert points == pytest.approx(3.0)
+    assert worst == np.inf  # a quarter of the points is not known
+    assert (median, p90) == pytest.approx((4.5, 0.5))
+    assert overlap == pytest.approx(16 / 24)
+    assert depth == pytest.approx(0.0)  # one of four columns is half as far again, which the median leaves out
+    assert len(asked) == body_model.POSTURES
+    inside = np.array(asked)
+    assert (inside > joints.min(axis=0) - 0.005).all()
+    assert (inside < joints.max(axis=0) + 0.005).all()
+    assert np.ptp(inside, axis=0).min() > 0.1
+    assert max(world.steps) <= body_model.LARGEST_STEP
+
+
+def test_a_body_that_is_not_found_has_no_figures(monkeypatch, capsys):
+    def fail(*_):
+        raise DenseVSError("too few tracks")
+
+    monkeypatch.setattr(body_model, "make_world", lambda *_: None)
+    monkeypatch.setattr(body_model, "babble", lambda *_: SimpleNamespace(images=[], joints=[]))
+    monkeypatch.setattr(body_model, "follow_points", fail)
+    result = body_model.measure("arm", "", 1, SimpleNamespace(seconds=1.0))
+    assert result.name == "arm 1"
+    assert np.isnan([result.points_median, result.overlap, result.link_share, result.predict_ms]).all()
+    assert "too few tracks" in capsys.readouterr().out
+
+
+def test_the_share_of_right_links_is_of_tracks_with_one(monkeypatch):
+    found = SimpleNamespace(all_links=np.array([0, 1, 1, -1, -1, -2, 0, 2]))
+    truth = np.array([0, 1, 0, -1, 2, 0, -2, -1])  # right: 2 of those known: both 0, 1 / 1, 0 / -1, 2 / 2, -1
+    monkeypatch.setattr(body_model, "make_world", lambda *_: None)
+    monkeypatch.setattr(body_model, "babble", lambda *_: SimpleNamespace(images=[], joints=np.zeros((1, 2))))
+    monkeypatch.setattr(body_model, "follow_points", lambda *_: None)
+    monkeypatch.setattr(body_model, "fit_body", lambda tracks: found)
+    monkeypatch.setattr(body_model.BodyModel, "from_fit", lambda *_: SimpleNamespace(jacobian=lambda q: None))
+    monkeypatch.setattr(body_model, "link_truth", lambda seen, tracks: truth)
+    monkeypatch.setattr(body_model, "ask", lambda *_: (1.0, 2.0, 3.0, 4.0, 5.0, 6.0))
+    result = body_model.measure("panda", "A", 0, SimpleNamespace(seconds=1.0))
+    assert result.name == "panda A 0"
+    assert (result.link_share, result.tracks) == (pytest.approx(2 / 5), 5)
+    assert (result.points_median, result.depth) == (1.0, 6.0)
+    assert 0 <= result.fit_seconds < 60
+    assert 0 <= result.predict_ms < 1000
+    values = {metric.name: metric for metric in body_model.metrics_of([result])}
+    assert values["body_model/panda A 0/points_p90"].value == 2.0
+    assert values["body_model/panda A 0/overlap"].better == "higher"
+    found.all_links[:] = -2
+    assert np.isnan(body_model.measure("panda", "A", 0, SimpleNamespace(seconds=1.0)).link_share)
+
+
+@pytest.mark.parametrize(
+    ("now", "better", "tolerance", "code"),
+    [
+        (1.1, "lower", 0.1, 0),
+        (1.11, "lower", 0.1, 1),
+        (0.9, "higher", 0.1, 0),
+        (0.89, "higher", 0.1, 1),
+        (2.0, "higher", 0.1, 0),
+        (0.1, "lower", 0.1, 0),
+        (0.89, "higher", 0.2, 0),
+    ],
+)
+def test_a_report_holds_its_ratios_to_the_gate(tmp_path, capsys, now, better, tolerance, code):
+    gate, file = tmp_path / "gate.json", tmp_path / "now.json"
+    gate.write_text('{"metrics": [{"name": "share", "value": 1.0}, {"name": "other", "value": 9.0}]}')
+    found = [metrics.Metric("share", now, "1", better, tolerance), metrics.Metric("time", 99.0, "ms", "lower")]
+    arguments = SimpleNamespace(json=file, gate=gate)
+    assert metrics.report(found, arguments) == code
+    assert ("share" in capsys.readouterr().err) == bool(code)
+    assert f'"value": {now}' in file.read_text()
+    assert metrics.report(found, SimpleNamespace(json=None, gate=None)) == 0

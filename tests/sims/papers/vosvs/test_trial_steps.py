@@ -1,0 +1,464 @@
+"""The steps of a trial and of learning J+, with servos, searches and truths that say how they end."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from dense_vs.depth.approach import Approach, ApproachEnd
+from dense_vs.errors import DenseVSError
+from dense_vs.mask_servo.loop import ServoEnd, ServoRun
+from dense_vs.sims.mobile_manipulator.postures import CAMERA_ABOVE_LIFT
+from dense_vs.sims.papers.vosvs import jacobian_learning, object_trial, track
+from dense_vs.sims.papers.vosvs.configurations import configuration
+from dense_vs.sims.papers.vosvs.jacobian_learning import Update, learn_configuration
+from dense_vs.sims.papers.vosvs.object_trial import (
+    PLACES,
+    TRIALS,
+    ObjectTrial,
+    _center,
+    _estimate_depth,
+    _heap_chain,
+    _true_view,
+    drive_to,
+    locate,
+    place_objects,
+)
+from dense_vs.sims.papers.vosvs.trial_scores import DepthScore, ServoScore, TrueView
+
+
+class Room:
+    """Objects are where they are put; a chain hangs as low as told, time after time."""
+
+    def __init__(self, lowest=()):
+        links = {"Plastic Chain": 9}
+        self.objects = {name: SimpleNamespace(links=links.get(name, 0)) for names in TRIALS for name in names}
+        self.placed, self.chains, self.stored, self.lowest = {}, [], 0, list(lowest)
+
+    def store(self):
+        self.stored += 1
+        self.placed.clear()
+
+    def place(self, name, place, turn):
+        self.placed[name] = (*place, turn)
+
+    def lay_chain(self, name, place, rng):
+        self.chains.append(place)
+
+    def lowest_point(self, name):
+        return self.lowest.pop(0)
+
+
+def test_the_published_trials():
+    assert len({name for names in TRIALS for name in names}) == 24
+    assert [place[2] for place in PLACES] == sorted((place[2] for place in PLACES), reverse=True)
+    assert PLACES[2][2] == 0.0
+
+
+def test_a_trial_s_objects_stand_on_their_supports():
+    offsets, turns, rng = [], [], np.random.default_rng(0)
+    for _ in range(60):
+        room = Room()
+        place_objects(room, TRIALS[0], rng)
+        assert room.stored == 1
+        for name, (x, y, z) in zip(TRIALS[0], PLACES, strict=True):
+            px, py, pz, turn = room.placed[name]
+            assert pz == z
+            offsets.append((px - x, py - y))
+            turns.append(turn)
+    offsets = np.array(offsets)
+    assert np.abs(offsets).max() <= 0.06
+    assert (offsets.max(axis=0) > 0.05).all()
+    assert (offsets.min(axis=0) < -0.05).all()
+    assert max(turns) > 3
+    assert min(turns) < -3
+
+
+def test_a_chain_lies_in_the_middle_of_its_support_and_does_not_hang_over():
+    height = PLACES[1][2]
+    room = Room([height - 0.0051, height - 0.2, height - 0.0049])
+    place_objects(room, TRIALS[6], np.random.default_rng(0))
+    assert room.chains == [PLACES[1]] * 3
+    assert set(room.placed) == {"Baseball", "Washer"}
+    with pytest.raises(DenseVSError, match="hung over the edge of its support in 4 tries"):
+        _heap_chain(Room([-1.0] * 4), "Plastic Chain", (0.0, 0.0, 0.1), np.random.default_rng(0), tries=4)
+
+
+def test_the_robot_drives_to_about_where_a_support_is(monkeypatch):
+    monkeypatch.setattr(object_trial, "above", lambda x, y, height: np.array([x, y, height]))
+    sent = []
+    robot = SimpleNamespace(joints=lambda: (np.array([0.5, 0.25, 0.1]), 0.0), command=sent.append)
+    rng = np.random.default_rng(0)
+    for _ in range(80):
+        drive_to(robot, (2.0, 1.0, 0.3), rng)
+    ends = np.array(sent) + np.array([0.5, 0.25, 0.1])
+    np.testing.assert_allclose(ends[:, 2], 0.86)
+    off = ends[:, :2] - [2.0, 1.0]
+    assert np.abs(off).max() <= 0.12
+    assert off.min() < -0.11
+    assert off.max() > 0.11
+
+
+CENTERED, NOT = ServoScore(True), ServoScore(False, "lost")
+
+
+@pytest.fixture
+def located(monkeypatch):
+    """One object located by parts made by hand; what the robot was told is kept."""
+
+    def run(found=True, scores=(CENTERED,), printed=None, looks=3):
+        events = []
+        robot = SimpleNamespace(
+            joints=lambda: (np.array([float(len(events))]), 0.0), command=lambda dq: events.append(dq[0])
+        )
+        pending = list(scores)
+
+        def center(world, name, segmenter, pinv, on_look=None):
+            events.append(f"servo by {pinv}")
+            return pending.pop(0), ServoRun(ServoEnd.CONVERGED, [None] * 4), 0.75
+
+        def depth(world, result, segmenter, method, on_view):
+            events.append(f"depth by {method}")
+            result.depth = DepthScore(True)
+
+        monkeypatch.setattr(object_trial, "ManipulatorCamera", lambda world, camera: camera)
+        monkeypatch.setattr(object_trial, "ManipulatorRobot", lambda world: robot)
+        monkeypatch.setattr(object_trial, "search_object", lambda *_: SimpleNamespace(found=found, looks=looks))
+        monkeypatch.setattr(object_trial, "_center", center)
+        monkeypatch.setattr(object_trial, "_estimate_depth", depth)
+        return locate(None, "Mug", 0.25, None, "ours", printed_pinv=printed, method="vos-de"), events
+
+    return run
+
+
+def test_an_object_that_is_centered_gets_a_depth(located):
+    result, events = located()
+    assert events == ["servo by ours", "depth by vos-de"]
+    assert result.servo is CENTERED
+    assert result.printed_servo is None
+    assert result.looks == 7
+    assert result.iou[0] == 0.75
+    assert result.depth.graspable
+    assert (result.name, result.support, result.cause) == ("Mug", 0.25, "")
+
+
+def test_an_object_that_is_not_centered_gets_none(located):
+    result, events = located(scores=[NOT])
+    assert events == ["servo by ours"]
+    assert not result.depth.graspable
+    assert result.cause == "lost"
+
+
+def test_both_updates_begin_in_one_place(located):
+    result, events = located(scores=[NOT, CENTERED], printed="printed")
+    # It was at 0 and, by what was counted, at 1 when it was told to drive back.
+    assert events == ["servo by printed", -1.0, "servo by ours", "depth by vos-de"]
+    assert result.printed_servo is NOT
+    assert result.servo is CENTERED
+
+
+@pytest.mark.parametrize("printed", [None, "printed"])
+def test_an_object_that_is_not_found(located, printed):
+    result, events = located(found=False, printed=printed, looks=9)
+    assert events == []
+    assert result.cause == "not found in 9 looks"
+    assert result.looks == 9
+    assert (result.printed_servo is None) == (printed is None)
+
+
+MASK = np.zeros((480, 640), bool)
+MASK[200:280, 300:340] = True
+
+
+@pytest.mark.parametrize(
+    ("end", "offset", "good"),
+    [(ServoEnd.CONVERGED, 24.0, True), (ServoEnd.CONVERGED, 26.0, False), (ServoEnd.LOST, 1.0, False)],
+)
+def test_a_servo_is_scored_by_the_true_centroid(monkeypatch, end, offset, good):
+    made, told = {}, []
+
+    class Servo:
+        def __init__(self, camera, robot, segmenter, **options):
+            made.update(options)
+
+        def run(self, looks):
+            made["looks"] = looks
+            made["on_look"]("look", "image", MASK[:, ::-1])
+            made["on_look"]("look", "image", MASK)
+            return ServoRun(end, [])
+
+    world = SimpleNamespace(true_mask=lambda camera, name: np.roll(MASK, 40, axis=0))
+    monkeypatch.setattr(object_trial, "MaskServo", Servo)
+    monkeypatch.setattr(object_trial, "ManipulatorCamera", lambda *_: None)
+    monkeypatch.setattr(object_trial, "ManipulatorRobot", lambda *_: None)
+    monkeypatch.setattr(object_trial, "true_centroid", lambda *_: np.array([320.0 + offset / 2, 240.0 - offset]))
+    score, run, iou = _center(world, "Mug", None, "pinv", lambda *seen: told.append(seen))
+    assert score.centered == good
+    assert run.end is end
+    assert iou == pytest.approx(1 / 3)  # of the last look
+    assert len(told) == 2
+    assert (made["looks"], made["pinv"], made["gain"], made["target"]) == (20, "pinv", 0.8, (320.0, 240.0))
+    assert made["joints"] == ("base_forward", "base_lateral")
+
+
+def approached(monkeypatch, end, z_object, nearest):
+    camera_z = np.array([0.6, 0.45, 0.35, 0.4])
+    areas = (30.0 / (camera_z - 0.01)) ** 2
+    whole = np.array([True, True, True, False])
+    approach = Approach(end, z_object, None, 0.1, camera_z, areas, whole, nearest)
+    views = iter([TrueView(9.0, 9.0, 9.0, 0.1, 9.0)] * 2 + [TrueView(0.34, 0.35, 0.33, 0.8, 0.35 + CAMERA_ABOVE_LIFT)])
+    made = {}
+
+    class Depth:
+        def __init__(self, camera, robot, segmenter, **options):
+            made.update(options)
+
+        def run(self):
+            for k in range(3):
+                made["on_view"](k, "image", MASK)
+            return approach
+
+    monkeypatch.setattr(object_trial, "DepthApproach", Depth)
+    monkeypatch.setattr(object_trial, "ManipulatorCamera", lambda *_: None)
+    monkeypatch.setattr(object_trial, "ManipulatorRobot", lambda *_: None)
+    monkeypatch.setattr(object_trial, "fingers_in_view", lambda _: "fingers")
+    monkeypatch.setattr(object_trial, "_true_view", lambda *_: next(views))
+    result = ObjectTrial("Mug", 0.0, CENTERED, iou=(0.9, float("nan")))
+    seen = []
+    _estimate_depth(None, result, None, "robust", lambda *one: seen.append(one))
+    assert len(seen) == 3
+    assert (made["hidden"], made["joint"], made["method"]) == ("fingers", "arm_lift", "robust")
+    return result
+
+
+def test_a_depth_is_scored_on_the_nearest_view_by_both_methods(monkeypatch):
+    result = approached(monkeypatch, ApproachEnd.NEAR, 0.0, 2)
+    assert result.iou == (0.9, 0.8)
+    assert result.depth.error == pytest.approx(0.35 / 0.34 - 1)
+    assert result.printed_depth.error == pytest.approx(0.34 / 0.34 - 1, abs=1e-6)  # its fit is of whole views alone
+    assert result.approach.z_object == 0.0
+
+
+def test_an_approach_without_a_view_or_an_estimate_has_no_depth(monkeypatch):
+    none = approached(monkeypatch, ApproachEnd.LOST, None, -1)
+    assert not none.depth.graspable
+    assert none.depth.cause.startswith("depth: ")
+    assert none.printed_depth.cause == none.depth.cause
+    views = approached(monkeypatch, ApproachEnd.LOST, None, 2)
+    assert views.depth.cause.startswith("depth: ")
+    assert np.isfinite(views.printed_depth.error)
+    wrong = approached(monkeypatch, ApproachEnd.LOST, -3.0, 2)
+    assert wrong.depth.cause.endswith(f"; approach ended: {ApproachEnd.LOST.value}")
+    near = approached(monkeypatch, ApproachEnd.NEAR, -3.0, 2)
+    assert "approach ended" not in near.depth.cause
+    assert not near.depth.graspable
+
+
+def test_the_truth_of_a_view():
+    """An object of 5 x 5 pixels: its outline at 2 m, its middle at 1 m."""
+    true = np.zeros((20, 30), bool)
+    true[5:10, 5:10] = True
+    depth = np.full((20, 30), 9.0)
+    depth[5:10, 5:10], depth[6:9, 6:9], depth[7, 7] = 2.0, 1.0, 0.5
+    pose = np.eye(4)
+    pose[2, 3] = 0.7
+    world = SimpleNamespace(true_mask=lambda *_: true, depth=lambda _: depth, camera_pose=lambda _: pose)
+    view = _true_view(world, "Mug", np.roll(true, 5, axis=1))
+    assert (view.outline, view.surface, view.top) == pytest.approx((2.0, (16 * 2 + 8 + 0.5) / 25, 0.5))
+    assert (view.iou, view.camera_height) == (0.0, 0.7)
+    assert _true_view(world, "Mug", true).iou == 1.0
+    world.true_mask = lambda *_: np.zeros((20, 30), bool)
+    gone = _true_view(world, "Mug", true)
+    assert np.isnan([gone.outline, gone.surface, gone.top]).all()
+    assert (gone.iou, gone.camera_height) == (0.0, 0.7)
+
+
+class Taught:
+    """A servo whose runs end as told; each look's J+ is the last one's plus one where it learned something."""
+
+    runs: list = None
+
+    def __init__(self, camera, robot, segmenter, *, pinv, on_look, **options):
+        self.learner, self.on_look, self.options = pinv, on_look, options
+        self.region = SimpleNamespace(retreats=5)
+        Taught.made = self
+
+    def run(self, left):
+        end, changes, moves = Taught.runs.pop(0)
+        Taught.left.append(left)
+        looks = []
+        for change in changes:
+            Taught.pinv = Taught.pinv + change
+            q = float(len(looks)) if moves else 0.0
+            looks.append(SimpleNamespace(pinv=Taught.pinv.copy(), centroid=np.array([1.0, 2.0]), joints=np.array([q])))
+            self.on_look(None, "image", "mask")
+        return ServoRun(end, looks)
+
+
+@pytest.fixture
+def learned(monkeypatch):
+    def run(runs, responses=2, looks=30, keep=False, update=Update.GUARDED):
+        one = configuration("base")
+        learner = SimpleNamespace(pinv=np.zeros((2, 2)))
+        put, postures = [], []
+        world = SimpleNamespace(set_posture=postures.append)
+        Taught.runs, Taught.left, Taught.pinv = list(runs), [], np.zeros((2, 2))
+        monkeypatch.setattr(jacobian_learning, "_learner", lambda *_: learner)
+        monkeypatch.setattr(jacobian_learning, "MaskServo", Taught)
+        monkeypatch.setattr(jacobian_learning, "put_in_view", lambda *_: put.append(len(Taught.left)))
+        monkeypatch.setattr(jacobian_learning, "true_pinv", lambda *_: np.full((2, 2), float(len(Taught.left))))
+        monkeypatch.setattr(jacobian_learning, "forget_images", lambda _: None)
+        for name in ("ManipulatorCamera", "ManipulatorRobot"):
+            monkeypatch.setattr(jacobian_learning, name, lambda *_: None)
+        result = learn_configuration(
+            world,
+            one,
+            "Mug",
+            None,
+            np.random.default_rng(0),
+            responses=responses,
+            looks=looks,
+            keep_images=keep,
+            update=update,
+        )
+        return result, put, postures
+
+    return run
+
+
+DONE, LOST, LIMIT, SPENT = ServoEnd.CONVERGED, ServoEnd.LOST, ServoEnd.AT_LIMIT, ServoEnd.EXHAUSTED
+
+
+def test_j_is_learned_until_enough_responses_have_converged(learned):
+    result, put, postures = learned(
+        [
+            (LOST, [0, 1, 1], True),
+            (DONE, [0, 1, 0, 0], True),
+            (LIMIT, [1, 1], True),
+            (DONE, [0, 0], True),
+            (DONE, [9], True),
+        ],
+        keep=True,
+    )
+    assert result.converged
+    assert (result.updates, result.looks) == (3, 7)  # changes and images until it first converged
+    assert result.restarts == 2
+    assert result.retreats == 5
+    assert [one.end for one in result.episodes] == [LOST, DONE, LIMIT, DONE]
+    assert [len(one.images) for one in result.episodes] == [3, 4, 0, 0]
+    assert [len(one.looks) for one in result.episodes] == [3, 4, 2, 2]
+    np.testing.assert_array_equal(result.history[:, 0, 0], [0, 1, 2, 3, 4, 5])
+    assert [one[0, 0] for one in result.true] == [2.0, 4.0]
+    assert Taught.left == [30, 27, 23, 21]
+    # The object is put elsewhere at the beginning, after a response that converged and at a limit.
+    assert put == [0, 2, 3]
+    assert len(postures) == 4
+    options = Taught.made.options
+    assert (options["max_step"], options["tolerance"], options["target"]) == (0.3, 8.0, (320.0, 240.0))
+
+
+def test_a_robot_that_never_gets_there_has_learned_nothing(learned):
+    result, put, _ = learned([(LOST, [0] * 10, False), (LOST, [1] * 10, True), (SPENT, [0] * 10, True)])
+    assert not result.converged
+    assert result.updates is None
+    assert result.looks == 30
+    assert result.restarts == 2  # what ran out of images was not put back for anything
+    assert put == [0, 1]  # where nothing moved there is nothing to learn from
+    assert result.true == []
+
+
+def test_the_last_image_ends_it(learned):
+    result, put, _ = learned([(DONE, [0] * 30, True)])
+    assert result.converged
+    assert len(result.episodes) == 1
+    assert put == [0]
+    assert result.episodes[0].images == []  # not asked for
+
+
+def test_updates_learn_from_a_thousandth_of_h():
+    one = configuration("arm both")
+    for update in Update:
+        learner = jacobian_learning._learner(one, update)
+        np.testing.assert_allclose(learner.pinv, 0.001 * one.coupling)
+    assert type(jacobian_learning._learner(one, Update.FEATUREWISE)).__name__ == "FeaturewiseBroyden"
+
+
+class Dragged:
+    """A chain that moves 0.5 m a look."""
+
+    def __init__(self):
+        self.x, self.laid, self.before_frame, self.frames = 0.0, None, None, 0
+
+    def store(self):
+        pass
+
+    def set_posture(self, q):
+        pass
+
+    def lay_chain(self, name, ground, rng):
+        self.laid = ground
+
+    def object_position(self, name):
+        return np.array([self.x, 0.0, 0.0])
+
+
+@pytest.fixture
+def followed(monkeypatch):
+    def run(config, runs, found=()):
+        world, seen, searches = Dragged(), list(runs), list(found)
+        hand = SimpleNamespace(gone=False)
+        hand.let_go = lambda: setattr(hand, "gone", True)
+        made = {}
+
+        class Servo:
+            def __init__(self, camera, robot, segmenter, **options):
+                made.update(options)
+
+            def run(self, left):
+                assert world.before_frame is hand
+                end, looks = seen.pop(0)
+                for _ in range(min(looks, left)):
+                    world.x += 0.5
+                    made["on_look"](None, np.zeros((480, 640, 3), np.uint8), MASK)
+                return ServoRun(end, [])
+
+        monkeypatch.setattr(track, "MaskServo", Servo)
+        monkeypatch.setattr(track, "DraggingHand", lambda world, name, speed, rng: made.update(speed=speed) or hand)
+        monkeypatch.setattr(track, "search_object", lambda *_: SimpleNamespace(found=searches.pop(0)))
+        monkeypatch.setattr(track, "true_centroid", lambda world, *_: np.array([world.x, 1.0]))
+        monkeypatch.setattr(track, "floor_point", lambda world, camera, pixel: made.update(pixel=pixel) or "ground")
+        for name in ("ManipulatorCamera", "ManipulatorRobot"):
+            monkeypatch.setattr(track, name, lambda *_, **__: None)
+        ready = SimpleNamespace(world=world, seed=4, segmenter=lambda _: None, pinv=lambda config: f"J+ of {config}")
+        bar = SimpleNamespace(set_description=lambda _: None, update=lambda: None)
+        one = track.follow(ready, config, 12, bar)
+        assert world.before_frame is None
+        assert hand.gone
+        return one, made
+
+    return run
+
+
+def test_a_chain_is_followed_through_losses(followed):
+    one, made = followed("base", [(LOST, 3), (LOST, 2), (SPENT, 99)], found=[True, False])
+    assert one.lost == 2
+    assert len(one.centroids) == 12
+    np.testing.assert_allclose(one.centroids[:, 0], 0.5 * np.arange(1, 13))
+    assert one.traveled == pytest.approx(6.0)
+    assert [name for name, _ in one.tiles] == [f"base, look {k}" for k in (1, 3, 5, 7, 9, 11)]
+    assert (one.config, one.seed, made["pinv"], made["speed"]) == ("base", 4, "J+ of base", 0.2)
+    assert made["pixel"].tolist() == [320.0, 240.0]
+    assert (made["gain"], made["max_step"], made["tolerance"], made["patience"]) == (0.8, 0.12, 0.0, 4)
+
+
+def test_the_head_gives_up_that_cannot_search(followed):
+    one, made = followed("head", [(LOST, 1)] * 5)
+    assert one.lost == 4
+    assert len(one.centroids) == 4
+    assert made["speed"] == 0.25
+    assert made["pixel"].tolist() == [320.0, 340.0]
+
+
+def test_the_base_gives_up_where_it_does_not_find_the_chain_again(followed):
+    one, _ = followed("base", [(LOST, 1)] * 6, found=[False, False, False, True, False])
+    assert one.lost == 5  # found once more the fourth time
