@@ -43,7 +43,8 @@ def main() -> int:
     views = _views(options)
     origin = provenance(options, leave_out=("json", "gate"))
     if options.jobs > 1:  # inherited by the processes, before they load what reads it
-        os.environ.update({"OMP_NUM_THREADS": "1", "DENSE_VS_THREADS": "1"})
+        for name in ("OMP_NUM_THREADS", "DENSE_VS_THREADS"):
+            os.environ.setdefault(name, "1")
     signal.signal(signal.SIGTERM, _stop)
     found = {view.key: view for view in views}
     started = time.perf_counter()

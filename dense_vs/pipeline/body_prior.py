@@ -11,6 +11,7 @@ from typing import Protocol
 import cv2
 import numpy as np
 
+from dense_vs.body.guided_filter import guided_filter
 from dense_vs.checks import check_number
 from dense_vs.errors import DenseVSError
 from dense_vs.jacobian.estimator import DenseJacobian
@@ -19,6 +20,8 @@ from dense_vs.pipeline.occlusion import Occlusion
 MEMORY = 0.9  # of the agreement, from one measured motion to the next
 MOVING = 0.5  # px by the model: pixels that move less say nothing
 LEAST_PIXELS = 50
+EDGE_RADIUS, FLATNESS = 6, 1e-3  # of the smoothing by which the model's outline goes to the image's edges
+LABELED = 0.7  # share of the body around a pixel by then: the model's outline lies outside rather than inside
 HIDDEN_SHARE = 0.5  # at least, by which J is drawn to the model's where something covers the body
 # Of a chain, found on simulated arms, and of J remembered by posture, found on three reaches of a humanoid. What is
 # remembered is coarser than what is measured now, so it has less say, but keeps it as long as it explains anything.
@@ -123,16 +126,24 @@ class BodyPrior:
         """Bool ``(H, W)``, pixels of the body that something else covers; None where that is not known."""
         return None if self._occlusion is None else self._occlusion.hidden
 
-    def labels(self, own: np.ndarray, positions: np.ndarray) -> np.ndarray:
-        """Labels ``(H, W)`` of the body, by the model where something is in front, or was a moment ago.
+    def labels(self, own: np.ndarray, positions: np.ndarray, image: np.ndarray) -> np.ndarray:
+        """Labels ``(H, W)`` of the body: what was seen, what the model has to the image's edges, and what is hidden.
+
+        Motion says little of plain surfaces, which the model knows from where their edges were seen.
 
         Args:
             own: bool ``(H, W)``, labels by what was seen.
             positions: ``(N,)`` [rad].
+            image: RGB uint8 ``(H, W, 3)`` or gray ``(H, W)``.
         """
-        if self._occlusion is None or not self._occlusion.lately.any():
+        if self.told is not None or not self.agrees:
             return own
-        return np.where(self._occlusion.lately, self._at(positions)[1], own)
+        body = self._at(positions)[1]
+        smooth = guided_filter(image, body.astype(np.float32), EDGE_RADIUS, FLATNESS)
+        labels = own | (smooth > LABELED)
+        if self._occlusion is not None:
+            labels = np.where(self._occlusion.lately, body, labels)
+        return labels
 
     def uncovered(
         self, estimator: DenseJacobian, positions: np.ndarray, flow: np.ndarray, span: np.ndarray

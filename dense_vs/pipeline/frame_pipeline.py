@@ -345,7 +345,8 @@ class FramePipeline:
         if self._body_step > 1:
             height, width = self.estimator.options.height, self.estimator.options.width
             own = cv2.resize(own.astype(np.float32), (width, height), interpolation=cv2.INTER_LINEAR) > 0.5
-        return own if self.prior is None or self.frame is None else self.prior.labels(own, self.frame.positions)
+        frame = self.frame
+        return own if self.prior is None or frame is None else self.prior.labels(own, frame.positions, frame.image)
 
     def _for_body(self, image: np.ndarray) -> np.ndarray:
         """An image of the estimator's size as the body sees it."""

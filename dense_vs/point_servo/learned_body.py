@@ -10,7 +10,7 @@ import numpy as np
 from dense_vs.body_model import BodyModel, TrackOptions
 from dense_vs.errors import DenseVSError
 from dense_vs.flow.estimator import FlowEstimator
-from dense_vs.pipeline.body_prior import BodyPrior
+from dense_vs.pipeline.body_prior import CHAIN_AGREEMENT, BodyPrior
 from dense_vs.pipeline.frame_pipeline import Frame, FramePipeline
 from dense_vs.point_servo.body_tracker import BodyTracker
 from dense_vs.point_servo.same_surface import same_surface
@@ -22,8 +22,9 @@ LEAST_IMAGES = 40
 LEAST_JOINTS = 2  # one joint's axis alone leaves the rest of the camera open
 PRIOR_AT_FIRST, PRIOR_SHARE = 0.7, 0.1  # by which J is drawn to the body model's, once and at every measured motion
 JUDGED, MOVING = 12, 0.5  # pairs of images by which a model is judged, and px of motion that count
-LEAST_EXPLAINED = 0.5  # of the motion, by a model that is believed
-MOST_ERROR = 0.53  # px, median distance of its tracks from it
+STILL_EXPLAINED = 0.7  # of the share that it explained first, below which a model has no say any more
+LEAST_EXPLAINED = 0.45  # of the motion, by a model that is believed
+MOST_ERROR = 1.0  # px, median distance of its tracks from it; blur, noise and a rolling shutter make up to 0.8
 BESIDE = 2  # px by which the model's outline may be off
 
 
@@ -79,13 +80,19 @@ class LearnedBody:
             return False
         if model.error > MOST_ERROR:
             return False
-        if explained_share(model, self._pipeline.flow, [*self._history]) < LEAST_EXPLAINED:
+        explained = explained_share(model, self._pipeline.flow, [*self._history])
+        if explained < LEAST_EXPLAINED:
             return False
-        self.use(model, positions)
+        self.use(model, positions, explained)
         return True
 
-    def use(self, model: BodyModel, positions: np.ndarray | None) -> None:
+    def use(self, model: BodyModel, positions: np.ndarray | None, explained: float = 1.0) -> None:
         """Take a model as it is, and draw J to it at a posture ``(N,)`` [rad]; None before the first frame.
+
+        Args:
+            model: of the loop's joints and image size.
+            positions: present ones.
+            explained: share of the motion that it was seen to explain, 1 where that is not known.
 
         Raises:
             DenseVSError: a model of another number of joints or image size.
@@ -98,7 +105,9 @@ class LearnedBody:
                 f"expected {estimator.options.joints} and {size}"
             )
         self.model = model
-        self._pipeline.prior = prior = BodyPrior(model.known, share=PRIOR_SHARE)
+        self._pipeline.prior = prior = BodyPrior(
+            model.known, share=PRIOR_SHARE, least_agreement=min(CHAIN_AGREEMENT, STILL_EXPLAINED * explained)
+        )
         if positions is not None:
             prior.begin(estimator, positions, PRIOR_AT_FIRST)
 

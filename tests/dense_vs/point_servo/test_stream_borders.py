@@ -67,30 +67,42 @@ def test_a_reading_that_cannot_be_is_not_kept():
 
 
 @pytest.mark.parametrize(("found", "told"), [(0.05, True), (0.0, False)])
-def test_the_delay_is_sought_once_sixty_frames_and_three_more_were_seen(monkeypatch, found, told):
+def test_the_delay_is_sought_once_sixty_motions_and_three_more_readings_were_seen(monkeypatch, found, told):
     given = {}
 
-    def find(flows, times, stamps, positions):
-        given.update(flows=flows, times=times, stamps=stamps, positions=positions)
+    def find(flows, pairs, stamps, positions):
+        given.update(flows=flows, pairs=pairs, stamps=stamps, positions=positions)
         return found
 
     monkeypatch.setattr(joint_stream, "find_joint_delay", find)
     stream, robot = stream_of(delay=None)
-    assert stream.finding
-    read(stream, robot, 3)
     flow = np.zeros((24, 32, 2), np.float32)
     flow[4::8, 4::8] = [1.0, 2.0]
     flow[4, 4, 0] = np.nan
-    answers = [stream.find_delay(k * FRAME, flow * (k + 1)) for k in range(10)]
-    assert not stream.find_delay(10 * FRAME, None)  # a frame that was not used: it begins anew with the next
-    answers += [stream.find_delay(k * FRAME, flow * (k + 1)) for k in range(11, 73)]
-    assert answers == [False] * 71 + [told]
+    answers = []
+    for k in range(65):
+        read(stream, robot, 1)  # one frame after the other
+        held = k == 10  # not used: the next motion begins where this one would have
+        unseen = k == 0 or held
+        answers.append(
+            stream.find_delay(SimpleNamespace(time=robot.stamp, held=held, flow=None if unseen else flow * (k + 1)))
+        )
+    assert stream.finding
+    assert not any(answers)
+    robot.stamp += FRAME
+    last = given.get("pairs")
+    assert last is None
+    for _ in range(3):
+        read(stream, robot, 1)
+        answers.append(stream.find_delay(SimpleNamespace(time=robot.stamp, held=False, flow=flow)))
+    assert answers.count(True) == int(told)
     assert not stream.finding
     assert stream.delay == found
-    np.testing.assert_allclose(given["times"], np.arange(10, 70) * FRAME)
-    assert given["flows"].shape == (59, 3 * 4 * 2)
-    np.testing.assert_allclose(given["flows"][0][:4], [0.0, 24.0, 12.0, 24.0])  # unknown is none
-    np.testing.assert_allclose(given["positions"][-1], [1.02, 2.04])
+    assert given["pairs"].shape == (60, 2)
+    spans = np.diff(given["pairs"], axis=1).ravel() / FRAME
+    np.testing.assert_allclose(spans[:12], [1] * 9 + [2, 1, 1])
+    assert given["flows"].shape == (60, 3 * 4 * 2)
+    np.testing.assert_allclose(given["flows"][0][:4], [0.0, 4.0, 2.0, 4.0])  # unknown is none
 
 
 @pytest.mark.parametrize(
