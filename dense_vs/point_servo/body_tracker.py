@@ -39,6 +39,8 @@ BELIEVED = 0.72  # correlation from which a place of the point's own look tells 
 LEAST_OPEN = 0.05  # of the logarithm of the depth, left open in a search: places that repeat a guess tell nothing
 MOST_UNCERTAIN = 0.8  # px, standard deviation of the point's place up to which it is certain
 DOUBT = 1.5  # times the depth's standard deviation: places of features around share their errors
+DEPTH_ALONE = 2.5  # times it, for a place that the point's own look does not confirm
+OWN_SHARE = 0.7  # of :meth:`PointLook.drift`, found on recordings of six views
 BASIC = 0.3  # px, of any place
 SMALL = 0.01  # of the logarithm of the depth, for derivatives
 NOWHERE = np.zeros(2)
@@ -263,7 +265,8 @@ class BodyTracker:
         self.correlation = np.array([correlation], np.float32)
         share = float(np.clip((correlation - LIKE) / (ALIKE - LIKE), 0, 1))
         if share == 1:
-            self._by_own = max(float(np.linalg.norm(found - place)), OWN_DRIFT)
+            apart = float(np.linalg.norm(found - place))
+            self._by_own = max(min(apart, OWN_SHARE * self._look.drift(correlation)), OWN_DRIFT)
         if share > 0 and as_expected:
             self._sighting = found
         return place + share * (found - place)
@@ -306,11 +309,12 @@ class BodyTracker:
     def _uncertainty(self, q: np.ndarray) -> float:
         """Standard deviation [px]: by the depth, whose error shows as the link turns, and by the link's features.
 
-        The point's own place and its link are wrong in different ways: where they agree, so far can they be wrong.
+        The point's own look says where it is by itself where it is distinct; where it agrees with the link, both are
+        right, for they are wrong in different ways.
         """
         if self._depth is None:
             return np.inf
-        by_depth = DOUBT * self._depth.deviation * float(np.linalg.norm(self._view(q[None])[2]))
+        by_depth = DEPTH_ALONE * self._depth.deviation * float(np.linalg.norm(self._view(q[None])[2]))
         return float(np.hypot(min(by_depth, self._by_own), BASIC + self._spread / np.sqrt(max(self.seen, 1))))
 
     def _at_depth(self, depth: float | np.ndarray, beside: np.ndarray = NOWHERE) -> np.ndarray:

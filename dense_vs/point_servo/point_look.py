@@ -19,6 +19,7 @@ BLUR = 0.8  # px, before looks are compared
 WIDTH = 0.35  # of the window: standard deviation of the weight of the look's pixels
 LEAST_PIXELS = 60  # of the same surface, for others to be left out
 LEAST_ALIGNED = 0.85  # correlation from which the chain is right about that
+SHIFT = 2  # px, by which a look is compared with itself
 LEAST_SCALE, MOST_SCALE = 0.4, 2.5  # by which the look may have shrunk or grown in any direction
 
 
@@ -47,6 +48,26 @@ class PointLook:
         look = _blurred(_sampled(gray, point, np.eye(2), half)).ravel()
         self._look = look - self._weights @ look
         self._contrast = float(np.sqrt(self._weights @ self._look**2))
+        self.distinctness = self._distinctness(gray, np.asarray(point, dtype=np.float64))
+
+    def _distinctness(self, gray: np.ndarray, point: np.ndarray) -> float:
+        """What correlation loses by a shift of :data:`SHIFT` px in the direction in which it loses least."""
+        whole = _blurred(_sampled(gray, point, np.eye(2), self._half + SHIFT))
+        side = 2 * SHIFT + 1
+        seen = np.lib.stride_tricks.sliding_window_view(whole, (2 * self._half + 1,) * 2).reshape(side * side, -1)
+        contrast = np.sqrt(np.maximum((seen**2) @ self._weights - (seen @ self._weights) ** 2, 0))
+        correlation = seen @ (self._weights * self._look) / np.maximum(self._contrast * contrast, 1e-3)
+        y, x = np.divmod(np.arange(side * side), side)
+        around = np.hypot(x - SHIFT, y - SHIFT).round() == SHIFT
+        return max(0.0, 1 - float(correlation[around].max()))
+
+    def drift(self, correlation: float) -> float:
+        """Standard deviation [px] of a place that is seen with such a correlation.
+
+        Near its peak correlation falls with the square of the shift, so what it lacks of 1 tells how far away the peak
+        may be; more where the look hardly changes along some direction, as along an edge.
+        """
+        return SHIFT * float(np.sqrt(max(1 - correlation, 0.0) / max(self.distinctness, 1e-3)))
 
     def found(
         self, gray: np.ndarray, expected: np.ndarray, affine: np.ndarray, covariance: np.ndarray
