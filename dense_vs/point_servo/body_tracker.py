@@ -17,11 +17,9 @@ from dense_vs.body_model.chain import Chain
 from dense_vs.point_servo.body_features import BodyFeatures, Keyframe, State
 from dense_vs.point_servo.feature_flow import carried, new_features
 from dense_vs.point_servo.look_back import followed_back
-from dense_vs.point_servo.planned_posture import planned_posture
-from dense_vs.point_servo.point_depth import UNKNOWN, PointDepth, depth_of_features, point_depth, tried_depths
 from dense_vs.point_servo.point_look import PointLook
+from dense_vs.point_servo.point_on_link import POINT, PointOnLink
 
-POINT = 0  # index of the point among the features
 FIRST_FEATURES = 180  # in the image in which the point is defined
 ON_LINK, ON_OTHERS = 70, 25  # features that are kept in sight, of the point's link and of each other one
 MOST_FEATURES = 600  # from which those that no keyframe holds are forgotten
@@ -42,8 +40,6 @@ DOUBT = 1.5  # times the depth's standard deviation: places of features around s
 DEPTH_ALONE = 2.5  # times it, for a place that the point's own look does not confirm
 OWN_SHARE = 0.7  # of :meth:`PointLook.drift`, found on recordings of six views
 BASIC = 0.3  # px, of any place
-SMALL = 0.01  # of the logarithm of the depth, for derivatives
-NOWHERE = np.zeros(2)
 VOTES = 7  # features around, which say what link the point is on where its own places do not
 
 
@@ -65,6 +61,7 @@ class BodyTracker:
         seen: features of its link that were in sight in the last image.
         unseen: images since at least :data:`LEAST_SEEN` were.
         uncertainty: standard deviation of the point's place [px].
+        on_link: the point by what the chain says.
         correlation: float32 ``(1,)``, of the point's own look with its first one; -1 where it is not found.
     """
 
@@ -87,9 +84,9 @@ class BodyTracker:
         self._lost_after = lost_after
         self._gray, positions = history[-1]
         self._first_gray = self._gray
-        self._positions = self._defined_at = self._kept_at = np.array(positions, dtype=np.float64)
+        self._positions = self._kept_at = np.array(positions, dtype=np.float64)
         self.point = np.array(point, dtype=np.float64)
-        self._pixel = self.point.copy()
+        self.on_link = PointOnLink(self.features, self.point, self._positions)
         self._offset = np.zeros(2)
         self.seen, self.unseen, self._spread = 0, 0, 1.0
         self._by_own = np.inf
@@ -97,12 +94,11 @@ class BodyTracker:
         self._next = 0
         self._look = PointLook(self._gray, self.point, same, window)
         self.correlation = np.ones(1, np.float32)
-        self._depth: PointDepth | None = None
         self._look_back(history, body)
-        self._place_point()
+        self.on_link.place(self._first)
         for _ in range(ROUNDS):
             self._find_in(range(len(self.features.keyframes) - 1))
-            self._place_point()
+            self.on_link.place(self._first)
         self._refine()
         self.uncertainty = self._uncertainty(self._positions)
 
@@ -134,7 +130,7 @@ class BodyTracker:
             positions: joint positions ``(N,)`` [rad].
         """
         q = np.asarray(positions, dtype=np.float64)
-        features, link = self.features, self._link
+        features, link = self.features, self.on_link.link
         places, believed = carried(self._gray, gray, self._places, self._expected(q))
         expected = features.project(self._live, q)
         known = features.states[self._live] == State.KNOWN
@@ -163,47 +159,13 @@ class BodyTracker:
         features, q = self.features, np.asarray(positions, dtype=np.float64)
         known = (features.states[self._first] == State.KNOWN) & (self._first != POINT)
         numbers, begun = self._first[known], self._begun[known]
-        step = features.project(numbers, q) - features.project(numbers, self._defined_at)
+        step = features.project(numbers, q) - features.project(numbers, self.on_link.defined_at)
         places, believed = carried(self._first_gray, gray, begun, begun + step)
         self._live, self._places = numbers[believed], places[believed]
-        self._correct(q, self._link, gray)
+        self._correct(q, self.on_link.link, gray)
         self._gray, self._positions = gray, q
         self.uncertainty = self._uncertainty(q)
         return self.unseen == 0
-
-    def posture_for(
-        self,
-        target: np.ndarray,
-        positions: np.ndarray,
-        limits: np.ndarray,
-        *,
-        held: np.ndarray,
-        start: np.ndarray | None = None,
-    ) -> np.ndarray | None:
-        """A posture ``(N,)`` [rad] in which the point is seen at a target ``(2,)`` [px], by what is known now.
-
-        Args:
-            target, positions, limits, start: as in :func:`planned_posture`.
-            held: bool ``(N,)``, joints that stay where they are.
-        """
-        if self._depth is None:
-            return None
-        _, views = self._seen_in(self._defined_at[None])
-        fixed = np.asarray(held, dtype=bool) | ~self.features.learned
-        return planned_posture(self._seen_in, views[0], target, positions, limits, fixed=fixed, start=start)
-
-    def _seen_in(self, postures: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Places ``(T, 2)`` [px] and views ``(T, 3)``, see :data:`Seen`."""
-        features = self.features
-        rotation, translation = features.chain.link_poses(postures)
-        rotation, translation = rotation[:, self._link], translation[:, self._link]
-        there = rotation @ features.points[POINT] + translation
-        views = np.einsum("tji,tj->ti", rotation, there)
-        return features.pixels(there), views / np.linalg.norm(views, axis=1, keepdims=True)
-
-    @property
-    def _link(self) -> int:
-        return int(self.features.links[POINT])
 
     def _on_link(self, link: int) -> np.ndarray:
         """Features in sight that are on a link, the point aside."""
@@ -248,14 +210,14 @@ class BodyTracker:
             self.unseen = max(self.unseen, 1)
             return
         self._by_own, self._sighting = np.inf, None
-        if self._depth is not None:
+        if self.on_link.depth is not None:
             spread = BASIC + self._spread / np.sqrt(max(self.seen, 1))
             place = self._by_look(q, gray, place, spread)
         self.point = place
 
     def _by_look(self, q: np.ndarray, gray: np.ndarray, place: np.ndarray, spread: float) -> np.ndarray:
         """The place as the point's own look corrects it."""
-        _, affine, by_depth = self._view(q[None])
+        _, affine, by_depth = self.on_link.view(q[None])
         covariance = self._covariance(by_depth[0], spread)
         found, correlation = self._look.found(gray, place, affine[0], covariance)
         as_expected = correlation >= LIKE
@@ -273,35 +235,17 @@ class BodyTracker:
 
     def _covariance(self, by_depth: np.ndarray, aside: float) -> np.ndarray:
         """Of the expected place [px^2], by the depth and by what else may be off [px]."""
-        assert self._depth is not None
-        off = max(DOUBT * self._depth.deviation, LEAST_OPEN) * by_depth
+        assert self.on_link.depth is not None
+        off = max(DOUBT * self.on_link.depth.deviation, LEAST_OPEN) * by_depth
         return np.outer(off, off) + aside**2 * np.eye(2)
-
-    def _view(self, postures: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """How the point's surroundings are seen in postures ``(T, N)`` [rad].
-
-        Returns:
-            Expected places ``(T, 2)`` [px], maps ``(T, 2, 2)`` of px about the point in the first image to px there,
-            and places by the logarithm of the depth ``(T, 2)`` [px].
-        """
-        assert self._depth is not None
-        features, depth = self.features, self._depth.depth
-        rotation, translation = features.chain.link_poses(postures)
-        beside = ((0, 0), (1, 0), (0, 1), (0, 0))
-        depths = (depth, depth, depth, depth * np.exp(SMALL))
-        home = np.array([self._at_depth(d, np.array(b)) for d, b in zip(depths, beside, strict=True)])
-        there = np.einsum("tij,kj->tki", rotation[:, self._link], home) + translation[:, None, self._link]
-        places = features.pixels(there.reshape(-1, 3)).reshape(len(postures), 4, 2)
-        maps = np.stack([places[:, 1] - places[:, 0], places[:, 2] - places[:, 0]], axis=-1)
-        return places[:, 0], maps, (places[:, 3] - places[:, 0]) / SMALL
 
     def _find_in(self, keyframes: Sequence[int]) -> None:
         """Find the point itself in the images of some keyframes."""
         features = self.features
-        if self._depth is None or not len(keyframes):
+        if self.on_link.depth is None or not len(keyframes):
             return
         chosen = [features.keyframes[k] for k in keyframes]
-        expected, maps, by_depth = self._view(np.array([one.positions for one in chosen]))
+        expected, maps, by_depth = self.on_link.view(np.array([one.positions for one in chosen]))
         for k, one, place, map_, off in zip(keyframes, chosen, expected, maps, by_depth, strict=True):
             found, correlation = self._look.found(one.image, place, map_, self._covariance(off, ASIDE))
             features.keyframes[k] = one.with_place(POINT, found if correlation > BELIEVED else None)
@@ -312,45 +256,15 @@ class BodyTracker:
         The point's own look says where it is by itself where it is distinct; where it agrees with the link, both are
         right, for they are wrong in different ways.
         """
-        if self._depth is None:
+        if self.on_link.depth is None:
             return np.inf
-        by_depth = DEPTH_ALONE * self._depth.deviation * float(np.linalg.norm(self._view(q[None])[2]))
+        by_depth = DEPTH_ALONE * self.on_link.depth.deviation * float(np.linalg.norm(self.on_link.view(q[None])[2]))
         return float(np.hypot(min(by_depth, self._by_own), BASIC + self._spread / np.sqrt(max(self.seen, 1))))
-
-    def _at_depth(self, depth: float | np.ndarray, beside: np.ndarray = NOWHERE) -> np.ndarray:
-        """The point, or what is so many px beside it, in the home posture ``(..., 3)``; of that depth when defined."""
-        features = self.features
-        rotation, translation = features.chain.link_poses(self._defined_at[None])
-        ray = np.append((self._pixel + beside - features.center) / features.focal, 1.0)
-        here = np.multiply.outer(depth, ray)
-        return (here - translation[0, self._link]) @ rotation[0, self._link]
-
-    def _place_point(self) -> None:
-        """Where the point is on its link, by what is known now."""
-        features = self.features
-        first = self._first[features.seen_on(self._link, self._first) & (self._first != POINT)]
-        there = features.positions(first, self._defined_at)
-        front = there[:, 2] > 1e-3
-        around = depth_of_features(features.pixels(there[front]), there[front, 2], self._pixel)
-        if around is None:
-            if features.states[POINT] != State.KNOWN:
-                return
-            depth = features.positions(np.array([POINT]), self._defined_at)[0, 2]
-            around = PointDepth(float(max(depth, 1e-2)), UNKNOWN)
-        postures, places = features.tracks(np.array([POINT]))
-        seen = np.isfinite(places[:, 0, 0])
-        rotation, translation = features.chain.link_poses(postures[seen])
-        tried = self._at_depth(tried_depths(around))
-        there = np.einsum("tij,dj->dti", rotation[:, self._link], tried) + translation[None, :, self._link]
-        expected = features.pixels(there.reshape(-1, 3)).reshape(*there.shape[:2], 2)
-        self._depth = point_depth(around, np.linalg.norm(expected - places[seen, 0], axis=2))
-        features.points[POINT] = self._at_depth(self._depth.depth)
-        features.states[POINT] = State.KNOWN
 
     def _refine(self) -> None:
         """Chain, features and the point, adjusted to all keyframes."""
         self.features.refine(np.append(self._live, POINT), self._first[self._first != POINT])
-        self._place_point()
+        self.on_link.place(self._first)
 
     def _keep(self, gray: np.ndarray, q: np.ndarray) -> None:
         """A keyframe: learn from it, and look for new features."""
@@ -373,7 +287,7 @@ class BodyTracker:
 
     def _look_for_more(self, gray: np.ndarray) -> None:
         """New features on and about what is in sight of each link."""
-        features, link = self.features, self._link
+        features, link = self.features, self.on_link.link
         taken = [*self._places]
         found = []
         for one in [link, *(k for k in np.flatnonzero(features.learned) if k != link)]:
@@ -410,7 +324,7 @@ class BodyTracker:
         if features.states[POINT] != State.KNOWN:
             known = numbers[features.states == State.KNOWN]
             if len(known):
-                near = np.argsort(np.linalg.norm(begun[known] - self._pixel, axis=1))[:VOTES]
+                near = np.argsort(np.linalg.norm(begun[known] - self._begun[POINT], axis=1))[:VOTES]
                 features.links[POINT] = int(np.bincount(features.links[known[near]]).argmax())
         kept_on = features.states != State.DROPPED
         kept_on[POINT] = False  # it is known by its own look

@@ -4,9 +4,10 @@ import numpy as np
 
 from dense_vs.flow.estimator import FlowEstimator
 from dense_vs.pipeline.frame_pipeline import BODY_FLOW, LEARNED_UPDATES, MOST_BRIDGED, Frame, FramePipeline
-from dense_vs.point_servo.body_tracker import POINT, BodyTracker
+from dense_vs.point_servo.body_tracker import BodyTracker
 from dense_vs.point_servo.learned_body import LearnedBody
 from dense_vs.point_servo.point_memory import PointMemory
+from dense_vs.point_servo.point_on_link import POINT
 from dense_vs.point_servo.same_surface import same_surface
 from dense_vs.point_servo.tracker import PointTracker
 
@@ -19,6 +20,16 @@ def new_tracker(memory: PointMemory, frame: Frame, body: LearnedBody | None) -> 
     options = {name: memory.options[name] for name in ("window", "lost_after")}
     link = None if body is None else body.tracker(memory.place, frame, **options)
     return link or memory.tracker()
+
+
+def found_again(
+    memory: PointMemory, tracker: PointTracker | BodyTracker | None, frame: Frame
+) -> PointTracker | BodyTracker | None:
+    """A tracker that goes on in a frame from the posture that the point was defined in; None where it is not seen."""
+    seen = memory.seen_in(frame.gray)
+    if seen is None or not isinstance(tracker, BodyTracker):
+        return seen
+    return tracker if tracker.find_again(frame.gray, frame.positions) else None
 
 
 def tracking_flow(pipeline: FramePipeline) -> FlowEstimator:

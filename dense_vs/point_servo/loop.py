@@ -21,7 +21,7 @@ from dense_vs.pipeline.frame_pipeline import Frame, FramePipeline
 from dense_vs.point_servo.aim import Aim
 from dense_vs.point_servo.body_tracker import BodyTracker
 from dense_vs.point_servo.command_pace import CommandPace
-from dense_vs.point_servo.following import follow, new_tracker, pacing_flow, point_jacobian, tracking_flow
+from dense_vs.point_servo.following import follow, found_again, new_tracker, pacing_flow, point_jacobian, tracking_flow
 from dense_vs.point_servo.joint_stream import JointStream
 from dense_vs.point_servo.law import VisualServo
 from dense_vs.point_servo.learned_body import LearnedBody
@@ -115,8 +115,7 @@ class ServoLoop:
         pace = {} if command_period is None else {"frame_time": command_period}
         self.babbling = babbling or Babbling(count, seed=seed, **pace)
         steps = self.babbling.largest_step, self.servo.options.max_step + 4 * self.servo.options.dither
-        largest = max(steps) if max_step is None else max_step
-        self.gate = CommandGate(robot, self.group, max_step=largest)
+        self.gate = CommandGate(robot, self.group, max_step=max(steps) if max_step is None else max_step)
         watch = JointWatch(self.group.names, self.gate.max_step, max_speed)
         self.pipeline = FramePipeline(estimator, flow, scale=scale, body=body, watched=True, sway=sway)
         self._tracking_flow = tracking_flow(self.pipeline)
@@ -130,10 +129,8 @@ class ServoLoop:
         self.joints = JointStream(robot, self.group, watch, delay)
         self._held: deque[tuple[np.ndarray, float, Any, tuple[Fault, ...]]] = deque()  # images that wait for readings
         self._newest = time
-        faults = self.joints.read(time)
-        self._frame = self._followed = self.pipeline.process(
-            image, time, self.joints.at(time), faults, read_depth(self.camera, self.estimator)
-        )
+        faults, depth = self.joints.read(time), read_depth(camera, estimator)
+        self._frame = self._followed = self.pipeline.process(image, time, self.joints.at(time), faults, depth)
 
     @property
     def frame(self) -> Frame:
@@ -305,14 +302,12 @@ class ServoLoop:
 
         From there on it is followed as before or, where a body model can be learned by now, by its link.
         """
-        seen = None if self.memory is None else self.memory.seen_in(self.frame.gray)
-        if seen is None or self.tracker is None:
+        found = None if self.memory is None else found_again(self.memory, self.tracker, self.frame)
+        if found is None:
             return False
-        if isinstance(self.tracker, BodyTracker):
-            return self.tracker.find_again(self.frame.gray, self.frame.positions)
-        self.tracker = seen
-        if self._body.wanted and self.learn_body():
-            self.define_point(seen.points[0])
+        self.tracker = found
+        if isinstance(found, PointTracker) and self._body.wanted and self.learn_body():
+            self.define_point(found.points[0])
         self.aim.follow(self.point)
         return True
 
@@ -333,10 +328,10 @@ class ServoLoop:
                 not above 0, or frames that are no whole numbers of at least 1.
         """
         tolerance = check_number("tolerance", tolerance, above=0)
-        settle_frames = check_whole("settle_frames", settle_frames, least=1)
-        max_frames = check_whole("max_frames", max_frames, least=1)
+        arrival = Arrival(tolerance, check_whole("settle_frames", settle_frames, least=1))
+        reaching = Reaching(self, arrival, check_whole("max_frames", max_frames, least=1))
         self.aim.at(target, self.point, self.body_model)
-        return Reaching(self, Arrival(tolerance, settle_frames), max_frames).run()
+        return reaching.run()
 
     def _babbling_step(self) -> np.ndarray:
         return self.group.clip_step(self.babbling.step(pacing_flow(self.pipeline, self.frame)), self.frame.positions)

@@ -1,6 +1,7 @@
 """How a loop brings its point to a target: a planned move where the way is far, DIJE (17) near it, and back to look for
 the point where it was lost."""
 
+from collections.abc import Callable
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -20,6 +21,7 @@ PLANNED_EVERY = 15  # frames, after which the posture is planned anew, as the ch
 RETURNS = 1  # times in a reach that a lost point is looked for where it was defined
 BACK = 0.01  # rad from the posture in which it was defined
 LOOKED = 5  # frames there in which it is looked for
+GONE = 45  # frames in which nothing is seen of its link
 WAITED = 45  # frames at the target after which a place that is not certain will not become so
 
 
@@ -44,7 +46,7 @@ class Reaching:
         loop = self._loop
         far, returns, waited = self._distance() > FAR, 0, 0
         while self._left > 0 and waited < WAITED and not (self._arrival.settled and loop.aim.certain(loop.tracker)):
-            if given_up(loop.tracker):
+            if self._gone():
                 if returns == RETURNS or not self._find_again():
                     break
                 returns += 1
@@ -60,31 +62,38 @@ class Reaching:
         assert loop.target is not None
         return Reach(tuple(loop.target.tolist()), self._frames, self._distance(), end, tuple(self._faults.values()))
 
+    def _gone(self) -> bool:
+        """Whether the point is lost, and for so long that it has to be looked for."""
+        tracker = self._loop.tracker
+        assert tracker is not None  # a loop without a point has no aim
+        return given_up(tracker) or (isinstance(tracker, BodyTracker) and tracker.unseen >= GONE)
+
     def _distance(self) -> float:
         return self._loop.aim.distance(self._loop.point)
 
-    def _step(self, choose) -> None:
+    def _step(self, choose: Callable[[], np.ndarray]) -> None:
         loop = self._loop
         loop.step(loop.when_due(choose))
         self._left -= 1
         self._frames += 1
         self._faults |= {fault.kind: fault for fault in loop.faults}
 
-    def _way(self):
+    def _way(self) -> Callable[[], np.ndarray]:
         """What chooses the next step of a far way: toward a posture planned by the body's chain where there is one."""
         loop = self._loop
         if isinstance(loop.tracker, BodyTracker) and self._frames - self._planned_at >= PLANNED_EVERY:
             self._planned_at = self._frames
-            self._planned = loop.tracker.posture_for(
+            self._planned = loop.tracker.on_link.posture_for(
                 loop.target[:2],
                 loop.joints.newest,
                 loop.group.limits,
                 held=loop.joints.watch.stuck,
                 start=self._planned,
             )
-        if self._planned is None or np.abs(self._planned - loop.joints.newest).max() < ARRIVED:
+        posture = self._planned
+        if posture is None or np.abs(posture - loop.joints.newest).max() < ARRIVED:
             return loop.servo_step
-        return lambda: self._toward(self._planned)
+        return lambda: self._toward(posture)
 
     def _toward(self, posture: np.ndarray) -> np.ndarray:
         """Joint step ``(N,)`` straight to a posture, as long as the servo's longest."""

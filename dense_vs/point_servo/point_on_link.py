@@ -1,0 +1,115 @@
+"""A point of a link, known by its pixel when it was defined and a depth: where and how it is seen in other postures."""
+
+import numpy as np
+
+from dense_vs.point_servo.body_features import BodyFeatures, State
+from dense_vs.point_servo.planned_posture import planned_posture
+from dense_vs.point_servo.point_depth import UNKNOWN, PointDepth, depth_of_features, point_depth, tried_depths
+
+POINT = 0  # index of the point among the features
+SMALL = 0.01  # of the logarithm of the depth, for derivatives
+NOWHERE = np.zeros(2)
+
+
+class PointOnLink:
+    """The first of a body's features.
+
+    Args:
+        features: of the body; index 0 is the point.
+        pixel: ``(2,)`` [px], where it was defined.
+        positions: joint positions ``(N,)`` [rad] then.
+
+    Attributes:
+        depth: then; None where nothing tells.
+    """
+
+    def __init__(self, features: BodyFeatures, pixel: np.ndarray, positions: np.ndarray):
+        self._features = features
+        self._pixel, self.defined_at = np.array(pixel, dtype=np.float64), np.array(positions, dtype=np.float64)
+        self.depth: PointDepth | None = None
+
+    @property
+    def link(self) -> int:
+        """That it is on."""
+        return int(self._features.links[POINT])
+
+    def place(self, first: np.ndarray) -> None:
+        """Find its depth, by what is known now.
+
+        Args:
+            first: indices of features that were seen when it was defined.
+        """
+        features = self._features
+        first = first[features.seen_on(self.link, first) & (first != POINT)]
+        there = features.positions(first, self.defined_at)
+        front = there[:, 2] > 1e-3
+        around = depth_of_features(features.pixels(there[front]), there[front, 2], self._pixel)
+        if around is None:
+            if features.states[POINT] != State.KNOWN:
+                return
+            depth = features.positions(np.array([POINT]), self.defined_at)[0, 2]
+            around = PointDepth(float(max(depth, 1e-2)), UNKNOWN)
+        postures, places = features.tracks(np.array([POINT]))
+        seen = np.isfinite(places[:, 0, 0])
+        rotation, translation = features.chain.link_poses(postures[seen])
+        tried = self._at(tried_depths(around))
+        there = np.einsum("tij,dj->dti", rotation[:, self.link], tried) + translation[None, :, self.link]
+        expected = features.pixels(there.reshape(-1, 3)).reshape(*there.shape[:2], 2)
+        self.depth = point_depth(around, np.linalg.norm(expected - places[seen, 0], axis=2))
+        features.points[POINT] = self._at(self.depth.depth)
+        features.states[POINT] = State.KNOWN
+
+    def view(self, postures: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """How the point's surroundings are seen in postures ``(T, N)`` [rad].
+
+        Returns:
+            Expected places ``(T, 2)`` [px], maps ``(T, 2, 2)`` of px about the point in the first image to px there,
+            and places by the logarithm of the depth ``(T, 2)`` [px].
+        """
+        assert self.depth is not None
+        features, depth = self._features, self.depth.depth
+        rotation, translation = features.chain.link_poses(postures)
+        beside = ((0, 0), (1, 0), (0, 1), (0, 0))
+        depths = (depth, depth, depth, depth * np.exp(SMALL))
+        home = np.array([self._at(d, np.array(b)) for d, b in zip(depths, beside, strict=True)])
+        there = np.einsum("tij,kj->tki", rotation[:, self.link], home) + translation[:, None, self.link]
+        places = features.pixels(there.reshape(-1, 3)).reshape(len(postures), 4, 2)
+        maps = np.stack([places[:, 1] - places[:, 0], places[:, 2] - places[:, 0]], axis=-1)
+        return places[:, 0], maps, (places[:, 3] - places[:, 0]) / SMALL
+
+    def posture_for(
+        self,
+        target: np.ndarray,
+        positions: np.ndarray,
+        limits: np.ndarray,
+        *,
+        held: np.ndarray,
+        start: np.ndarray | None = None,
+    ) -> np.ndarray | None:
+        """A posture ``(N,)`` [rad] in which the point is seen at a target ``(2,)`` [px], by what is known now.
+
+        Args:
+            target, positions, limits, start: as in :func:`planned_posture`.
+            held: bool ``(N,)``, joints that stay where they are, as do those that the chain does not know.
+        """
+        if self.depth is None:
+            return None
+        _, views = self._seen_in(self.defined_at[None])
+        fixed = np.asarray(held, dtype=bool) | ~self._features.learned
+        return planned_posture(self._seen_in, views[0], target, positions, limits, fixed=fixed, start=start)
+
+    def _seen_in(self, postures: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Places ``(T, 2)`` [px] and views ``(T, 3)``, see :data:`Seen`."""
+        rotation, translation = self._features.chain.link_poses(postures)
+        rotation, translation = rotation[:, self.link], translation[:, self.link]
+        there = rotation @ self._features.points[POINT] + translation
+        views = np.einsum("tji,tj->ti", rotation, there)
+        return self._features.pixels(there), views / np.linalg.norm(views, axis=1, keepdims=True)
+
+    def _at(self, depth: float | np.ndarray, beside: np.ndarray = NOWHERE) -> np.ndarray:
+        """The point, or what is so many px beside it, in the home posture ``(..., 3)``; of that depth when defined."""
+        features = self._features
+        rotation, translation = features.chain.link_poses(self.defined_at[None])
+        ray = np.append((self._pixel + beside - features.center) / features.focal, 1.0)
+        here = np.multiply.outer(depth, ray)
+        return (here - translation[0, self.link]) @ rotation[0, self.link]
