@@ -162,7 +162,7 @@ def _replacements(node: ast.expr) -> Iterator[ast.expr]:
             yield ast.Constant(node.value * 10)
     elif isinstance(node, ast.Constant) and isinstance(node.value, float):
         yield ast.Constant(1.0 - node.value)
-    elif isinstance(node, ast.IfExp):
+    elif isinstance(node, ast.IfExp) and not (_is_words(node.body) and _is_words(node.orelse)):
         yield ast.IfExp(node.test, node.orelse, node.body)
 
 
@@ -211,6 +211,10 @@ def _text(node: ast.BinOp) -> bool:
 def _noise_added(node: ast.BinOp) -> bool:
     """Whether noise of zero mean is added: taken away, it would be of the same distribution."""
     return isinstance(node.op, (ast.Add, ast.Sub)) and "rng.normal(" in ast.unparse(node.right)
+
+
+def _is_words(node: ast.expr) -> bool:
+    return isinstance(node, ast.JoinedStr) or (_is_text(node) and " " in ast.literal_eval(node))
 
 
 def _is_text(node: ast.expr) -> bool:
