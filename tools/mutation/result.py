@@ -49,7 +49,7 @@ class Journal:
 
     def outcomes(self) -> dict[tuple[str, int, str, str], str]:
         """Of the mutations that have one."""
-        return {tuple(line["mutation"]): line["outcome"] for line in self._lines if line["mutation"]}  # type: ignore[misc]
+        return {tuple(line["mutation"]): line["outcome"] for line in self._lines if line["mutation"]}
 
     def controls(self) -> list[dict[str, Any]]:
         """Controls that ran."""

@@ -153,7 +153,11 @@ def test_places_inside_the_image(place, inside):
 
 def test_a_point_whose_body_is_forgotten_is_followed_by_its_look_inside_the_image(monkeypatch):
     placed = []
-    tracker = lambda place, gray, weights: placed.append(place.tolist()) or SimpleNamespace(points=place[None])  # noqa: E731
+
+    def tracker(place, gray, weights):
+        placed.append(place.tolist())
+        return SimpleNamespace(points=place[None])
+
     monkeypatch.setattr(live_points, "PointTracker", tracker)
     monkeypatch.setattr(live_points, "same_surface", lambda *_: None)
     body = BodyFollower(SimpleNamespace(alive=True), np.array([70.0, -3.0]), 1, seen())
