@@ -226,7 +226,9 @@ def test_j_is_carried_through_episodes_in_their_order(tmp_path, monkeypatch):
         def __iter__(self):
             return iter([1, 2])
 
-    episode = lambda number: SimpleNamespace(shifted=lambda clock: f"{number}{clock}")  # noqa: E731
+    def episode(number):
+        return SimpleNamespace(shifted=lambda clock: f"{number}{clock}")
+
     monkeypatch.setattr(real_robot, "RecordedEstimate", Carried)
     monkeypatch.setattr(real_robot, "open_recording", lambda data, joint_names: SimpleNamespace(episode=episode))
     monkeypatch.setattr(real_robot.DenseJacobian, "load", lambda file, device: file.read_text())
@@ -314,12 +316,17 @@ class Log:
 
 
 def test_an_episode_is_judged_by_what_the_others_taught(monkeypatch):
-    recording = lambda data, joint_names="all": SimpleNamespace(episode=lambda number: Log(number, joint_names))  # noqa: E731
+    def recording(data, joint_names="all"):
+        return SimpleNamespace(episode=lambda number: Log(number, joint_names))
+
     monkeypatch.setattr(real_robot, "open_recording", recording)
     monkeypatch.setattr(real_robot, "Judge", Asked)
     # The finder is 10 ms off where the log is shifted back, 20 ms where it is shifted on.
     miss = {-real_robot.SHIFT: 0.01, real_robot.SHIFT: 0.02}
-    survey = lambda log: SimpleNamespace(offset=SimpleNamespace(seconds=0.1 - log.shift + miss[log.shift]))  # noqa: E731
+
+    def survey(log):
+        return SimpleNamespace(offset=SimpleNamespace(seconds=0.1 - log.shift + miss[log.shift]))
+
     monkeypatch.setattr(real_robot, "survey_episode", survey)
     monkeypatch.setattr(real_robot.BodyPrior, "of", lambda memory, size, joints: ("prior", memory, size, joints))
     remembered = SimpleNamespace(of=lambda numbers: SimpleNamespace(numbers=numbers, joint_count=7))
@@ -360,48 +367,3 @@ def test_an_episode_is_judged_by_what_the_others_taught(monkeypatch):
     assert shares["all 26 joints"][1].episode.names == "all"
     for name in ("flow dis", "joints not smoothed", "sway taken out of J", "arm and hand", "all 26 joints"):
         assert shares[name][1].episode.shift == clocks[20]
-
-
-def test_a_memory_is_made_of_the_episodes_chosen_and_no_other(monkeypatch):
-    import remembered
-
-    class Seen:
-        def __init__(self, names):
-            self.images, self.joints = [], []
-
-        def add(self, episode, scale):
-            assert scale == 0.5
-            number = episode
-            self.images = [np.full((4, 6), number + k, np.uint8) for k in range(3)]
-            self.joints = np.array([[number + 0.1 * k] for k in range(3)])
-            self.learned = np.array([number == 5, number == 10])
-
-        def steps(self, first, last):
-            assert (first, last) == (0, 3)
-            return [(1, np.array([0.1])), (2, np.array([0.2]))]
-
-    class Fit:
-        def __init__(self, size, keyframes):
-            self.size, self.keyframes, self.seen = size, keyframes, []
-
-        def add(self, flow, q, dq):
-            self.seen.append((float(flow[0, 0]), q[0], dq[0]))
-
-        def solved(self):
-            return self
-
-    episodes = SimpleNamespace(joint_names=["a"], episode=lambda number: SimpleNamespace(shifted=lambda _: number))
-    monkeypatch.setattr(remembered, "open_recording", lambda data, joint_names: episodes)
-    monkeypatch.setattr(remembered, "SeenBody", Seen)
-    flow = lambda method, height, width: lambda before, now: 10.0 * before + now  # noqa: E731
-    monkeypatch.setattr(remembered, "FlowEstimator", flow)
-    monkeypatch.setattr(remembered, "MemoryFit", Fit)
-    monkeypatch.setattr(remembered.Keyframes, "choose", lambda *chosen: chosen)
-    fit = remembered.Remembered({5: "clock", 10: "clock", 20: "clock"}).of([5, 10])
-    assert fit.size == (4, 6)
-    assert [one[0] for one in fit.seen] == [10 * 5 + 6, 10 * 6 + 7, 10 * 10 + 11, 10 * 11 + 12]
-    np.testing.assert_allclose([one[1:] for one in fit.seen], [(5.1, 0.1), (5.2, 0.2), (10.1, 0.1), (10.2, 0.2)])
-    positions, steps, learned = fit.keyframes
-    np.testing.assert_allclose(positions[:, 0], [5.1, 5.2, 10.1, 10.2])
-    np.testing.assert_allclose(steps[:, 0], [0.1, 0.2, 0.1, 0.2])
-    assert learned.tolist() == [True, True]  # a joint that any of them has moved

@@ -17,7 +17,7 @@ sys.path.append(str(Path(__file__).parents[2] / "tools"))
 
 from mutation import sample
 from mutation.operators import mutants
-from mutation.result import interval
+from mutation.result import at_continuous_border, interval
 from mutation.sample import MODULES, draw, groups_of
 
 TOOLS = Path(__file__).parents[2] / "tools"
@@ -94,11 +94,12 @@ def test_what_tests_tell_apart_is_killed(project):
         ("unseen", "max(errors)", "min(errors)"),
         ("unseen", "max(errors) + 1", "max(errors) - 1"),
     }
-    assert survivors["share", "one < LIMIT", "one <= LIMIT"]["reason"] == "no test tells them apart yet"
+    assert survivors["share", "one < LIMIT", "one <= LIMIT"]["reason"].startswith("the border of a continuous value")
     assert survivors["unseen", "max(errors)", "min(errors)"]["reason"] == "no test reaches this line"
     # A constant, two comparisons, a quotient; the same of the slow function; two that nothing reaches.
     assert result["shares"]["all"] == {
         "of": 10, "mutations": 10, "killed": 7, "timeouts": 0, "share_killed": 0.7, "between": [0.3968, 0.8922],
+        "survived_but_the_same": 1, "share_killed_of_others": 0.7778,
     }  # fmt: skip
     assert result["shares"]["chosen"] == result["shares"]["all"]
     assert result["controls"] == {"run": 1, "failed": []}
@@ -176,6 +177,8 @@ def test_a_run_that_is_stopped_leaves_what_it_has(project):
         ("x = max(a)", ["min(a)"]),
         ("x = y.argmin()", ["y.argmax()"]),
         ("x = a if b else c", ["c if b else a"]),
+        ("x = 'the one' if b else f'another {c}'", []),
+        ("x = 'one' if b else 'two'", ["'two' if b else 'one'"]),
         ("x = np.abs(a)", ["a"]),
         ("raise Error(f'{a - b}')", []),
         ("def plot_it():\n    x = a - b", []),
@@ -195,6 +198,24 @@ def test_wrong_steps(source, after):
 def test_where_the_share_of_all_lies(killed, total, low, high):
     """Published values of Wilson's interval."""
     assert interval(killed, total) == pytest.approx((low, high), abs=1e-4)
+
+
+@pytest.mark.parametrize(
+    ("before", "after", "same"),
+    [
+        ("a < b", "a <= b", True),
+        ("np.abs(x) > 0.5", "np.abs(x) >= 0.5", True),
+        ("a < b", "a >= b", False),  # turned round
+        ("a < b", "a > b", False),
+        ("a < 3", "a <= 3", False),  # a count may well be met
+        ("len(a) >= least", "len(a) > least", False),
+        ("seen.sum() > least", "seen.sum() >= least", False),
+        ("a + b", "a - b", False),
+        ("True", "False", False),
+    ],
+)
+def test_borders_that_no_run_meets(before, after, same):
+    assert at_continuous_border(before, after) == same
 
 
 def test_a_sample_takes_every_mutation_alike_and_the_groups_in_turn(tmp_path):

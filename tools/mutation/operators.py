@@ -120,13 +120,13 @@ def _nodes(tree: ast.Module) -> list[tuple[ast.expr, str]]:
             return
         if isinstance(node, ast.AnnAssign):
             if node.value is not None:
-                node.value.named = True  # type: ignore[attr-defined]
+                node.value.named = True
                 visit(node.value, function)
             return
         if isinstance(node, ast.Assign):
-            node.value.named = True  # type: ignore[attr-defined]
+            node.value.named = True
         if isinstance(node, ast.Return) and node.value is not None:
-            node.value.returned = True  # type: ignore[attr-defined]
+            node.value.returned = True
         if isinstance(node, ast.Expr) and isinstance(node.value, ast.Constant):
             return
         if isinstance(node, ast.Call) and ast.unparse(node.func).startswith(LEFT_OUT_CALLS):
@@ -162,7 +162,7 @@ def _replacements(node: ast.expr) -> Iterator[ast.expr]:
             yield ast.Constant(node.value * 10)
     elif isinstance(node, ast.Constant) and isinstance(node.value, float):
         yield ast.Constant(1.0 - node.value)
-    elif isinstance(node, ast.IfExp):
+    elif isinstance(node, ast.IfExp) and not (_is_words(node.body) and _is_words(node.orelse)):
         yield ast.IfExp(node.test, node.orelse, node.body)
 
 
@@ -186,7 +186,7 @@ def _one_off(node: ast.expr) -> Iterator[ast.expr]:
         numbers = node.comparators
     for number in numbers:
         if isinstance(number, ast.Constant) and type(number.value) is int:
-            yield ast.Compare(node.left, node.ops, [ast.Constant(number.value + 1)])  # type: ignore[attr-defined]
+            yield ast.Compare(node.left, node.ops, [ast.Constant(number.value + 1)])
     if getattr(node, "named", False) and isinstance(node, ast.Constant) and type(node.value) is int:
         yield ast.Constant(node.value + 1)
 
@@ -211,6 +211,10 @@ def _text(node: ast.BinOp) -> bool:
 def _noise_added(node: ast.BinOp) -> bool:
     """Whether noise of zero mean is added: taken away, it would be of the same distribution."""
     return isinstance(node.op, (ast.Add, ast.Sub)) and "rng.normal(" in ast.unparse(node.right)
+
+
+def _is_words(node: ast.expr) -> bool:
+    return isinstance(node, ast.JoinedStr) or (_is_text(node) and " " in ast.literal_eval(node))
 
 
 def _is_text(node: ast.expr) -> bool:

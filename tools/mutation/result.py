@@ -1,5 +1,6 @@
 """What has come of the trials so far: shares killed, survivors with their reasons, controls."""
 
+import ast
 import json
 import math
 import os
@@ -11,6 +12,8 @@ from mutation.operators import Mutant
 from mutation.trials import Trial
 
 REASONS = Path(__file__).with_name("reasons.json")
+CONTINUOUS = "the border of a continuous value, which no run meets exactly"
+COUNTING = ("len", "sum", "count", "count_nonzero", "round", "int")
 SURE = 1.96  # standard deviations on either side: 95 % of samples
 
 
@@ -46,7 +49,7 @@ class Journal:
 
     def outcomes(self) -> dict[tuple[str, int, str, str], str]:
         """Of the mutations that have one."""
-        return {tuple(line["mutation"]): line["outcome"] for line in self._lines if line["mutation"]}  # type: ignore[misc]
+        return {tuple(line["mutation"]): line["outcome"] for line in self._lines if line["mutation"]}
 
     def controls(self) -> list[dict[str, Any]]:
         """Controls that ran."""
@@ -118,7 +121,7 @@ class Result:
         """The result as it is written: shares of those with an outcome, survivors, controls, origin."""
         survivors = [one for one in self._mutations if one["outcome"] == "survived"]
         for one in survivors:
-            one["reason"] = self._reasons.get(f"{one['file']}: {one['before']} -> {one['after']}") or _reason(one)
+            one["reason"] = self._same(one) or _reason(one)
         return {
             "shares": self._shares(),
             "drawn": self._drawn,
@@ -132,6 +135,11 @@ class Result:
             **self._origin,
         }
 
+    def _same(self, survivor: dict[str, Any]) -> str:
+        """Why a mutation does the same as what it stands for; empty where it does not."""
+        known = self._reasons.get(f"{survivor['file']}: {survivor['before']} -> {survivor['after']}", "")
+        return known or (CONTINUOUS if at_continuous_border(survivor["before"], survivor["after"]) else "")
+
     def _shares(self) -> dict[str, dict[str, Any]]:
         shares: dict[str, dict[str, Any]] = {}
         for group in [*self._counts, "all"]:
@@ -139,6 +147,11 @@ class Result:
             total = counts["killed"] + counts["timeout"] + counts["survived"]
             if total:
                 killed = total - counts["survived"]
+                same = sum(
+                    bool(self._same(one))
+                    for one in self._mutations
+                    if one["outcome"] == "survived" and group in (one["group"], "all")
+                )
                 low, high = interval(killed, total)
                 shares[group] = {
                     "of": sum(self._counts.values()) if group == "all" else self._counts[group],
@@ -147,6 +160,8 @@ class Result:
                     "timeouts": counts["timeout"],
                     "share_killed": round(killed / total, 4),
                     "between": [round(low, 4), round(high, 4)],
+                    "survived_but_the_same": same,
+                    "share_killed_of_others": round(killed / max(total - same, 1), 4),
                 }
         return shares
 
@@ -161,9 +176,31 @@ class Result:
         for group, share in self._shares().items():
             killed, total = share["killed"], share["mutations"]
             low, high = (100 * end for end in share["between"])
+            others, same = 100 * share["share_killed_of_others"], share["survived_but_the_same"]
             print(f"{group}: {killed} of {total} killed, {100 * killed / total:.1f} % ({low:.0f} to {high:.0f} %)")
+            print(f"    without {same} that do the same: {others:.1f} %")
         wrong = [one for one in self._controls if one["outcome"] != "survived"]
         print(f"controls: {len(wrong)} of {len(self._controls)} failed without a mutation")
+
+
+def at_continuous_border(before: str, after: str) -> bool:
+    """Whether a mutation only moves the border of a comparison in which no whole number stands and nothing is counted.
+
+    No run meets such a border exactly, unless a test is made for it.
+    """
+    both = [ast.parse(text, mode="eval").body for text in (before, after)]
+    if not all(isinstance(one, ast.Compare) for one in both):
+        return False
+    old, new = both
+    assert isinstance(old, ast.Compare)
+    assert isinstance(new, ast.Compare)
+    moved = {type(old.ops[0]), type(new.ops[0])} in ({ast.Lt, ast.LtE}, {ast.Gt, ast.GtE})
+    counted = any(
+        (isinstance(one, ast.Constant) and type(one.value) is int and one.value > 1)
+        or (isinstance(one, ast.Call) and ast.unparse(one.func).endswith(COUNTING))
+        for one in ast.walk(old)
+    )
+    return moved and len(old.ops) == 1 and not counted
 
 
 def _reason(survivor: dict[str, Any]) -> str:

@@ -1,0 +1,71 @@
+"""A point's depth beside its formula, and what a follower and a tracker say, by hand."""
+
+import numpy as np
+import pytest
+
+from dense_vs.point_servo import point_depth as depths
+from dense_vs.point_servo.point_depth import PointDepth, depth_of_features, point_depth, tried_depths
+
+
+def reference(places, values, point):
+    """Four rounds of a weighted mean of inverse depths; weights fall with distance (14 px) and with being unlike."""
+    near = np.exp(-np.sum((places - point) ** 2, axis=1) / (2 * 14.0**2)) + 1e-4
+    inverse = 1 / values
+    mean, weights = np.sum(near * inverse) / near.sum(), near
+    for _ in range(4):
+        spread = np.sqrt(np.sum(weights * (inverse - mean) ** 2) / weights.sum())
+        weights = near / (1 + ((inverse - mean) / max(1.5 * spread, 1e-4 * mean)) ** 2)
+        mean = np.sum(weights * inverse) / weights.sum()
+    spread = np.sqrt(np.sum(weights * (inverse - mean) ** 2) / weights.sum())
+    return 1 / mean, max(spread / mean, 0.03)
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_depth_of_features_is_its_formula(seed):
+    rng = np.random.default_rng(seed)
+    places, values, point = rng.uniform(0, 80, (20, 2)), rng.uniform(0.8, 1.6, 20), rng.uniform(20, 60, 2)
+    found = depth_of_features(places, values, point)
+    assert (found.depth, found.deviation) == pytest.approx(reference(places, values, point), rel=1e-12)
+    near = depth_of_features(places, np.full(20, 1.3), point)
+    assert (near.depth, near.deviation) == pytest.approx((1.3, 0.03))
+
+
+@pytest.mark.parametrize(("count", "enough"), [(2, False), (3, True)])
+def test_three_features_are_enough(count, enough):
+    found = depth_of_features(np.zeros((count, 2)), np.full(count, 2.0), np.zeros(2))
+    assert (found is not None) == enough
+
+
+def test_depths_are_tried_a_quarter_about_that_around():
+    tried = tried_depths(PointDepth(2.0, 0.1))
+    assert len(tried) == 251
+    np.testing.assert_allclose(tried[[0, 125, 250]], 2.0 * np.exp([-0.25, 0.0, 0.25]))
+
+
+def cost(around, errors, steps):
+    counted = max(1.0, errors.shape[1] / 10)
+    return np.log1p((errors / 0.5) ** 2).sum(axis=1) / counted + (steps / around.deviation) ** 2
+
+
+@pytest.mark.parametrize("places", [0, 1, 5, 10, 40])
+@pytest.mark.parametrize("true", [-0.12, 0.0, 0.06, 0.3])
+def test_the_most_likely_depth_weighs_own_places_and_those_around(places, true):
+    """At most ten places count in full; the curvature of the cost about its least is the certainty."""
+    around, steps = PointDepth(1.5, 0.08), np.linspace(-0.25, 0.25, 251)
+    errors = np.abs(steps - true)[:, None] * np.linspace(5.0, 60.0, places)
+    found = point_depth(around, errors)
+    expected = cost(around, errors, steps)
+    best = int(np.argmin(expected))
+    assert np.log(found.depth / 1.5) == pytest.approx(steps[best])
+    middle = min(max(best, 5), 245)
+    size = steps[1] - steps[0]
+    bend = (expected[middle - 5] - 2 * expected[middle] + expected[middle + 5]) / (5 * size) ** 2
+    assert found.deviation == pytest.approx(1 / np.sqrt(max(bend / 2, 16.0)))
+    assert 0 < found.deviation <= 0.25
+
+
+def test_without_any_place_the_deviation_is_that_around():
+    found = point_depth(PointDepth(1.0, 0.05), np.zeros((251, 0)))
+    assert found.deviation == pytest.approx(0.05, rel=1e-6)
+    assert point_depth(PointDepth(1.0, 10.0), np.zeros((251, 0))).deviation == 0.25  # nothing tells
+    assert depths.UNKNOWN == 0.25
