@@ -89,6 +89,15 @@ def test_where_j_explains_what_the_model_does_not_nothing_is_covered():
     assert not occlusion.observe(body(), flow, motion(), flow).any()
 
 
+def test_a_j_of_nothing_does_not_explain_what_stands_still():
+    unlearned = motion()
+    unlearned[COVER] = 0.1 * MOVED  # as the background's, where the body has just come to
+    occlusion = Occlusion(SIZE)
+    for _ in range(2):
+        hidden = occlusion.observe(body(), covered_flow(0.0), motion(), unlearned)
+    assert hidden[COVER].mean() > 0.7
+
+
 def test_flow_that_is_not_finite_and_small_parts_say_nothing():
     occlusion = Occlusion(SIZE)
     flow = covered_flow(np.nan)
