@@ -18,27 +18,33 @@ from metrics import Metric, add_report_arguments, report
 
 from dense_vs.body_model import BodyModel, TrackOptions, follow_points
 from dense_vs.body_model.fit import fit_body
+from dense_vs.body_model.held_out import ONE_DEVIATION
+from dense_vs.body_model.surface import SurfaceOptions, keyframe_indices
 from dense_vs.errors import DenseVSError
 from dense_vs.flow import FlowEstimator, to_gray
 from dense_vs.jacobian.error import jacobian_error
 from dense_vs.robot import Babbling
 from dense_vs.sims import SimWorld
 from dense_vs.sims.engine.built_scenes import ARM_NAMES
+from dense_vs.sims.engine.surface_points import SurfacePoint
 from dense_vs.view.tables import table
 
 POSTURES = 8  # unseen ones
 POINTS = 200  # of the surface, a posture
+ANCHORS, SAME_PIXEL = 400, 0.3  # surface points of a keyframe, and px between one and the model's
 LARGEST_STEP = 0.03  # rad a frame, on the way to a posture
 REFERENCE_FRAMES = TrackOptions().stride * TrackOptions().reference_every
 
 
 @dataclass(frozen=True)
 class Learned:
-    """A babbling: what the model is given, and the true links at the frames in which tracks begin."""
+    """A babbling: what the model is given; the true links at the frames in which tracks begin; surface points of the
+    robot at the frames in which the model finds its surface, by their pixels."""
 
     images: list[np.ndarray]
     joints: np.ndarray
     links: dict[int, np.ndarray]
+    anchors: dict[int, tuple[np.ndarray, list[SurfacePoint]]]
 
 
 @dataclass(frozen=True)
@@ -52,6 +58,7 @@ class BodyResult:
     jacobian_p90: float
     overlap: float
     depth: float  # relative, median, one scale for all postures
+    within: float  # share of the surface's places within one deviation of the model's; 0.68 is right
     link_share: float
     tracks: int
     fit_seconds: float
@@ -72,14 +79,14 @@ def measure(arm: str, camera: str, seed: int, options: argparse.Namespace) -> Bo
         model = BodyModel.from_fit(found, seen.images[::stride], seen.joints[::stride])
     except DenseVSError as error:
         print(f"{name}: {error}")
-        return BodyResult(name, *[float("nan")] * 7, 0, *[float("nan")] * 3)
+        return BodyResult(name, *[float("nan")] * 8, 0, *[float("nan")] * 3)
     fit_seconds, fit_cpu = time.perf_counter() - wall, time.process_time() - cpu
     truth = link_truth(seen, tracks)
     known = (found.all_links != -2) & (truth != -2) & ((truth >= 0) | (found.all_links >= 0))
     share = float(np.mean(found.all_links[known] == truth[known])) if known.any() else float("nan")
     return BodyResult(
         name,
-        *ask(world, model, seen.joints, seed),
+        *ask(world, model, seen, seed),
         share,
         int(known.sum()),
         fit_seconds,
@@ -94,7 +101,10 @@ def babble(world: SimWorld, seed: int, seconds: float) -> Learned:
     flow = FlowEstimator(height=world.shape[1], width=world.shape[2])
     low, high = world.joint_limits.T
     images, joints, links, last = [to_gray(world.frame().rgb)], [world.joints()[0]], {0: true_links(world)}, None
-    for frame in range(1, round(seconds * 30)):
+    frames, stride = round(seconds * 30), TrackOptions().stride
+    surfaces = stride * keyframe_indices(len(range(0, frames, stride)), SurfaceOptions().keyframes)
+    anchors = {}
+    for frame in range(1, frames):
         q = world.joints()[0]
         world.step(np.clip(q + babbling.step(last), low, high) - q)
         images.append(to_gray(world.frame().rgb))
@@ -102,7 +112,17 @@ def babble(world: SimWorld, seed: int, seconds: float) -> Learned:
         last = flow(images[-2], images[-1])
         if frame % REFERENCE_FRAMES == 0:
             links[frame] = true_links(world)
-    return Learned(images, np.array(joints), links)
+        if frame in surfaces:
+            anchors[frame] = some_points(world, seed)
+    return Learned(images, np.array(joints), links, anchors)
+
+
+def some_points(world: SimWorld, seed: int) -> tuple[np.ndarray, list[SurfacePoint]]:
+    """Pixels ``(K, 2)`` of what the joints move, and the surface points there."""
+    y, x = np.nonzero(world.robot_mask() & (np.linalg.norm(world.true_jacobian(), axis=(2, 3)) > 0))
+    chosen = np.random.default_rng([seed, 22]).choice(len(x), min(ANCHORS, len(x)), replace=False)
+    pixels = np.column_stack([x, y])[chosen].astype(float)
+    return pixels, [world.track_point(pixel) for pixel in pixels]
 
 
 def true_links(world: SimWorld) -> np.ndarray:
@@ -124,8 +144,9 @@ def link_truth(seen: Learned, tracks) -> np.ndarray:
     return truth
 
 
-def ask(world: SimWorld, model: BodyModel, joints: np.ndarray, seed: int) -> tuple[float, ...]:
-    """Errors of points [px], J, labels and depth at unseen postures."""
+def ask(world: SimWorld, model: BodyModel, seen: Learned, seed: int) -> tuple[float, ...]:
+    """Errors of points [px], J, labels, depth and the model's knowledge of its errors at unseen postures."""
+    joints = seen.joints
     rng = np.random.default_rng([seed, 21])
     low, high = joints.min(axis=0), joints.max(axis=0)
     q_seen = world.joints()[0]
@@ -134,7 +155,8 @@ def ask(world: SimWorld, model: BodyModel, joints: np.ndarray, seed: int) -> tup
     chosen = rng.choice(len(x), min(POINTS, len(x)), replace=False)
     pixels = np.column_stack([x, y])[chosen].astype(float)
     surface = [world.track_point(pixel) for pixel in pixels]
-    distances, errors, overlaps, ratios = [], [], [], []
+    distances, errors, overlaps, ratios, within = [], [], [], [], []
+    anchored, anchors = anchored_points(model, seen)
     for _ in range(POSTURES):
         go_to(world, rng.uniform(low, high))
         q = world.joints()[0]
@@ -143,10 +165,14 @@ def ask(world: SimWorld, model: BodyModel, joints: np.ndarray, seed: int) -> tup
         distances.append(np.where(np.isfinite(off), off, np.inf))
         J, robot = world.true_jacobian(), world.robot_mask()
         errors.append(jacobian_error(model.jacobian(q), J, robot))
-        seen = model.image(q)
-        overlaps.append((seen.body & robot).sum() / max(1, (seen.body | robot).sum()))
-        both = seen.body & robot
-        ratios.append(seen.depths[both] / world.frame().depth[both])
+        there = model.image(q)
+        overlaps.append((there.body & robot).sum() / max(1, (there.body | robot).sum()))
+        both = there.body & robot
+        ratios.append(there.depths[both] / world.frame().depth[both])
+        points = model.points(q)
+        off = points.pixels[anchored] - np.array([world.project(point) for point in anchors]).reshape(-1, 2)
+        inverse = np.linalg.inv(points.covariances[anchored])
+        within.append(np.einsum("pi,pij,pj->p", off, inverse, off) < ONE_DEVIATION)
     off, ratio = np.concatenate(distances), np.concatenate(ratios)
     return (
         float(np.quantile(off, 0.5, method="higher")),
@@ -155,7 +181,26 @@ def ask(world: SimWorld, model: BodyModel, joints: np.ndarray, seed: int) -> tup
         float(np.mean([e.p90 for e in errors])),
         float(np.mean(overlaps)),
         float(np.median(np.abs(ratio / np.median(ratio) - 1))),
+        float(np.mean(np.concatenate(within))) if anchors else float("nan"),
     )
+
+
+def anchored_points(model: BodyModel, seen: Learned) -> tuple[np.ndarray, list[SurfacePoint]]:
+    """Points of the model's surface, by index, that were found at pixels whose true surface points are known."""
+    indices, points = [], []
+    precision = model.precision
+    if precision is None:
+        return np.zeros(0, int), points
+    for frame, (pixels, surface) in seen.anchors.items():
+        keyframe = np.abs(precision.postures - seen.joints[frame]).max(axis=1).argmin()
+        own = np.flatnonzero(precision.keyframes == keyframe)
+        places = model.points(seen.joints[frame]).pixels[own]
+        for pixel, point in zip(pixels, surface, strict=True):
+            apart = np.linalg.norm(places - pixel, axis=1)
+            if len(own) and apart.min() < SAME_PIXEL:
+                indices.append(own[apart.argmin()])
+                points.append(point)
+    return np.array(indices, int), points
 
 
 def go_to(world: SimWorld, q: np.ndarray) -> None:
@@ -210,7 +255,8 @@ def main() -> int:
 def print_results(results: list[BodyResult]) -> None:
     """The table."""
     header = [
-        "arm, camera, seed", "points [px]", "90 %", "J error", "90 %", "label IoU", "depth", "links", "of tracks",
+        "arm, camera, seed", "points [px]", "90 %", "J error", "90 %", "label IoU", "depth", "within 1 s.d.", "links",
+        "of tracks",
         "fit [s]", "CPU [s]", "J image [ms]",
     ]  # fmt: skip
     rows = [
@@ -222,6 +268,7 @@ def print_results(results: list[BodyResult]) -> None:
             f"{r.jacobian_p90:.2f}",
             f"{r.overlap:.2f}",
             f"{r.depth:.3f}",
+            f"{r.within:.2f}",
             f"{r.link_share:.2f}",
             str(r.tracks),
             f"{r.fit_seconds:.1f}",
@@ -242,6 +289,7 @@ def metrics_of(results: list[BodyResult]) -> list[Metric]:
         "jacobian_p90": ("", "lower"),
         "overlap": ("", "higher"),
         "depth": ("", "lower"),
+        "within": ("", "higher"),
         "link_share": ("", "higher"),
         "fit_cpu_seconds": ("s", "lower"),
         "predict_ms": ("ms", "lower"),

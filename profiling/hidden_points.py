@@ -5,7 +5,8 @@
 Our own arm babbles for 10 s and learns its body. Then a textured plate comes in from the side, circles in front of the
 robot for 2 s and goes, 3 s in all, while it babbles on; the truth behind the plate is the simulator's, as the plate is
 drawn over its images. Then come pairs of reaches: one to a target where the point is not seen, behind a plate that
-stands still or out of the image, and one back to where it is. A pair begins with the point chosen anew.
+stands still or out of the image, and one back to where it is. A pair begins in the first posture, where the point is
+chosen anew.
 """
 
 import argparse
@@ -30,6 +31,7 @@ from dense_vs.view.tables import table
 WATCHED_EVERY = 6  # frames
 AFTER = 5  # frames, right after the plate has gone
 REST = 10  # frames of babbling between pairs of reaches
+AT_HOME, LARGEST_STEP, MOST_FRAMES = 0.01, 0.03, 150  # rad from there, rad and frames on the way
 PARTS = ("covered", "behind", "outside")
 
 
@@ -50,6 +52,7 @@ class HiddenTrial:
     def __init__(self, seed: int, options: argparse.Namespace, narrow: bool = False):
         self.seed = seed
         self.world = (NarrowWorld if narrow else SimWorld)("arm", seed=seed, device="cpu")
+        self._home = self.world.joints()[0]
         self.covering = Covering(self.world, seed=seed)
         self.body = SelfBody(device="cpu")
         self.frames: list[tuple[bool, bool]] = []  # not seen, said
@@ -94,6 +97,7 @@ class HiddenTrial:
     def reach(self, where: str, number: int) -> HiddenReach:
         """Out of sight and back."""
         self.covering.stand(None)
+        self._go_home()
         self.run.loop.babble(REST * FRAME_SECONDS)
         start = self.run.choose()
         assert self.run.surface_point is not None
@@ -108,6 +112,15 @@ class HiddenTrial:
             self.seed, where, len(unseen), first.reach.end.value, first.true_error_px, second.reach.end.value,
             second.true_error_px, sum(unseen),
         )  # fmt: skip
+
+    def _go_home(self) -> None:
+        """Back to the posture in which everything began, where the point is in sight."""
+        self.run.surface_point = None
+        for _ in range(MOST_FRAMES):
+            off = self._home - self.world.joints()[0]
+            if np.abs(off).max() < AT_HOME:
+                return
+            self.run.loop.step(np.clip(off, -LARGEST_STEP, LARGEST_STEP))
 
     def _watch(self, around: np.ndarray, every: int = WATCHED_EVERY) -> None:
         """Error of J on the robot and on a part of the image, labels' overlap there and behind the plate."""

@@ -6,12 +6,16 @@ import numpy as np
 
 from dense_vs.body_model.fit import BodyFit, FitOptions, fit_body
 from dense_vs.body_model.link_assignment import place_points
+from dense_vs.body_model.model import BodyModel
 from dense_vs.body_model.track_jacobian import LEAST_SEEN
 from dense_vs.body_model.tracks import PointTracks
 from dense_vs.checks import check_number
 from dense_vs.errors import DenseVSError
 
 MOVING = 0.7  # px
+SAME_PLACE = 1.0  # px between a track and the surface point that it is compared with
+ASKED = 8  # held-out images whose covariances are asked for
+ONE_DEVIATION = 2.279  # square of the distance that 68 % of normal errors in a plane lie within, in their own units
 
 
 @dataclass(frozen=True)
@@ -97,3 +101,48 @@ def held_out_error(
     last = first - 1 - np.argmax(np.isfinite(before[::-1, :, 0]), axis=0)
     stood = np.linalg.norm(before[last, np.arange(len(links))] - after, axis=2)[seen]
     return HeldOutError(float(np.median(off)), float(np.quantile(off, 0.9)), float(np.median(stood)), int(seen.sum()))
+
+
+def share_within_deviation(model: BodyModel, tracks: PointTracks, first: int) -> float:
+    """Share of held-out places that lie within one deviation of the model's, 0.68 where that knows its own errors.
+
+    A track is compared with the surface point that is at the same place in the last image of the first part that shows
+    it, in so far as it is on the body there.
+
+    Args:
+        model: of the images before ``first``.
+        tracks: of the whole recording.
+        first: index of the first image that is held out.
+
+    Returns:
+        The share, NaN where no point is seen in both parts or the model does not know its errors.
+    """
+    seen = tracks.seen
+    both = np.flatnonzero(seen[:first].any(axis=0) & seen[first:].any(axis=0))
+    last = first - 1 - np.argmax(seen[:first][::-1, both], axis=0)
+    points, offsets = np.full(len(both), -1), np.zeros((len(both), 2))
+    for image in np.unique(last):
+        there = model.points(tracks.joints[image])
+        visible = np.flatnonzero(there.visible)
+        on = np.flatnonzero(last == image)
+        if not len(visible):
+            continue
+        apart = tracks.pixels[image, both[on]][:, None] - there.pixels[visible][None]
+        nearest = np.linalg.norm(apart, axis=2).argmin(axis=1)
+        offset = apart[np.arange(len(on)), nearest]
+        same = np.linalg.norm(offset, axis=1) < SAME_PLACE
+        points[on[same]], offsets[on[same]] = visible[nearest[same]], offset[same]
+    found = []
+    count = len(tracks.joints)
+    for image in np.unique(np.linspace(first, count - 1, min(ASKED, count - first)).round().astype(int)):
+        asked = np.flatnonzero((points >= 0) & seen[image, both])
+        if not len(asked):
+            continue
+        there = model.points(tracks.joints[image])
+        off = there.pixels[points[asked]] + offsets[asked] - tracks.pixels[image, both[asked]]
+        covariance = there.covariances[points[asked]]
+        known = np.isfinite(covariance).all(axis=(1, 2))
+        inverse = np.linalg.inv(covariance[known])
+        found.append(np.einsum("pi,pij,pj->p", off[known], inverse, off[known]) < ONE_DEVIATION)
+    within = np.concatenate([*found, np.zeros(0, bool)])
+    return float(within.mean()) if len(within) else float("nan")

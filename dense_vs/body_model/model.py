@@ -9,8 +9,9 @@ both papers). Lengths are in a unit of the model's own, as one camera's images l
 """
 
 import os
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, replace
+from functools import cached_property, partial
 from typing import Any
 
 import numpy as np
@@ -19,6 +20,7 @@ from dense_vs.arrays import points_array, real_vector
 from dense_vs.body_model.chain import BACKGROUND, Chain
 from dense_vs.body_model.fit import BodyFit, FitOptions, fit_body
 from dense_vs.body_model.model_file import ModelContent, read_body, write_body
+from dense_vs.body_model.precision import covariances, precision_of
 from dense_vs.body_model.splat import front_points
 from dense_vs.body_model.surface import Surface, SurfaceOptions, find_surface
 from dense_vs.body_model.tracks import PointTracks, TrackOptions, follow_points, moving_pixels
@@ -45,6 +47,21 @@ class BodyPoints:
     links: np.ndarray
     visible: np.ndarray
     support: np.ndarray
+    _calculate: Callable[[], np.ndarray] = field(repr=False, compare=False)
+
+    @cached_property
+    def covariances(self) -> np.ndarray:
+        """Of the pixels, ``(P, 2, 2)`` [px^2], calculated when first asked for; see :mod:`.precision`.
+
+        By lines, focal length and the point's own depth; a link that is wrong is not in it. NaN where the model does
+        not know, as one that an earlier version has saved.
+        """
+        return self._calculate()
+
+    @property
+    def deviations(self) -> np.ndarray:
+        """Standard deviation ``(P,)`` of the pixels, the mean of all directions [px]."""
+        return np.sqrt(0.5 * np.trace(self.covariances, axis1=1, axis2=2))
 
 
 @dataclass(frozen=True)
@@ -81,6 +98,7 @@ class BodyModel:
         learned: bool ``(N,)``; joints that moved too little to be learned have no part in the model.
         joint_range: ``(N, 2)`` lowest and highest position seen while learning [rad].
         error: median distance between tracks and model [px].
+        precision: of all of these; None where it is not known.
     """
 
     def __init__(self, content: ModelContent):
@@ -92,6 +110,7 @@ class BodyModel:
         self.learned = content.learned
         self.joint_range = content.joint_range
         self.error = content.error
+        self.precision = content.precision
 
     @classmethod
     def fit(
@@ -150,10 +169,13 @@ class BodyModel:
             state.chain, state.focal, found.center, images, joints, moving_pixels(images), anchors, options
         )
         joint_range = np.stack([joints.min(axis=0), joints.max(axis=0)], axis=1)
-        size = found.tracks.size
+        precision = precision_of(found, surface, joints) if len(surface.links) else None
         return cls(
-            ModelContent(state.chain, state.focal, found.center, size, surface, found.learned, joint_range, found.error)
-        )
+            ModelContent(
+                state.chain, state.focal, found.center, found.tracks.size, surface, found.learned, joint_range,
+                found.error, precision,
+            )
+        )  # fmt: skip
 
     @property
     def joint_count(self) -> int:
@@ -243,7 +265,8 @@ class BodyModel:
 
     def points(self, q: Any) -> BodyPoints:
         """All points of the surface at a posture ``(N,)`` [rad], hidden ones too."""
-        positions = self._positions(self._posture(q, "q"))
+        posture = self._posture(q, "q")
+        positions = self._positions(posture)
         places = self._project(positions)
         front = front_points(places, positions[:, 2], self.size)
         height, width = self.size
@@ -252,7 +275,10 @@ class BodyModel:
         depth = np.where(front >= 0, positions[front, 2], np.inf)
         visible = inside.copy()
         visible[inside] = positions[inside, 2] <= depth[v[inside], u[inside]] * 1.02
-        return BodyPoints(places, positions[:, 2], self.surface.links, visible, self.surface.support)
+        links = self.surface.links
+        return BodyPoints(
+            places, positions[:, 2], links, visible, self.surface.support, partial(self._covariances, posture)
+        )
 
     def trace(self, pixels: Any, q_seen: Any, q: Any) -> np.ndarray:
         """Where the body's points that are at some pixels at one posture are at another.
@@ -294,15 +320,14 @@ class BodyModel:
 
     def _content(self) -> ModelContent:
         return ModelContent(
-            self.chain,
-            self.focal_length,
-            self.center,
-            self.size,
-            self.surface,
-            self.learned,
-            self.joint_range,
-            self.error,
-        )
+            self.chain, self.focal_length, self.center, self.size, self.surface, self.learned, self.joint_range,
+            self.error, self.precision,
+        )  # fmt: skip
+
+    def _covariances(self, q: np.ndarray) -> np.ndarray:
+        if self.precision is None:
+            return np.full((len(self.surface.links), 2, 2), np.nan)
+        return covariances(self.chain, self.focal_length, self.surface.points, self.surface.links, self.precision, q)
 
     def _posture(self, q: Any, name: str) -> np.ndarray:
         return real_vector(q, name, (self.joint_count,))

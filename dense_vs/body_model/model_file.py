@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 
 from dense_vs.body_model.chain import Chain, tree_order
+from dense_vs.body_model.precision import Precision
 from dense_vs.body_model.surface import Surface
 from dense_vs.errors import DenseVSError
 from dense_vs.files import atomic_write, read_arrays
@@ -28,6 +29,7 @@ class ModelContent:
     learned: np.ndarray
     joint_range: np.ndarray
     error: float
+    precision: Precision | None = None
 
 
 def write_body(path: str | os.PathLike[str], content: ModelContent) -> None:
@@ -55,6 +57,15 @@ def write_body(path: str | os.PathLike[str], content: ModelContent) -> None:
         "surface_support": surface.support.astype(np.float32),
         "surface_gray": surface.gray,
     }
+    if (precision := content.precision) is not None:
+        arrays |= {
+            "precision_lines": precision.lines,
+            "precision_depth_steps": precision.depth_steps.astype(np.float16),
+            "precision_depths": precision.depths.astype(np.float32),
+            "precision_postures": precision.postures,
+            "precision_keyframes": precision.keyframes.astype(np.int16),
+            "precision_place": precision.place,
+        }
     with atomic_write(path) as stream:
         np.savez_compressed(stream, **arrays)
 
@@ -91,9 +102,38 @@ def read_body(path: str | os.PathLike[str]) -> ModelContent:
             arrays["learned"],
             arrays["joint_range"],
             float(arrays["error"]),
+            _precision(arrays, str(path)),
         )
     except (KeyError, ValueError, TypeError) as error:
         raise DenseVSError(f"{path} is damaged: {error}") from error
+
+
+def _precision(arrays: dict[str, np.ndarray], path: str) -> Precision | None:
+    """What is known of errors; None where the file says nothing of it."""
+    if "precision_lines" not in arrays:
+        return None
+    points, joints = len(arrays["surface_points"]), len(arrays["axes"])
+    ranks, postures = len(arrays["precision_lines"]), len(arrays["precision_postures"])
+    shapes = {
+        "precision_lines": (ranks, 4 * joints + 1),
+        "precision_depth_steps": (points, ranks),
+        "precision_depths": (points,),
+        "precision_postures": (postures, joints),
+        "precision_keyframes": (points,),
+        "precision_place": (),
+    }
+    _check_shapes(arrays, shapes, path)
+    keyframes = arrays["precision_keyframes"].astype(int)
+    if points and not (keyframes.min() >= 0 and keyframes.max() < postures):
+        raise DenseVSError(f"{path} is damaged: precision_keyframes reach {keyframes.max()}; expected below {postures}")
+    return Precision(
+        arrays["precision_lines"],
+        arrays["precision_depth_steps"].astype(np.float32),
+        arrays["precision_depths"].astype(np.float64),
+        arrays["precision_postures"],
+        keyframes,
+        float(arrays["precision_place"]),
+    )
 
 
 def _check(arrays: dict[str, np.ndarray], path: str) -> None:
@@ -114,10 +154,7 @@ def _check(arrays: dict[str, np.ndarray], path: str) -> None:
         "surface_support": (points,),
         "surface_gray": (points,),
     }
-    for name, shape in shapes.items():
-        array = arrays[name]
-        if array.shape != shape or array.dtype.kind not in "biuf" or not np.isfinite(array).all():
-            raise DenseVSError(f"{path} is damaged: {name} has shape {array.shape}; expected finite numbers {shape}")
+    _check_shapes(arrays, shapes, path)
     links = arrays["surface_links"]
     if points and not (links.min() >= 0 and links.max() < joints):
         raise DenseVSError(f"{path} is damaged: surface_links reach {links.max()}; expected 0 to {joints - 1}")
@@ -127,3 +164,10 @@ def _check(arrays: dict[str, np.ndarray], path: str) -> None:
             f"{path} is damaged: focal length {arrays['focal_length']} px, size {size.tolist()}; expected numbers "
             f"above 0, a side of at most {LARGEST_SIDE}"
         )
+
+
+def _check_shapes(arrays: dict[str, np.ndarray], shapes: dict[str, tuple[int, ...]], path: str) -> None:
+    for name, shape in shapes.items():
+        array = arrays[name]
+        if array.shape != shape or array.dtype.kind not in "biuf" or not np.isfinite(array).all():
+            raise DenseVSError(f"{path} is damaged: {name} has shape {array.shape}; expected finite numbers {shape}")

@@ -6,7 +6,7 @@ of them, and the majority decides.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field, fields
 
 import numpy as np
 
@@ -52,12 +52,18 @@ class Surface:
         links: ``(P,)``.
         support: ``(P,)`` share of the keyframes that saw the place and agree, 0 to 1.
         gray: uint8 ``(P,)``, what they look like.
+        seen_at: ``(P,)`` index of the image in which each was found; empty where that is not known.
     """
 
     points: np.ndarray
     links: np.ndarray
     support: np.ndarray
     gray: np.ndarray
+    seen_at: np.ndarray = field(default_factory=lambda: np.zeros(0, int))
+
+    def some(self, kept: np.ndarray) -> "Surface":
+        """Some of the points, by index or mask."""
+        return Surface(self.points[kept], self.links[kept], self.support[kept], self.gray[kept], self.seen_at[kept])
 
 
 @dataclass(frozen=True)
@@ -91,11 +97,16 @@ def find_surface(
     """
     options = options or SurfaceOptions()
     count = len(images)
-    indices = np.unique(np.linspace(0, count - 1, options.keyframes + 2).round().astype(int)[1:-1])
+    indices = keyframe_indices(count, options.keyframes)
     views = [_look(chain, focal, center, images, joints, moving, anchors, int(k), options) for k in indices]
     parts = [_vote(chain, focal, center, images, joints, view, views, options.same_depth) for view in views]
-    names = ("points", "links", "support", "gray")
+    names = [one.name for one in fields(Surface)]
     return _thinned(Surface(*(np.concatenate([getattr(p, name) for p in parts]) for name in names)), focal)
+
+
+def keyframe_indices(images: int, keyframes: int) -> np.ndarray:
+    """Which of the images the surface is sought in, spread over them."""
+    return np.unique(np.linspace(0, images - 1, keyframes + 2).round().astype(int)[1:-1])
 
 
 def _thinned(surface: Surface, focal: float) -> Surface:
@@ -107,7 +118,7 @@ def _thinned(surface: Surface, focal: float) -> Surface:
     order = np.argsort(-surface.support, kind="stable")
     _, first = np.unique(cells[order], axis=0, return_index=True)
     kept = np.sort(order[first])
-    return Surface(surface.points[kept], surface.links[kept], surface.support[kept], surface.gray[kept])
+    return surface.some(kept)
 
 
 def _look(chain, focal, center, images, joints, moving, anchors, index, options: SurfaceOptions) -> _View:
@@ -165,5 +176,6 @@ def _vote(chain, focal, center, images, joints, view: _View, views: list[_View],
         same = (np.abs(ratio - 1) <= same_depth) & (other.links[v, u] == links)
         agree += inside & same
         differ += inside & ~same & ~covered
-    kept = agree > differ
-    return Surface(points[kept], links[kept], (agree / (agree + differ))[kept], images[view.index][y, x][kept])
+    seen_at = np.full(len(x), view.index)
+    found = Surface(points, links, agree / (agree + differ), images[view.index][y, x], seen_at)
+    return found.some(agree > differ)

@@ -15,14 +15,22 @@ import numpy as np
 
 from dense_vs.body_model import BodyModel, FitOptions, Keyframes, MemoryFit, PostureMemory, TrackOptions, follow_points
 from dense_vs.body_model.fit import fit_body
-from dense_vs.body_model.held_out import ExplainedFlow, HeldOutError, first_part, held_out_error
+from dense_vs.body_model.held_out import (
+    ExplainedFlow,
+    HeldOutError,
+    first_part,
+    held_out_error,
+    share_within_deviation,
+)
 from dense_vs.body_model.tracks import PointTracks
 from dense_vs.cli.body_recordings import SeenBody, read_recordings
 from dense_vs.errors import DenseVSError
 from dense_vs.files import check_writable
 from dense_vs.flow.estimator import FlowEstimator
 from dense_vs.view.body_picture import body_picture, memory_picture, write_picture
+from dense_vs.view.body_rerun import write_body_rerun
 from dense_vs.view.progress import progress
+from dense_vs.view.rerun_file import require_rerun
 from dense_vs.view.tables import table
 
 POOR = 0.55  # px, median distance between tracks and model above which fits of simulated arms were wrong
@@ -73,6 +81,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="S",
         help="seconds to add to the log's times, or auto: find them from the motion (default: auto)",
     )
+    parser.add_argument(
+        "--rerun", action="store_true", help="write the body in 3D too, for the Rerun viewer, as .rrd beside the file"
+    )
     parser.add_argument("--picture", type=Path, metavar="PNG", help="picture of the body (default: beside the file)")
 
 
@@ -87,6 +98,8 @@ def run(arguments: argparse.Namespace) -> None:
     path = arguments.picture or arguments.out.with_suffix(".png")
     if isinstance(body, BodyModel):
         write_picture(path, body_picture(body, seen.last, seen.joints[-1], seen.names))
+        if arguments.rerun:
+            write_body_rerun(arguments.out.with_suffix(".rrd"), body, seen.images, np.array(seen.joints), seen.names)
     else:
         write_picture(path, memory_picture(body, seen.last, seen.joints[-1]))
     print(table(["quality", "value"], _rows(seen, learned, body)))
@@ -101,6 +114,8 @@ def run(arguments: argparse.Namespace) -> None:
             f"- {learned.why_no_chain(arguments.kind)}: J is remembered by posture, for the steps that the joints made"
         )
         print("- it knows no links, no depth and no hidden points; babbling, each joint by itself, would tell them")
+        if arguments.rerun:
+            print("- there is nothing to show in 3D without them: no .rrd file was written")
     print(f"learned in {time.perf_counter() - started:.1f} s; body in {arguments.out}, picture in {path}")
 
 
@@ -115,6 +130,7 @@ class Learned:
     by_chain: ExplainedFlow
     by_memory: ExplainedFlow
     reason: str  # why there is no chain
+    within: float = float("nan")  # share of the places held out that are within one deviation of the chain's
 
     def kept(self, kind: str) -> BodyModel | PostureMemory:
         """The kind that is asked for, or the one that explains more.
@@ -148,6 +164,8 @@ def _check(arguments: argparse.Namespace) -> None:
     if arguments.episode is not None and arguments.episodes is not None:
         raise DenseVSError("--episode and --episodes are both given; expected one of them")
     check_writable(arguments.out)
+    if arguments.rerun:
+        require_rerun()
 
 
 def _learn(seen: SeenBody, arguments: argparse.Namespace) -> Learned:
@@ -182,6 +200,7 @@ def _learn_chain(seen: SeenBody, cut: int, options: FitOptions, found: Learned) 
         first = fit_body(first_part(tracks, share), options)
         found.held_out = held_out_error(tracks, share, options, found=first)
         part = BodyModel.from_fit(first, seen.images[:cut:stride], joints[:cut:stride])
+        found.within = share_within_deviation(part, tracks, len(first_part(tracks, share).joints))
     found.chain = BodyModel.from_fit(fit_body(tracks, options), seen.images[::stride], joints[::stride])
     return part
 
@@ -221,6 +240,7 @@ def _rows(seen: SeenBody, learned: Learned, body: BodyModel | PostureMemory) -> 
             rows += [
                 ["held-out images: median distance, 90 % [px]", f"{held_out.median:.2f}, {held_out.p90:.2f}"],
                 ["  had the points stood still", f"{held_out.standing_still:.2f}"],
+                ["  within one deviation of the model's (0.68 expected)", f"{learned.within:.2f}"],
             ]
     else:
         rows += [["keyframes", f"{len(body.keyframes.positions)} of rank {body.keyframes.rank}"]]

@@ -56,8 +56,8 @@ class BodyPrior:
             ``PostureMemory.told`` does; of all unless given. In other directions J stays as it is.
 
     Attributes:
-        agreement: share of the image motion on the body that the model explained lately; 1 is all, below 0 is worse
-            than no model.
+        agreement: share of the image motion on the body that the model explained lately; 1 is all, 0 none, and below,
+            as J remembered by posture can be, is worse than no model.
 
     Raises:
         DenseVSError: a share out of (0, 1], or an agreement above 1.
@@ -180,10 +180,14 @@ class BodyPrior:
         measured = flow[body]
         counted = (np.linalg.norm(predicted, axis=1) > MOVING) & np.isfinite(measured).all(axis=1)
         if counted.sum() >= LEAST_PIXELS:
-            # Absolute values, not squares: where the flow fails it fails grossly.
-            off = np.linalg.norm(measured[counted] - predicted[counted], axis=1).sum()
-            moved = np.maximum(np.linalg.norm(measured[counted], axis=1), MOVING).sum()
-            self.agreement = MEMORY * self.agreement + (1 - MEMORY) * (1 - float(off / moved))
+            # Absolute values, not squares: where the flow fails it fails grossly. Where a chain says that something
+            # moves and something else is seen, it may be covered: that explains nothing, but is not worse than that.
+            off = np.linalg.norm(measured[counted] - predicted[counted], axis=1)
+            moved = np.maximum(np.linalg.norm(measured[counted], axis=1), MOVING)
+            if self.told is None:
+                moved = np.linalg.norm(predicted[counted], axis=1)
+                off = np.minimum(off, moved)
+            self.agreement = MEMORY * self.agreement + (1 - MEMORY) * (1 - float(off.sum() / moved.sum()))
         self.draw(estimator, positions)
 
     def draw(self, estimator: DenseJacobian, positions: np.ndarray) -> None:

@@ -15,6 +15,7 @@ WINDOW = 11  # px, side of the window
 DECAY = 0.3  # of the sums, from one measured motion to the next
 STRANGE = 0.35  # share from which a pixel counts as covered
 FAINT = 0.05  # px^2 a pixel: sums below say nothing
+SAYS = 0.25  # of the squared motion, from which J as it is now says anything of it
 LEAST_PIXELS = 60  # of a connected part that are on the body: flow fails in smaller ones
 LATELY = 12  # measured motions for which labels go by the model where something was in front
 BESIDE = 6  # px around it that are covered too, as flow bleeds over outlines
@@ -50,8 +51,10 @@ class Occlusion:
         """
         finite = np.isfinite(flow).all(axis=2)[..., None]
         u, model, estimate = (np.where(finite, p, 0).astype(np.float32) for p in (flow, by_model, by_estimate))
-        off = np.minimum(_squares(u - model), _squares(u - estimate))
-        moved = _squares(u) + _squares(model)
+        off, moved = _squares(u - model), _squares(u) + _squares(model)
+        # A J of nearly 0 explains anything that stands still: it has to explain what is seen to move.
+        says = _squares(estimate) > SAYS * np.maximum(_squares(u), _squares(model))
+        off = np.where(says, np.minimum(off, _squares(u - estimate)), off)
         window = (WINDOW, WINDOW)
         self._off = DECAY * self._off + cv2.blur(off, window)
         self._moved = DECAY * self._moved + cv2.blur(moved, window)

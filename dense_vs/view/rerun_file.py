@@ -19,6 +19,18 @@ JPEG_QUALITY = 90
 APPLICATION = "dense-vs estimate"
 
 
+def require_rerun() -> Any:
+    """Rerun's module.
+
+    Raises:
+        DenseVSError: it is not installed.
+    """
+    try:
+        return import_module("rerun")
+    except ImportError as error:
+        raise DenseVSError("an .rrd file needs Rerun, which is not installed; pip install 'dense-vs[rerun]'") from error
+
+
 class RerunFile:
     """Writes an .rrd file frame by frame; use as a context manager.
 
@@ -36,12 +48,7 @@ class RerunFile:
     """
 
     def __init__(self, path: str | os.PathLike[str], done: RecordedEstimate):
-        try:
-            rerun: Any = import_module("rerun")
-        except ImportError as error:
-            raise DenseVSError(
-                "an .rrd file needs Rerun, which is not installed; pip install 'dense-vs[rerun]'"
-            ) from error
+        rerun = require_rerun()
         self.path = Path(path)
         check_writable(self.path)
         self._partial = self.path.with_name(f".{self.path.name}.partial")

@@ -1,6 +1,7 @@
 """``dense-vs body`` on small recordings, what ``dense-vs estimate`` makes of it, and the clear refusals of both."""
 
 import json
+import sys
 from types import SimpleNamespace
 
 import numpy as np
@@ -50,6 +51,20 @@ def test_the_kind_that_is_kept_is_said(recording, tmp_path, capsys):
     assert ("a chain of links" in said) == isinstance(kept, BodyModel)
     assert ("J is remembered by posture" in said) == isinstance(kept, PostureMemory)
     assert kept.joint_count == 4
+
+
+def test_a_memory_has_nothing_to_show_in_3d(recording, tmp_path, capsys, monkeypatch):
+    video = recording / "video.mp4", recording / "joints.csv"
+    arguments = ("body", *video, "--out", tmp_path / "body.npz", "--time-offset", 0, "--kind", "posture", "--rerun")
+    with monkeypatch.context() as without:
+        without.setitem(sys.modules, "rerun", None)
+        assert run(*arguments) == 2
+    assert "pip install 'dense-vs[rerun]'" in capsys.readouterr().err
+    assert not (tmp_path / "body.npz").exists()
+    pytest.importorskip("rerun", reason="an .rrd file needs Rerun")
+    assert run(*arguments) == 0
+    assert "no .rrd file was written" in capsys.readouterr().out
+    assert not (tmp_path / "body.rrd").exists()
 
 
 def test_what_explains_the_motion_held_out_is_kept():

@@ -89,6 +89,15 @@ def test_where_j_explains_what_the_model_does_not_nothing_is_covered():
     assert not occlusion.observe(body(), flow, motion(), flow).any()
 
 
+def test_a_j_of_nothing_does_not_explain_what_stands_still():
+    unlearned = motion()
+    unlearned[COVER] = 0.1 * MOVED  # as the background's, where the body has just come to
+    occlusion = Occlusion(SIZE)
+    for _ in range(2):
+        hidden = occlusion.observe(body(), covered_flow(0.0), motion(), unlearned)
+    assert hidden[COVER].mean() > 0.7
+
+
 def test_flow_that_is_not_finite_and_small_parts_say_nothing():
     occlusion = Occlusion(SIZE)
     flow = covered_flow(np.nan)
@@ -133,3 +142,51 @@ def test_labels_are_the_models_to_the_images_edges_and_whole_behind_what_is_in_f
     assert prior.hidden is None
     remembered = BodyPrior(lambda q: (J, body()), told=lambda q: np.eye(1))  # too coarse for outlines
     np.testing.assert_array_equal(remembered.labels(seen, one, image), seen)
+
+
+def images(frames, covered):
+    """A textured plane that two joints shift, and joints; a plate stands before it in some frames."""
+    rng = np.random.default_rng(0)
+    texture = cv2.GaussianBlur(rng.integers(0, 255, (220, 220)).astype(np.float32), (0, 0), 2.0)
+    texture = (255 * (texture - texture.min()) / np.ptp(texture)).astype(np.uint8)
+    plate = cv2.resize(rng.integers(0, 255, (6, 6)).astype(np.uint8), (20, 20), interpolation=cv2.INTER_CUBIC)
+    for k in range(frames):
+        q = np.array([0.25 * np.sin(0.35 * k), 0.25 * np.sin(0.22 * k + 1.0)])
+        x, y = TRUE @ q
+        image = cv2.warpAffine(
+            texture, np.array([[1, 0, x - 70], [0, 1, y - 70]], np.float32), SIZE[::-1], flags=cv2.INTER_CUBIC
+        )
+        if covered(k):
+            image[COVER] = plate
+        yield image, q
+
+
+def j_behind_the_plate(prior):
+    estimator = DenseJacobian(height=SIZE[0], width=SIZE[1], joints=2, device="cpu", threads=1, on_bad_flow="skip")
+    pipeline = FramePipeline(estimator, prior=prior)
+    hidden = []
+    for k, (image, q) in enumerate(images(150, lambda k: k >= 60)):
+        pipeline.process(image, k / 30, q)
+        hidden.append(pipeline.hidden[COVER].mean())
+    return pipeline, estimator.jacobian[25:35, 30:40], np.array(hidden)
+
+
+def test_j_is_not_unlearned_behind_what_stands_in_front():
+    def known(q):
+        mask = body()
+        J = np.zeros((*SIZE, 2, 2), np.float32)
+        J[mask] = TRUE + 6.0  # a model that is somewhat wrong
+        return J, mask
+
+    pipeline, J, hidden = j_behind_the_plate(BodyPrior(known, share=0.02))
+    off = np.linalg.norm(J - TRUE, axis=(2, 3)) / np.linalg.norm(TRUE)
+    assert np.median(off) < 0.3  # the model's own error is 0.22
+    assert np.mean(hidden[:60]) < 0.1
+    assert np.median(hidden[65:]) > 0.8
+    assert pipeline.hidden_at(np.array([35.0, 30.0]))
+    assert not pipeline.hidden_at(np.array([15.0, 15.0]))
+    assert not pipeline.hidden_at(np.array([-5.0, 30.0]))
+    alone, unlearned, none = j_behind_the_plate(None)
+    assert np.median(np.linalg.norm(unlearned - TRUE, axis=(2, 3))) > 0.7 * np.linalg.norm(TRUE)
+    assert not none.any()
+    assert not alone.hidden.any()
