@@ -143,11 +143,11 @@ class DepthFilter:
     @property
     def _variances(self) -> tuple[np.ndarray, np.ndarray]:
         """At the start and most ones, and growth by a squared joint step, (S,) each."""
-        options, count = self._options, len(self._pairs)
-        pixels = np.concatenate(
-            [[options.initial_variance] * options.joints, [options.initial_hessian_variance] * count]
-        )
-        growth = np.concatenate([[options.process_noise] * options.joints, [options.hessian_noise] * count])
+        options = self._options
+        assert options.process_noise is not None  # the options have resolved it
+        counts = [options.joints, len(self._pairs)]
+        pixels = np.repeat([options.initial_variance, options.initial_hessian_variance], counts)
+        growth = np.repeat([options.process_noise, options.hessian_noise], counts)
         scale = PIXELS_PER_METER**2
         return np.append(options.depth_noise**2, pixels / scale), np.append(SLIDE**2, growth / scale)
 

@@ -173,7 +173,7 @@ class DenseJacobian:
 
     @property
     def depth_jacobian(self) -> np.ndarray:
-        """J's third row, how depth answers to every joint, float32 ``(H, W, N)`` [m/rad].
+        """J's third row, how depth answers to every joint, float32 ``(H, W, N)`` [m/rad]; a view as :attr:`jacobian`.
 
         Raises:
             DenseVSError: made without ``depth``.

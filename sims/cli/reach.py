@@ -28,6 +28,7 @@ from dense_vs.view.provenance import versions
 from dense_vs.view.tables import table
 
 if TYPE_CHECKING:
+    from dense_vs.sims.engine.depth_camera import SimDepthCamera
     from dense_vs.sims.engine.world import SimWorld
     from dense_vs.sims.papers.dije.reaching import MeasuredReach
 
@@ -101,6 +102,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="SHARE",
         help="share of the joints' range that targets are drawn from, 0 to 1 (default: 0.8)",
     )
+    parser.add_argument(
+        "--depth",
+        action="store_true",
+        help="with a depth camera as RGB-D cameras are, noisy and with holes: targets are places in space",
+    )
     parser.add_argument("--no-video", action="store_true", help="do not draw the video")
     parser.add_argument(
         "--checkpoint",
@@ -147,20 +153,19 @@ def run(arguments: argparse.Namespace) -> None:
 
         experiment = ReachingExperiment(
             world,
+            camera=_depth_camera(arguments, world),
             point=point,
             seed=arguments.seed,
             babble_seconds=babble,
             scale=arguments.scale,
             on_frame=after_frame,
             estimator=estimator,
-            servo=VisualServo(
-                len(world.joint_names), joint_limits=world.joint_limits, gain=arguments.gain, seed=arguments.seed
-            ),
+            servo=_servo(arguments, world),
             flow=FlowEstimator(arguments.flow, *size),
         )
         learned = experiment.learn()
         experiment.choose(**tracker)
-        targets = experiment.targets(arguments.targets, share_of_range=arguments.range)
+        targets = experiment.targets(arguments.targets, share_of_range=arguments.range, depth=arguments.depth)
         measured = []
         for number, target in enumerate(targets):
             bar.set_description(f"target {number + 1} of {len(targets)}")
@@ -194,6 +199,17 @@ def run(arguments: argparse.Namespace) -> None:
     )
 
 
+def _depth_camera(arguments: argparse.Namespace, world: "SimWorld") -> "SimDepthCamera | None":
+    from dense_vs.sims.engine.depth_camera import DepthSensor, SimDepthCamera
+
+    return SimDepthCamera(world, DepthSensor(), seed=arguments.seed) if arguments.depth else None
+
+
+def _servo(arguments: argparse.Namespace, world: "SimWorld") -> VisualServo:
+    joints = len(world.joint_names)
+    return VisualServo(joints, joint_limits=world.joint_limits, gain=arguments.gain, seed=arguments.seed)
+
+
 def _check_point(world: "SimWorld", name: str) -> None:
     """Say what is wrong with a named point before the babbling rather than after it.
 
@@ -216,11 +232,15 @@ def _estimator(
 ) -> tuple[DenseJacobian, float]:
     """The estimator as the checkpoint has it, at the posture of now, and seconds it has learned; else a new one."""
     where = {"device": arguments.device, "threads": arguments.threads}
+    depth = arguments.depth
     kept = None if checkpoint is None else checkpoint.resume(size, **where)
     if kept is None:
         height, width = size
         joints = len(world.joint_names)
-        return DenseJacobian(height=height, width=width, joints=joints, on_bad_flow="skip", **where), 0.0
+        return DenseJacobian(height=height, width=width, joints=joints, on_bad_flow="skip", depth=depth, **where), 0.0
+    if kept.estimator.options.depth != depth:
+        has = "with" if kept.estimator.options.depth else "without"
+        raise DenseVSError(f"{arguments.checkpoint} was learned {has} depth; expected the same, or another file")
     kept.bring_to(world.joints()[0])
     print(f"going on from {arguments.checkpoint}, learned in {kept.seconds:.1f} s of motion")
     return kept.estimator, kept.seconds
@@ -248,6 +268,7 @@ def _of_target(measured: "MeasuredReach") -> dict[str, Any]:
         "steps": reach.frames,
         "estimated_error_px": reach.error_px,
         "true_error_px": measured.true_error_px,
+        "true_error_m": measured.true_error_m,
         "reached": reach.reached,
         "lost": reach.lost,
         "jacobian_error_median": measured.jacobian.median,
@@ -258,15 +279,20 @@ def _targets_table(measured: "Sequence[MeasuredReach]") -> str:
     rows = [
         [
             f"{m.reach.target[0]:.0f}, {m.reach.target[1]:.0f}",
+            *(f"{depth:.3f}" for depth in m.reach.target[2:]),
             str(m.reach.frames),
             f"{m.reach.error_px:.2f}",
             f"{m.true_error_px:.2f}",
+            *(f"{1e3 * m.true_error_m:.1f}" for _ in m.reach.target[2:]),
             f"{m.jacobian.median:.3f}",
             "lost" if m.reach.lost else "yes" if m.reach.reached else "no",
         ]
         for m in measured
     ]
-    return table(["target [px]", "steps", "estimated error [px]", "TRUE error [px]", "J error", "reached"], rows)
+    spatial = any(len(m.reach.target) == 3 for m in measured)
+    depth, in_space = (["depth [m]"], ["in space [mm]"]) if spatial else ([], [])
+    errors = ["estimated error [px]", "TRUE error [px]", *in_space, "J error"]
+    return table(["target [px]", *depth, "steps", *errors, "reached"], rows)
 
 
 def _point(text: str) -> str | np.ndarray:

@@ -37,7 +37,7 @@ class TaskReach:
     """
 
     point: str
-    target: tuple[float, float]
+    target: tuple[float, ...]
     frames: int
     true_error_px: float
     believed_error_px: float

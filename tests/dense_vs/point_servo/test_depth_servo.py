@@ -221,3 +221,18 @@ def test_refuses_in_the_loop(scene, learned):
     camera.covered = True
     with pytest.raises(DenseVSError, match="depth has no pixel that is known"):
         ServoLoop(camera, robot, device="cpu", depth=True)
+
+
+def test_an_image_that_waits_for_its_readings_keeps_its_own_depth(scene):
+    robot, camera, loop = make(scene, depth=True, joint_delay=0.1)
+    depths = {}
+
+    def depth():
+        depths[robot.time] = np.full((scene.height, scene.width), 1.0 + 0.01 * len(depths))
+        return depths[robot.time]
+
+    camera.depth = depth
+    for _ in range(12):
+        frame = loop.step(np.zeros(4))
+    assert frame.time < robot.time - 0.05
+    np.testing.assert_allclose(frame.depth, depths[frame.time], rtol=1e-6)
