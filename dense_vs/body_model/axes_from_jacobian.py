@@ -3,9 +3,9 @@
 A joint with the line (w, m), of unit direction w and moment m = c x w, moves a point X of its link by w x X + m. With
 x, y the point's normalized image coordinates, r = (x, y, 1) and rho = 1 / Z its inverse depth, its column of J is
 
-    J_n = f (A w_n + rho B m_n),   B = [[1, 0, -x], [0, 1, -y]],   A = [[x y, -1 - x^2, y], [1 + y^2, -x y, -x]],
+    J_n = f (A w_n + rho B m_n),   B = [[1, 0, -x], [0, 1, -y]],   A = [[-x y, 1 + x^2, -y], [-1 - y^2, x y, x]],
 
-the interaction matrix of a point. |w| = 1 as the joint's angle is known, and rho is shared by all of the point's
+the interaction matrix of a point, its sign turned as the point moves and not the camera. |w| = 1 as the joint's angle is known, and rho is shared by all of the point's
 columns: with known w and m every rho follows from a linear equation, with known rho every (w, m) does. Scaling all
 moments by s and all rho by 1 / s changes nothing, the one thing that stays open. The problem is solved by
 Levenberg-Marquardt over lines, with the inverse depths eliminated, from many random directions.
@@ -46,7 +46,7 @@ class AxesProblem:
         x, y = normal[:, 0], normal[:, 1]
         one, zero = np.ones_like(x), np.zeros_like(x)
         self.turn = np.stack(
-            [np.stack([x * y, -1 - x * x, y], axis=1), np.stack([1 + y * y, -x * y, -x], axis=1)], axis=1
+            [np.stack([-x * y, 1 + x * x, -y], axis=1), np.stack([-1 - y * y, x * y, x], axis=1)], axis=1
         )
         self.shift = np.stack([np.stack([one, zero, -x], axis=1), np.stack([zero, one, -y], axis=1)], axis=1)
         self.target = jacobians

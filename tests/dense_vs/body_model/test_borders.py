@@ -87,12 +87,12 @@ def test_one_point_a_cube_of_a_little_more_than_a_pixel():
     x = np.array([0.001, 0.020, 0.023, 0.025, 0.001])
     points = np.column_stack([x, np.full(5, 0.001), np.full(5, 2.0)])
     support, gray = np.array([0.5, 0.9, 0.9, 0.1, 0.2]), np.arange(5, dtype=np.uint8)
-    surface = Surface(points, np.array([0, 0, 0, 0, 1]), support, gray)
+    surface = Surface(points, np.array([0, 0, 0, 0, 1]), support, gray, np.zeros(5, int))
     kept = _thinned(surface, 100.0)
     assert kept.gray.tolist() == [1, 3, 4]  # of equal support the first; another link has a cube of its own
     assert kept.links.tolist() == [0, 0, 1]
     np.testing.assert_array_equal(kept.points, points[[1, 3, 4]])
-    assert len(_thinned(Surface(points[:0], surface.links[:0], surface.support[:0], surface.gray[:0]), 1.0).links) == 0
+    assert len(_thinned(surface.some(np.arange(0)), 1.0).links) == 0
 
 
 def test_the_box_around_what_moves():

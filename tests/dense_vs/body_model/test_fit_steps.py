@@ -25,10 +25,6 @@ from dense_vs.body_model.track_problem import BodyState
 from dense_vs.body_model.tracks import PointTracks
 from dense_vs.errors import DenseVSError
 
-# The part of a point's image motion that a joint's direction makes, w x X, has the other sign in AxesProblem.turn.
-TURNED_THE_OTHER_WAY = pytest.mark.xfail(strict=True, reason="the sign of the interaction matrix's part of the turn")
-
-
 def chain_of(body, home=None):
     return Chain(body.axes, body.anchors, np.zeros(len(body.axes)) if home is None else home, body.parents)
 
@@ -109,7 +105,6 @@ def exact_axes():
     return AxesProblem(normal, J, moved, weights), AxesState(chain, scale / body.points[:, 2]), moved, weights
 
 
-@TURNED_THE_OTHER_WAY
 def test_the_true_lines_and_depths_explain_j(exact_axes):
     problem, state, _, _ = exact_axes
     np.testing.assert_allclose(problem.residuals(state), 0.0, atol=1e-6)
@@ -154,7 +149,6 @@ def test_the_normal_equations_of_lines_are_the_gradient_of_their_cost(exact_axes
         assert 2 * equations.local_gradient[m, 0] == pytest.approx((up - down) / 2e-6, rel=1e-4, abs=1e-9)
 
 
-@TURNED_THE_OTHER_WAY
 def test_moments_are_those_of_the_lines_where_all_depths_are_one():
     """A flat body at depth 1: the point of each line follows from its direction alone, up to a shift along it."""
     rng = np.random.default_rng(3)

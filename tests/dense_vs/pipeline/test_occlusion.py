@@ -144,23 +144,6 @@ def test_labels_are_the_models_to_the_images_edges_and_whole_behind_what_is_in_f
     np.testing.assert_array_equal(remembered.labels(seen, one, image), seen)
 
 
-def images(frames, covered):
-    """A textured plane that two joints shift, and joints; a plate stands before it in some frames."""
-    rng = np.random.default_rng(0)
-    texture = cv2.GaussianBlur(rng.integers(0, 255, (220, 220)).astype(np.float32), (0, 0), 2.0)
-    texture = (255 * (texture - texture.min()) / np.ptp(texture)).astype(np.uint8)
-    plate = cv2.resize(rng.integers(0, 255, (6, 6)).astype(np.uint8), (20, 20), interpolation=cv2.INTER_CUBIC)
-    for k in range(frames):
-        q = np.array([0.25 * np.sin(0.35 * k), 0.25 * np.sin(0.22 * k + 1.0)])
-        x, y = TRUE @ q
-        image = cv2.warpAffine(
-            texture, np.array([[1, 0, x - 70], [0, 1, y - 70]], np.float32), SIZE[::-1], flags=cv2.INTER_CUBIC
-        )
-        if covered(k):
-            image[COVER] = plate
-        yield image, q
-
-
 TRUE = np.array([[40.0, 10.0], [-20.0, 30.0]], np.float32)  # px/rad
 
 

@@ -114,8 +114,8 @@ def test_the_point_itself_is_found_in_images_before_and_tells_its_depth(plate):
     assert seen.sum() > 40
     off = [np.linalg.norm(place[0] - plate.place(q)) for q, place in zip(postures[seen], places[seen], strict=True)]
     assert np.median(off) < 0.3
-    assert abs(tracker._depth.depth - 1.0) < 0.01  # the plate's plane, in the chain's unit
-    assert tracker._depth.deviation < 0.02
+    assert abs(tracker.on_link.depth.depth - 1.0) < 0.01  # the plate's plane, in the chain's unit
+    assert tracker.on_link.depth.deviation < 0.02
 
 
 def test_places_of_the_point_are_kept_when_keyframes_are_many(plate):
