@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
 from metrics import Metric
@@ -119,14 +120,15 @@ def metrics_of(covered: Sequence[CoveredScore], reaches: Sequence[HiddenReach]) 
         ]
     for where in dict.fromkeys(reach.where for reach in reaches):
         of = [reach for reach in reaches if reach.where == where]
-        for text, count, better in (
+        counts: tuple[tuple[str, int, Literal["higher", "lower"]], ...] = (
             ("reaches", len(of), "higher"),
             (f"below {THERE_PX:g} px", sum(reach.good for reach in of), "higher"),
             ("not there, and said", sum(reach.flagged for reach in of), "higher"),
             ("frames unseen", sum(reach.unseen_frames for reach in of), "higher"),
             ("frames unseen, and said", sum(reach.said_frames for reach in of), "higher"),
             ("wrongly said reached", sum(reach.wrong for reach in of), "lower"),
-        ):
+        )
+        for text, count, better in counts:
             unit = "frames" if "frames" in text else "reaches"
             metrics.append(Metric(f"{where}: {text}", count, unit, better))
     return metrics
