@@ -4,9 +4,9 @@
 
 Our own arm babbles for 10 s and learns its body. Then a textured plate comes in from the side, circles in front of the
 robot for 2 s and goes, 3 s in all, while it babbles on; the truth behind the plate is the simulator's, as the plate is
-drawn over its images. Then come pairs of reaches: one to a target where the point is not seen, behind a plate that
-stands still or out of the image, and one back to where it is. A pair begins in the first posture, where the point is
-chosen anew.
+drawn over its images, and a twin babbles with nothing in front. Then come pairs of reaches: one to a target where the
+point is not seen, behind a plate that stands still or out of the image, and one back to where it is. A pair begins in
+the first posture, where the point is chosen anew.
 """
 
 import argparse
@@ -30,7 +30,7 @@ from dense_vs.view.tables import table
 
 WATCHED_EVERY = 6  # frames
 AFTER = 5  # frames, right after the plate has gone
-REST = 10  # frames of babbling between pairs of reaches
+REST = 120  # frames of babbling between pairs of reaches: a tracker looks back for features that moved in sight
 AT_HOME, LARGEST_STEP, MOST_FRAMES = 0.01, 0.03, 150  # rad from there, rad and frames on the way
 PARTS = ("covered", "behind", "outside")
 
@@ -71,8 +71,8 @@ class HiddenTrial:
         )
         self.run.learn()
 
-    def cover(self) -> CoveredScore:
-        """Something in front for 3 s while the robot babbles, after 3 s without."""
+    def cover(self, passes: bool = True) -> tuple[Watched, Watched, Watched]:
+        """Something in front for 3 s while the robot babbles, or nothing: the 3 s before, meanwhile, right after."""
         loop = self.run.loop
         y, x = np.nonzero(self.world.robot_mask())
         place = np.array([np.median(x), np.median(y)])
@@ -81,7 +81,8 @@ class HiddenTrial:
         self._each = lambda: self._watch(around)
         loop.babble(SECONDS)
         before = self._mean()
-        self.covering.pass_by(place)
+        if passes:
+            self.covering.pass_by(place)
         loop.babble(SECONDS)
         meanwhile = self._mean()
         self.covering.stand(None)
@@ -89,10 +90,7 @@ class HiddenTrial:
         loop.babble(AFTER * FRAME_SECONDS)
         after = self._mean()
         self._each = self._watch_reach
-        return CoveredScore(
-            self.seed, meanwhile.share, before.j, after.j, before.j_around, after.j_around, before.overlap,
-            after.overlap, meanwhile.overlap, meanwhile.covered_overlap,
-        )  # fmt: skip
+        return before, meanwhile, after
 
     def reach(self, where: str, number: int) -> HiddenReach:
         """Out of sight and back."""
@@ -155,6 +153,16 @@ class HiddenTrial:
         self.frames.append((hidden, said))
 
 
+def covered_score(seed: int, trial: HiddenTrial, twin: HiddenTrial) -> CoveredScore:
+    """A plate before one robot, nothing before its twin."""
+    before, meanwhile, after = trial.cover()
+    without = twin.cover(passes=False)[2]
+    return CoveredScore(
+        seed, meanwhile.share, before.j, after.j, before.j_around, after.j_around, before.overlap, after.overlap,
+        meanwhile.overlap, meanwhile.covered_overlap, without.j, without.j_around,
+    )  # fmt: skip
+
+
 def main() -> int:
     """Run the command."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
@@ -178,7 +186,9 @@ def main() -> int:
                 continue
             trial = HiddenTrial(int(seed), options, narrow)
             if "covered" in chosen:
-                covered.append(trial.cover())
+                twin = HiddenTrial(int(seed), options)
+                covered.append(covered_score(int(seed), trial, twin))
+                twin.body.close()
                 print(json.dumps({**asdict(covered[-1]), "ratio": covered[-1].ratio}), flush=True)
             for part in chosen:
                 for number in range(options.reaches if part != "covered" else 0):

@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
 from metrics import Metric
@@ -20,6 +21,7 @@ class CoveredScore:
         share: of the robot's pixels that were covered, on average.
         j_before, j_after: median error of J on the robot's pixels, mean of the 3 s before and of the 5 frames after.
         covered_before, covered_after: the same on the place that was covered.
+        j_without, covered_without: as after, of a twin with nothing in front, as J's error goes with the posture.
         overlap_before, overlap_after: labels and true robot, intersection over union.
         overlap_meanwhile: mean of the same while something is in front, the robot behind it included.
         covered_overlap: the same of the covered pixels alone.
@@ -35,12 +37,21 @@ class CoveredScore:
     overlap_after: float
     overlap_meanwhile: float
     covered_overlap: float
+    j_without: float
+    covered_without: float
 
     @property
     def ratio(self) -> float:
-        """The larger of the two ratios of errors; infinite where one is not known."""
-        before = np.array([self.j_before, self.covered_before])
-        ratios = np.array([self.j_after, self.covered_after]) / np.maximum(before, 1e-12)
+        """The larger of the two ratios of errors after to before; infinite where one is not known."""
+        return self._ratio_to(self.j_before, self.covered_before)
+
+    @property
+    def ratio_without(self) -> float:
+        """The same to the errors of the twin."""
+        return self._ratio_to(self.j_without, self.covered_without)
+
+    def _ratio_to(self, whole: float, place: float) -> float:
+        ratios = np.array([self.j_after, self.covered_after]) / np.maximum([whole, place], 1e-12)
         return float(ratios.max()) if np.isfinite(ratios).all() else float("inf")
 
     @property
@@ -102,20 +113,22 @@ def metrics_of(covered: Sequence[CoveredScore], reaches: Sequence[HiddenReach]) 
         name = f"covered for 3 s, seed {row.seed}"
         metrics += [
             Metric(f"{name}: J error after to before", row.ratio, "1", "lower"),
+            Metric(f"{name}: J error after to a twin's", row.ratio_without, "1", "lower"),
             Metric(f"{name}: label IoU after", row.overlap_after, "1", "higher"),
             Metric(f"{name}: label IoU meanwhile", row.overlap_meanwhile, "1", "higher"),
             Metric(f"{name}: label IoU of what is hidden", row.covered_overlap, "1", "higher"),
         ]
     for where in dict.fromkeys(reach.where for reach in reaches):
         of = [reach for reach in reaches if reach.where == where]
-        for text, count, better in (
+        counts: tuple[tuple[str, int, Literal["higher", "lower"]], ...] = (
             ("reaches", len(of), "higher"),
             (f"below {THERE_PX:g} px", sum(reach.good for reach in of), "higher"),
             ("not there, and said", sum(reach.flagged for reach in of), "higher"),
             ("frames unseen", sum(reach.unseen_frames for reach in of), "higher"),
             ("frames unseen, and said", sum(reach.said_frames for reach in of), "higher"),
             ("wrongly said reached", sum(reach.wrong for reach in of), "lower"),
-        ):
+        )
+        for text, count, better in counts:
             unit = "frames" if "frames" in text else "reaches"
             metrics.append(Metric(f"{where}: {text}", count, unit, better))
     return metrics

@@ -11,7 +11,7 @@ sys.path.insert(0, str(Path(__file__).parents[2] / "profiling"))
 
 from hidden_scores import CoveredScore, HiddenReach, metrics_of, share_of_both
 
-COVERED = CoveredScore(0, 0.4, 0.1, 0.12, 0.2, 0.24, 0.9, 0.85, 0.85, 0.82)
+COVERED = CoveredScore(0, 0.4, 0.1, 0.12, 0.2, 0.24, 0.9, 0.85, 0.85, 0.82, 0.1, 0.3)
 REACH = HiddenReach(0, "behind", 40, "reached", 1.0, "reached", 0.5, 38)
 
 
@@ -38,6 +38,8 @@ def test_the_larger_ratio_counts():
     assert COVERED.ratio == pytest.approx(1.2)
     assert replace(COVERED, covered_after=0.6).ratio == pytest.approx(3.0)
     assert replace(COVERED, j_before=float("nan")).ratio == np.inf
+    assert COVERED.ratio_without == pytest.approx(1.2)  # 0.12 to 0.1, 0.24 to 0.3
+    assert replace(COVERED, covered_without=0.12).ratio_without == pytest.approx(2.0)
 
 
 @pytest.mark.parametrize(
