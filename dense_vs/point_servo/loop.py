@@ -52,7 +52,6 @@ class ServoLoop:
         babbling: the motion before J is known; the default unless given.
         scale: factor on the image size.
         threads, device, depth: of an estimator made here; with depth the camera is a :class:`DepthCamera`.
-        seed: of babbling and dither made here.
         command_period: time between commands [s], for a robot that takes a new one only so often; in the frames between
             them J is learned and the commanded step is zero. A command every frame unless given.
         body: labels the robot's own pixels, see :meth:`FramePipeline.labels`; once it knows some, what else moves no

@@ -11,12 +11,14 @@ from collections.abc import Callable
 import numpy as np
 from scipy.optimize import least_squares
 
-TRIED, REFINED = 400, 3  # postures at random, and those of them that a search begins at
+TRIED, REFINED = 1000, 4  # postures at random, and those of them that a search begins at
 RANGE = 1.5  # rad about the present posture, for joints without limits
 MARGIN = 0.03  # rad, kept from the limits
-LOOK, TRAVEL = 8.0, 2.0  # px that a change of the view by 1 (about 60 degrees) and a way of 1 rad weigh as much as
+# px that a change of the view by 1 (about 60 degrees) and a way of 1 rad weigh as much as
+LOOK, TRAVEL = 1.6, 0.4
+NEAR = 20.0  # times less that the way to the target counts where a search begins
 OFF = 3.0  # px from the target up to which a posture is one that brings the point there
-EVALUATIONS = 40
+EVALUATIONS = 60
 
 Seen = Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]]
 """Of postures ``(T, N)`` [rad]: places of the point ``(T, 2)`` [px] and unit vectors ``(T, 3)`` from which its surface
@@ -69,7 +71,8 @@ def planned_posture(
     if start is None:
         random = np.random.default_rng(seed)
         tried = np.vstack([np.clip(q[free], low, high), random.uniform(low, high, (TRIED, int(free.sum())))])
-        cost = np.sum(residuals(tried) ** 2, axis=1)
+        rough = residuals(tried) / np.append([NEAR, NEAR], np.ones(3 + len(low)))
+        cost = np.sum(rough**2, axis=1)
         starts = tried[np.unique(np.append(0, np.argsort(cost)[:REFINED]))]
     else:
         starts = np.clip(np.asarray(start, dtype=np.float64)[free], low, high)[None]

@@ -14,8 +14,8 @@ from dense_vs.point_servo.reach import Arrival, Reach, ReachEnd
 if TYPE_CHECKING:
     from dense_vs.point_servo.loop import ServoLoop
 
-FAR = 25.0  # px from the target from which on a move is planned
-NEAR = 8.0  # px from the target at which DIJE (17) takes over
+FAR = 0.08  # of the image's width from the target, from which on a move is planned
+NEAR = 0.025  # of it, at which DIJE (17) takes over
 ARRIVED = 0.02  # rad from the planned posture
 PLANNED_EVERY = 15  # frames, after which the posture is planned anew, as the chain is known better by then
 RETURNS = 1  # times in a reach that a lost point is looked for where it was defined
@@ -44,15 +44,16 @@ class Reaching:
     def run(self) -> Reach:
         """Go there."""
         loop = self._loop
-        far, returns, waited = self._distance() > FAR, 0, 0
+        width = loop.estimator.options.width
+        far, returns, waited = self._distance() > FAR * width, 0, 0
         while self._left > 0 and waited < WAITED and not (self._arrival.settled and loop.aim.certain(loop.tracker)):
             if self._gone():
                 if returns == RETURNS or not self._find_again():
                     break
                 returns += 1
-                far = self._distance() > FAR
+                far = self._distance() > FAR * width
                 continue
-            far = far and self._distance() > NEAR
+            far = far and self._distance() > NEAR * width
             self._step(self._way() if far else loop.servo_step)
             self._arrival.observe(self._distance(), blind=any(fault.stops for fault in loop.faults))
             waited = waited + 1 if self._arrival.settled else 0
@@ -117,4 +118,4 @@ class Reaching:
                 looked += 1
                 if loop.find_again():
                     return True
-        return False
+        return not self._gone()

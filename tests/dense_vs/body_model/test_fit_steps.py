@@ -25,6 +25,7 @@ from dense_vs.body_model.track_problem import BodyState
 from dense_vs.body_model.tracks import PointTracks
 from dense_vs.errors import DenseVSError
 
+
 def chain_of(body, home=None):
     return Chain(body.axes, body.anchors, np.zeros(len(body.axes)) if home is None else home, body.parents)
 

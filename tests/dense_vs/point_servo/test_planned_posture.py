@@ -1,0 +1,81 @@
+"""Planned postures against thousands of postures at random: near, in the limits, and seen from where it was seen."""
+
+import numpy as np
+import pytest
+
+from dense_vs.body_model.chain import Chain
+from dense_vs.point_servo.planned_posture import LOOK, MARGIN, RANGE, TRAVEL, planned_posture
+
+FOCAL, CENTER = 300.0, np.array([160.0, 120.0])
+LIMITS = np.array([[-1.2, 1.2], [-1.0, 1.0], [-0.8, 1.4], [-1.5, 1.5]])
+HOME = np.zeros(4)
+FREE = np.zeros(4, bool)
+POINT = np.array([0.1, -0.05, 2.0])
+AXES = np.array([[0.0, 1.0, 0.1], [1.0, 0.1, 0.0], [0.1, 0.0, 1.0], [0.7, 0.7, 0.0]])
+CHAIN = Chain(
+    AXES / np.linalg.norm(AXES, axis=1, keepdims=True),
+    np.array([[0.0, 0.5, 2.4], [-0.2, 0.3, 2.3], [0.0, 0.2, 2.2], [0.1, 0.1, 2.2]]),
+    HOME,
+    np.array([-1, 0, 1, 2]),
+)
+
+
+def seen(postures):
+    rotation, translation = (value[:, 3] for value in CHAIN.link_poses(np.asarray(postures, float)))
+    there = rotation @ POINT + translation
+    views = np.einsum("tji,tj->ti", rotation, there)
+    return CENTER + FOCAL * there[:, :2] / there[:, 2:], views / np.linalg.norm(views, axis=1, keepdims=True)
+
+
+VIEW = seen(HOME[None])[1][0]
+
+
+def drawn(count=20000):
+    return np.random.default_rng(1).uniform(LIMITS[:, 0], LIMITS[:, 1], (count, 4))
+
+
+def cost(places, views, target, postures):
+    """Way to the target, change of the view and way of the joints, as they are weighed."""
+    way, view, travel = places - target, LOOK * (views - VIEW), TRAVEL * postures
+    return sum(np.sum(part**2, axis=-1) for part in (way, view, travel))
+
+
+@pytest.mark.parametrize("number", range(6))
+def test_a_target_that_can_be_reached_is_reached_from_where_it_was_seen(number):
+    target = seen(drawn()[number : number + 1])[0][0]
+    posture = planned_posture(seen, VIEW, target, HOME, LIMITS, fixed=FREE)
+    (place,), (view,) = seen(posture[None])
+    assert np.linalg.norm(place - target) < 1.0
+    assert (posture >= LIMITS[:, 0] + MARGIN - 1e-9).all()
+    assert (posture <= LIMITS[:, 1] - MARGIN + 1e-9).all()
+    places, views = seen(drawn())
+    assert cost(place, view, target, posture) < cost(places, views, target, drawn()).min() + 0.1
+
+
+def test_joints_that_are_held_stay():
+    target = seen(np.array([[0.3, -0.2, 0.2, 0.4]]))[0][0]
+    now = np.array([0.05, -0.1, 0.2, -0.3])
+    fixed = np.array([False, True, False, True])
+    posture = planned_posture(seen, VIEW, target, now, LIMITS, fixed=fixed)
+    np.testing.assert_array_equal(posture[fixed], now[fixed])
+    assert np.linalg.norm(seen(posture[None])[0][0] - target) < 1.5
+    assert planned_posture(seen, VIEW, target, now, LIMITS, fixed=~FREE) is None
+
+
+def test_nothing_is_planned_to_where_the_point_cannot_get():
+    assert planned_posture(seen, VIEW, np.array([5000.0, 120.0]), HOME, LIMITS, fixed=FREE) is None
+
+
+def test_a_plan_is_bettered_from_a_posture_that_is_known():
+    target = seen(np.array([[0.3, -0.2, 0.2, 0.4]]))[0][0]
+    whole = planned_posture(seen, VIEW, target, HOME, LIMITS, fixed=FREE)
+    again = planned_posture(seen, VIEW, target, HOME, LIMITS, fixed=FREE, start=whole + 0.02)
+    np.testing.assert_allclose(again, whole, atol=0.02)
+
+
+def test_joints_without_limits_go_as_far_as_the_range():
+    target = seen(np.array([[0.3, -0.2, 0.2, 0.4]]))[0][0]
+    endless = np.array([[-np.inf, np.inf]] * 4)
+    posture = planned_posture(seen, VIEW, target, HOME, endless, fixed=FREE)
+    assert (np.abs(posture) <= RANGE).all()
+    assert np.linalg.norm(seen(posture[None])[0][0] - target) < 1.0
