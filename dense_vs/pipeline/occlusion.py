@@ -8,6 +8,8 @@ instead: a model that is wrong in some place covers nothing, and a tool in the h
 covers some of the body covers also what is beside it, as far as it is strange in the same way.
 """
 
+from typing import Any
+
 import cv2
 import numpy as np
 
@@ -49,7 +51,7 @@ class Occlusion:
             flow: ``(H, W, 2)`` measured [px].
             by_model, by_estimate: ``(H, W, 2)`` what joints cause by the model, 0 off the body, and by J as it is [px].
         """
-        finite = np.isfinite(flow).all(axis=2)[..., None]
+        finite = np.isfinite(flow).all(axis=2, keepdims=True)
         u, model, estimate = (np.where(finite, p, 0).astype(np.float32) for p in (flow, by_model, by_estimate))
         off, moved = _squares(u - model), _squares(u) + _squares(model)
         # A J of nearly 0 explains anything that stands still: it has to explain what is seen to move.
@@ -86,6 +88,7 @@ def _squares(vectors: np.ndarray) -> np.ndarray:
 
 def _parts_on(mask: np.ndarray, body: np.ndarray) -> np.ndarray:
     """Connected parts of a mask ``(H, W)`` with at least :data:`LEAST_PIXELS` on the body."""
+    parts: Any
     count, parts = cv2.connectedComponents(mask.astype(np.uint8), connectivity=4)
     kept = np.bincount(parts[body], minlength=count) >= LEAST_PIXELS
     kept[0] = False
