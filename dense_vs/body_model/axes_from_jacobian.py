@@ -5,11 +5,11 @@ x, y the point's normalized image coordinates, r = (x, y, 1) and rho = 1 / Z its
 
     J_n = f (A w_n + rho B m_n),   B = [[1, 0, -x], [0, 1, -y]],   A = [[-x y, 1 + x^2, -y], [-1 - y^2, x y, x]],
 
-the interaction matrix of a point, its sign turned as the point moves and not the camera. |w| = 1 as the joint's angle is
-known, and rho is shared by all of the point's columns: with known w and m every rho follows from a linear equation,
-with known rho every (w, m) does. Scaling all moments by s and all rho by 1 / s changes nothing, the one thing that stays
-open. The problem is solved by Levenberg-Marquardt over lines, with the inverse depths eliminated, from many random
-directions.
+the interaction matrix of a point, its sign turned as the point moves and not the camera. |w| = 1 as the joint's angle
+is known, and rho is shared by all of the point's columns: with known w and m every rho follows from a linear equation,
+with known rho every (w, m) does. Scaling all moments by s and all rho by 1 / s changes nothing, the one thing that
+stays open. The problem is solved by Levenberg-Marquardt over lines, with the inverse depths eliminated, from many
+random directions.
 """
 
 from dataclasses import dataclass, replace
