@@ -118,7 +118,7 @@ def _measured(run: dict[str, Any]) -> str:
 
 def summary_lines(masks: Result, reducers: Result, arms: Result) -> list[str]:
     """A paragraph on masks and times, from three results."""
-    halves = [f"real, learnt from {half}" for half in ("even", "odd")]
+    halves = [f"real, learned from {half}" for half in ("even", "odd")]
     real = sum(masks[f"{half}: mean IoU"] for half in halves) / 2
     least = min(masks[f"{half}: least mean IoU of an object"] for half in halves)
     calls, steps = (arms[f"times as fast as PyTorch's 3 x 200 {unit}"] for unit in ("calls", "steps"))

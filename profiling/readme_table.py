@@ -52,12 +52,14 @@ FRAME = (
 LOOP, ONE, ROOFLINE = "closed_loop_h200", "closed_loop_h200_one", "roofline_h200"
 SCALING = ("scaling_h200", "scaling_cpu")
 ORDER_2, MANY = "closed_loop_h200_order2", "closed_loop_h200_4096"
+FLOW, GPUS = "batch_flow_h200", "closed_loop_h200_gpus"
 WORLDS = "1024 worlds, cuda:0"
 BATCH = (
     (LOOP, f"closed loop, {WORLDS}", "whole loop with order 1, 1024 robots [frames/s]", "{:,.0f}"),
     (LOOP, "J error after babbling, median, cuda:0", "its J error after babbling, median of 4 robots", "{:.2f}"),
     (LOOP, f"render, {WORLDS}", "of a frame of all robots: rendering [ms]", "{:.1f}"),
-    (LOOP, f"flow, {WORLDS}", "optical flow [ms]", "{:.1f}"),
+    (LOOP, f"flow, {WORLDS}", "optical flow, in tiles [ms]", "{:.1f}"),
+    (FLOW, f"flow in passes, {WORLDS}", "the same in passes over the image (`profiling/batch_flow.py`) [ms]", "{:.1f}"),
     (LOOP, f"update, {WORLDS}", "predict and update, order 1 [ms]", "{:.1f}"),
     (LOOP, f"physics, {WORLDS}", "physics [ms]", "{:.1f}"),
     (LOOP, f"device memory, {WORLDS}", "memory [GiB]", "{:.1f}"),
@@ -81,6 +83,8 @@ BATCH = (
         "{:.2f}",
     ),
     (ROOFLINE, "share_of_copy_rate, shared, order 2, 512 worlds, cuda:0", "order 2", "{:.2f}"),
+    (GPUS, "closed loop, 4096 worlds, 2 processes, auto", "4096 robots shared by 2 GPUs [frames/s]", "{:,.0f}"),
+    (GPUS, "closed loop, 4096 worlds, 4 processes, auto", "4096 robots shared by 4 GPUs [frames/s]", "{:,.0f}"),
 )
 
 

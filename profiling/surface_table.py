@@ -9,6 +9,7 @@ from results_file import RESULTS, origin
 from surface_scores import OURS, REACHED_PX, Tally, ViewScore, mean_of, over_seeds, view_score
 
 FILES = ("surfaces", "surfaces_7")  # 4 joints after 10 s, 7 joints after 20 s
+STOPPED = "the run was stopped early; what it had not come to, more often long ways as of lost points, is left out"
 HEAD = (
     "arm, camera",
     "images",
@@ -75,7 +76,7 @@ def surface_lines() -> list[str]:
         lines += [
             f"Commercial arms as they come and our own, first {told['joints']} joints, {told['seconds']:g} s of "
             f"babbling, targets over the whole range, seeds {seeds} (`profiling/surfaces.py`; {origin(content)})"
-            + ("" if content["finished"] else "; the run was stopped early, and what it had not come to is left out")
+            + ("" if content["finished"] else f"; {STOPPED}")
             + ":",
             "",
             *table_lines([view for view in map(view_score, content["rows"]) if view.learned or view.failure]),
@@ -97,7 +98,8 @@ def few_surface_lines() -> list[str]:
         errors.append(_figure(mean_of(some, "j_median")))
         reaches.append(f"{tally.good} of {tally.asked}")
     arms = len({view.arm for view in views})
+    early = "" if content["finished"] else ", a run stopped early: of those made by then"
     return [
         f"| J error on {arms} commercial arms as they come, clean / realistic images | {' / '.join(errors)} |",
-        f"| their reaches within {REACHED_PX:g} px over the whole range | {' / '.join(reaches)} |",
+        f"| their reaches within {REACHED_PX:g} px over the whole range{early} | {' / '.join(reaches)} |",
     ]

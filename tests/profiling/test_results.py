@@ -11,7 +11,6 @@ import pytest
 ROOT = Path(__file__).parents[2]
 RESULTS = ROOT / "profiling" / "results"
 ORIGIN = {"date", "commit", "arguments", "machine", "versions"}
-BEFORE = {"segmentation"}  # measured before its program wrote all of that down
 
 
 def test_a_result_says_where_it_comes_from():
@@ -19,7 +18,7 @@ def test_a_result_says_where_it_comes_from():
         content = json.loads(file.read_text(encoding="utf-8"))
         for one in content.get("runs", [content]):
             said = set(one) >= ORIGIN and {"cpu", "cores", "caches", "gpus"} <= set(one["machine"])
-            assert said or file.stem in BEFORE, f"{file.name} lacks some of {', '.join(sorted(ORIGIN))}"
+            assert said, f"{file.name} lacks some of {', '.join(sorted(ORIGIN))}"
 
 
 @pytest.mark.parametrize("name", ["readme_table.py", "paper_pages.py"])
