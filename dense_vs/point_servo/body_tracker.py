@@ -37,7 +37,7 @@ BELIEVED = 0.72  # correlation from which a place of the point's own look tells 
 LEAST_OPEN = 0.05  # of the logarithm of the depth, left open in a search: places that repeat a guess tell nothing
 MOST_UNCERTAIN = 0.8  # px, standard deviation of the point's place up to which it is certain
 DOUBT = 1.5  # times the depth's standard deviation: places of features around share their errors
-DEPTH_ALONE = 2.5  # times it, for a place that the point's own look does not confirm
+DEPTH_ALONE = 4.0  # times it, for a place that the point's own look does not confirm
 OWN_SHARE = 0.7  # of :meth:`PointLook.drift`, found on recordings of six views
 BASIC = 0.3  # px, of any place
 VOTES = 7  # features around, which say what link the point is on where its own places do not
@@ -227,8 +227,7 @@ class BodyTracker:
         self.correlation = np.array([correlation], np.float32)
         share = float(np.clip((correlation - LIKE) / (ALIKE - LIKE), 0, 1))
         if share == 1:
-            apart = float(np.linalg.norm(found - place))
-            self._by_own = max(min(apart, OWN_SHARE * self._look.drift(correlation)), OWN_DRIFT)
+            self._by_own = max(OWN_SHARE * self._look.drift(correlation), OWN_DRIFT)
         if share > 0 and as_expected:
             self._sighting = found
         return place + share * (found - place)
@@ -253,8 +252,8 @@ class BodyTracker:
     def _uncertainty(self, q: np.ndarray) -> float:
         """Standard deviation [px]: by the depth, whose error shows as the link turns, and by the link's features.
 
-        The point's own look says where it is by itself where it is distinct; where it agrees with the link, both are
-        right, for they are wrong in different ways.
+        The point's own look says where it is where it is distinct. That it is found where the link expects it is no sign
+        by itself: a plain look is found anywhere.
         """
         if self.on_link.depth is None:
             return np.inf
