@@ -44,16 +44,16 @@ class Reaching:
     def run(self) -> Reach:
         """Go there."""
         loop = self._loop
-        width = loop.estimator.options.width
-        far, returns, waited = self._distance() > FAR * width, 0, 0
+        returns = waited = 0
+        far = self._is_far()
         while self._left > 0 and waited < WAITED and not (self._arrival.settled and loop.aim.certain(loop.tracker)):
             if self._gone():
                 if returns == RETURNS or not self._find_again():
                     break
                 returns += 1
-                far = self._distance() > FAR * width
+                far = self._is_far()
                 continue
-            far = far and self._distance() > NEAR * width
+            far = far and self._distance() > NEAR * loop.estimator.options.width
             self._step(self._way() if far else loop.servo_step)
             self._arrival.observe(self._distance(), blind=any(fault.stops for fault in loop.faults))
             waited = waited + 1 if self._arrival.settled else 0
@@ -62,6 +62,11 @@ class Reaching:
             end = ReachEnd.LOST
         assert loop.target is not None
         return Reach(tuple(loop.target.tolist()), self._frames, self._distance(), end, tuple(self._faults.values()))
+
+    def _is_far(self) -> bool:
+        """Whether a move is to be planned, which is for places in the image: a chain has no meters."""
+        target = self._loop.target
+        return target is not None and len(target) == 2 and self._distance() > FAR * self._loop.estimator.options.width
 
     def _gone(self) -> bool:
         """Whether the point is lost, and for so long that it has to be looked for."""
