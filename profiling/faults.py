@@ -1,19 +1,22 @@
 """What becomes of J, of a reach and of the reaches after it when something breaks: the table of docs/faults.md.
 
-    python profiling/faults.py [--arms arm planar] [--seeds 0 1 2] [--faults NAME ...] [--json FILE]
+    python profiling/faults.py [--arms arm planar] [--seeds 0 1 2] [--faults NAME ...] [--jobs N] [--json FILE]
     python profiling/faults.py --page    # writes the table from profiling/results; --check fails where it differs
 
-A robot babbles for 10 s. Then, fault by fault: J's error (the truth is the simulator's), the fault while it babbles,
+For every fault a robot babbles for 10 s. Then: J's error (the truth is the simulator's), the fault while it babbles,
 J's error at its end and 3 s later, the same fault again in the middle of a reach, and three reaches after it. A frame
 counts as off where the tracked point is more than 3 px from where the true one was at the image's time, as far as the
-loop knows that time, and as flagged where the loop names a fault or says that the point is lost.
+loop knows that time, and as flagged where the loop names a fault or says that the point is lost or its place uncertain.
 """
 
 import argparse
 import json
+import multiprocessing
+import os
 import sys
+from collections.abc import Iterator
+from concurrent.futures import ProcessPoolExecutor, as_completed
 from dataclasses import asdict, dataclass
-from functools import partial
 from itertools import groupby
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -24,6 +27,7 @@ import warp as wp
 
 from dense_vs.files import write_json
 from dense_vs.pipeline.checkpoint import Checkpoint
+from dense_vs.point_servo.following import certain
 from dense_vs.sims import SimWorld
 from dense_vs.sims.engine.faults import FAULTS, FaultInjector
 from dense_vs.sims.papers.dije.reaching import ReachingExperiment
@@ -70,7 +74,7 @@ class Row:
 
 
 class FaultTrial:
-    """One robot with one seed, fault after fault."""
+    """One robot with one seed."""
 
     def __init__(self, arm: str, seed: int):
         self.arm, self.seed = arm, seed
@@ -176,7 +180,8 @@ class FaultTrial:
         seen_at = loop.frame.time + min(loop.joint_delay, 0.0)
         time = min(self.places, key=lambda time: abs(time - seen_at))
         distance = float(np.hypot(*(loop.point - self.places[time])))
-        self.frames.append((distance > OFF, bool(loop.faults) or bool(loop.tracker.lost[0]), distance))
+        said = bool(loop.faults) or bool(loop.tracker.lost[0]) or not certain(loop.tracker)
+        self.frames.append((distance > OFF, said, distance))
         if self.due is not None and len(self.frames) == INTO_REACH:
             self.injector.begin(self.due, joint=JOINT, at=run.project(run.surface_point))
             self.due = None
@@ -248,12 +253,32 @@ def write_page(check: bool) -> int:
     return 0
 
 
+def measure(arm: str, seed: int, fault: str) -> Row:
+    """One fault on a robot that has met none before."""
+    wp.config.log_level = wp.LOG_ERROR
+    trial, number = FaultTrial(arm, seed), NAMES.index(fault)
+    return trial.meet_restart(number) if fault == RESTART else trial.meet(fault, number)
+
+
+def _rows(arguments: argparse.Namespace) -> Iterator[Row]:
+    """Every row as soon as it is known."""
+    cases = [(arm, seed, fault) for fault in arguments.faults for seed in arguments.seeds for arm in arguments.arms]
+    if arguments.jobs == 1:
+        yield from (measure(*case) for case in cases)
+        return
+    os.environ.update({"OMP_NUM_THREADS": "1", "DENSE_VS_THREADS": "1"})  # inherited before anything reads it
+    with ProcessPoolExecutor(arguments.jobs, multiprocessing.get_context("spawn")) as pool:
+        for done in as_completed([pool.submit(measure, *case) for case in cases]):
+            yield done.result()
+
+
 def main() -> int:
     """Run the command."""
     parser = argparse.ArgumentParser(description="What becomes of J and of reaches when something breaks.")
     parser.add_argument("--arms", nargs="+", default=list(POINTS), choices=list(POINTS), help="robots (default: all)")
     parser.add_argument("--seeds", nargs="+", type=int, default=[0, 1, 2], help="of everything (default: 0 1 2)")
     parser.add_argument("--faults", nargs="+", default=list(NAMES), choices=list(NAMES), help="(default: all)")
+    parser.add_argument("--jobs", type=int, default=1, help="robots at a time, a core each where above 1 (default: 1)")
     parser.add_argument("--json", type=Path, metavar="FILE", help="write the result here, after every fault")
     parser.add_argument(
         "--page", action="store_true", help="write docs/faults.md from the committed result, run nothing"
@@ -262,18 +287,14 @@ def main() -> int:
     arguments = parser.parse_args()
     if arguments.page:
         return write_page(arguments.check)
-    wp.config.log_level = wp.LOG_ERROR
-    origin = provenance(arguments, leave_out=("json", "page", "check"))
+    origin = provenance(arguments, leave_out=("json", "page", "check", "jobs"))
     rows: list[dict[str, Any]] = []
-    for seed in arguments.seeds:
-        for arm in arguments.arms:
-            trial = FaultTrial(arm, seed)
-            for fault in arguments.faults:
-                meet = trial.meet_restart if fault == RESTART else partial(trial.meet, fault)
-                rows.append(asdict(meet(NAMES.index(fault))))
-                print(json.dumps(rows[-1]), flush=True)
-                if arguments.json is not None:
-                    write_json(arguments.json, {**origin, "rows": rows})
+    for row in _rows(arguments):
+        rows.append(asdict(row))
+        rows.sort(key=lambda row: (row["seed"], row["arm"], NAMES.index(row["fault"])))
+        print(json.dumps(asdict(row)), flush=True)
+        if arguments.json is not None:
+            write_json(arguments.json, {**origin, "rows": rows})
     print(table(HEAD, summary(rows)))
     return 0
 

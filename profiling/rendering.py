@@ -75,7 +75,12 @@ def main() -> int:
         options = {**OURS, **choice}
         physics.model.block_dim.render = options.pop("block", usual)
         tracer = RayTracer(
-            *seen, shape, device, world.threads, None if options.pop("rows", False) else order, **options
+            *seen,
+            shape,
+            device,
+            world.threads,
+            order=None if options.pop("rows", False) else order,
+            **options,
         )
         measure(name, tracer.trace)
         if name == "in rows":

@@ -99,7 +99,7 @@ class Farneback:
         dtype: of ``image``, ``wp.uint8`` or ``wp.float32`` (gray levels up to about 255).
         device: Warp device.
         threads: bands of rows on a CPU.
-        tiles: compute in tiles, which move fewer bytes on a GPU; not measured on one yet, so only where asked for.
+        tiles: compute in tiles, which move fewer bytes on a GPU; unless given, there, where the windows fit a tile.
     """
 
     def __init__(
@@ -112,7 +112,7 @@ class Farneback:
         dtype: Any = wp.uint8,
         device: Any = None,
         threads: int = 1,
-        tiles: bool = False,
+        tiles: bool | None = None,
     ):
         if min(height, width) < SMALLEST_IMAGE:
             raise ValueError(f"images are {width} x {height}; expected sides of at least {SMALLEST_IMAGE}")
@@ -131,7 +131,7 @@ class Farneback:
         self._expand: list[Callable[[], None]] = []
         self._solve: list[Callable[[], None]] = []
         fits = tiles_fit(len(options.window()), options.poly_n)
-        if tiles:
+        if tiles or (tiles is None and device.is_cuda and fits):
             if not fits:
                 raise ValueError(f"winsize {options.winsize}, poly_n {options.poly_n}: no tile fits a block's memory")
             self._record_tiles()
