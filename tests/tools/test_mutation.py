@@ -208,6 +208,7 @@ def test_where_the_share_of_all_lies(killed, total, low, high):
         ("a < b", "a >= b", False),  # turned round
         ("a < b", "a > b", False),
         ("a < 3", "a <= 3", False),  # a count may well be met
+        ("index >= 0", "index > 0", False),
         ("len(a) >= least", "len(a) > least", False),
         ("seen.sum() > least", "seen.sum() >= least", False),
         ("a + b", "a - b", False),

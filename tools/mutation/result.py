@@ -196,7 +196,7 @@ def at_continuous_border(before: str, after: str) -> bool:
     assert isinstance(new, ast.Compare)
     moved = {type(old.ops[0]), type(new.ops[0])} in ({ast.Lt, ast.LtE}, {ast.Gt, ast.GtE})
     counted = any(
-        (isinstance(one, ast.Constant) and type(one.value) is int and one.value > 1)
+        (isinstance(one, ast.Constant) and type(one.value) is int)
         or (isinstance(one, ast.Call) and ast.unparse(one.func).endswith(COUNTING))
         for one in ast.walk(old)
     )

@@ -1,0 +1,53 @@
+"""Defaults are those documented, and limits that only one side has."""
+
+import inspect
+
+import numpy as np
+import pytest
+
+from dense_vs.depth.region_shape import MAX_REGIONS, mask_regions
+from dense_vs.grasp import GripperModel
+from dense_vs.live.reachability import reason
+from dense_vs.mask_servo.hadamard_broyden import HadamardBroyden
+from dense_vs.mask_servo.loop import MaskServo
+
+
+def defaults(made):
+    return {
+        name: one.default for name, one in inspect.signature(made).parameters.items() if one.default is not one.empty
+    }
+
+
+def test_the_servo_s_and_the_update_s_defaults():
+    servo = defaults(MaskServo)
+    assert (servo["gain"], servo["max_step"], servo["max_image_step"], servo["tolerance"]) == (1.0, 0.15, 60.0, 5.0)
+    assert (servo["patience"], servo["stalled"]) == (3, 4)
+    update = defaults(HadamardBroyden)
+    assert (update["alpha"], update["min_cosine"]) == (0.1, 0.05)
+
+
+def test_of_a_view_the_largest_regions_are_kept():
+    mask = np.zeros((1, 40, 200), bool)
+    for k in range(30):
+        mask[0, 1 : 3 + k, 6 * k : 6 * k + 3] = True
+    regions = mask_regions(mask)[0]
+    assert len(regions) == MAX_REGIONS == 24
+    assert [one.area for one in regions] == sorted((one.area for one in regions), reverse=True)
+    assert regions[-1].area == 3 * (2 + 6)
+
+
+@pytest.mark.parametrize(("limits", "q", "held"), [((-np.inf, 1.0), 0.995, False), ((-np.inf, 1.0), 1.0, True),
+                                                   ((-1.0, np.inf), 5.0, False)])  # fmt: skip
+def test_a_joint_with_one_limit_has_no_range(limits, q, held):
+    J = np.array([[100.0, 0.0], [0.0, 80.0]])
+    said = reason(J, np.array([30.0, 0.0]), np.array([q, 0.0]), np.array([limits, [-9.0, 9.0]]), 15.0)
+    assert said.startswith("joint limit: joint 1") == held
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_every_rotation_is_one_for_the_gripper(seed):
+    from scipy.spatial.transform import Rotation
+
+    pose = np.eye(4)
+    pose[:3, :3] = Rotation.random(random_state=seed).as_matrix()
+    GripperModel(opening=0.1, width=0.02, thickness=0.01, length=0.03, T_camera_hand=pose)

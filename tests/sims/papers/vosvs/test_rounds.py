@@ -1,0 +1,226 @@
+"""Rounds of picks, trials and learning in worlds made by hand: every object once, from its place, with its tools."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from dense_vs.sims.papers.vosvs import gripper_geometry, learn, object_pick, pick_place, trial
+from dense_vs.sims.papers.vosvs.configurations import CONFIGURATIONS
+from dense_vs.sims.papers.vosvs.jacobian_learning import Update
+from dense_vs.sims.papers.vosvs.object_trial import HEIGHT, PLACES, TRIALS
+from dense_vs.sims.papers.vosvs.trial_scores import DepthScore, ServoScore
+
+BAR = SimpleNamespace(update=lambda: None, set_description=lambda _: None)
+NAMES = [name for names in TRIALS for name in names]
+
+
+class Room:
+    def __init__(self, wide=()):
+        self.objects = {name: SimpleNamespace(grip=0.2 if name in wide else 0.05) for name in NAMES}
+        self.postures, self.stored, self.events = [], [], []
+
+    def set_posture(self, q):
+        self.postures.append(q)
+
+    def store(self, names=None):
+        self.stored.append(names)
+
+    def image(self, camera):
+        return camera
+
+
+class Ready:
+    def __init__(self, names, seed, threads):
+        Ready.made = (names, seed, threads)
+        self.world = Room.one
+
+    def pinv(self, name):
+        return f"J+ of {name}"
+
+    def segmenter(self, name):
+        return f"masks of {name}"
+
+    def learning(self, name, update):
+        return SimpleNamespace(pinv=f"{update} of {name}", converged=True)
+
+
+def test_every_object_that_fits_is_picked_from_its_place(monkeypatch):
+    Room.one = world = Room(wide=("Mug", "Plate"))
+    picked, placed = [], []
+
+    def pick(world, name, support, segmenter, high, low, method):
+        picked.append((name, support, segmenter, high, low, method))
+        return SimpleNamespace(placed=name != "Dice")
+
+    monkeypatch.setattr(pick_place, "LearnedSetup", Ready)
+    monkeypatch.setattr(pick_place, "above", lambda x, y, height: (x, y, height))
+    monkeypatch.setattr(pick_place, "place_objects", lambda world, names, rng: placed.append(names))
+    monkeypatch.setattr(pick_place, "forget_images", lambda _: None)
+    monkeypatch.setattr(pick_place, "pick_and_place", pick)
+    tiles = []
+    results = pick_place.run_picks(3, "robust", 2, BAR, tiles)
+    assert Ready.made == (None, 3, 2)
+    assert placed == list(TRIALS)
+    wanted = [name for name in NAMES if name not in ("Mug", "Plate")]
+    assert [one[0] for one in picked] == wanted
+    assert len(results) == 22
+    supports = {name: place[2] for names in TRIALS for name, place in zip(names, PLACES, strict=True)}
+    assert all(one[1] == supports[one[0]] for one in picked)
+    assert picked[0][2:] == (f"masks of {wanted[0]}", "J+ of base", "J+ of base grasp", "robust")
+    assert world.stored == [[name] for name in wanted if name != "Dice"]  # the bin is emptied
+    assert [label for label, _ in tiles if label.startswith("Dice")] == ["Dice: not in the bin"]
+    assert tiles[0] == (f"{wanted[0]}: in the bin", "grasp")
+    starts = [q for q in world.postures if q != (1.0, 0.0, HEIGHT)]
+    assert len(world.postures) == 8 + 22
+    of = {name: place for names in TRIALS for name, place in zip(names, PLACES, strict=True)}
+    off = np.array([np.array(q[:2]) - of[name][:2] for q, name in zip(starts, wanted, strict=True)])
+    assert np.abs(off).max() <= 0.12
+    assert np.ptp(off, axis=0).min() > 0.15
+    assert all(q[2] == HEIGHT for q in starts)
+
+
+@pytest.mark.parametrize(("grip", "fits"), [(0.999, True), (1.001, False)])
+def test_what_fits_the_gripper(monkeypatch, grip, fits):
+    Room.one = Room()
+    for one in Room.one.objects.values():
+        one.grip = grip * pick_place.FITS
+    monkeypatch.setattr(pick_place, "LearnedSetup", Ready)
+    monkeypatch.setattr(pick_place, "above", lambda *q: q)
+    monkeypatch.setattr(pick_place, "place_objects", lambda *_: None)
+    monkeypatch.setattr(pick_place, "forget_images", lambda _: None)
+    monkeypatch.setattr(pick_place, "pick_and_place", lambda *_, **__: SimpleNamespace(placed=False))
+    assert len(pick_place.run_picks(0, "robust", 1, BAR, [])) == (24 if fits else 0)
+
+
+def test_a_line_of_a_pick():
+    one = SimpleNamespace(
+        trial=SimpleNamespace(name="Mug", depth=DepthScore(True, -0.034)), grasp=None, placed=True, cause=""
+    )
+    assert pick_place._line(4, one) == ["4", "Mug", "-3.4", "0", "0", "X", ""]
+
+
+def test_the_trials_are_one_run(monkeypatch):
+    Room.one = world = Room()
+    drove, located, placed = [], [], []
+
+    def locate(world, name, support, segmenter, pinv, *, printed_pinv, method, on_look, on_view):
+        located.append((name, support, segmenter, pinv, printed_pinv, method))
+        if name == "Mug":
+            on_look(0, np.zeros((8, 8, 3), np.uint8), np.zeros((8, 8), bool))
+            on_view(1, np.ones((8, 8, 3), np.uint8), np.zeros((8, 8), bool))
+        return SimpleNamespace(servo=ServoScore(name == "Mug"), depth=DepthScore(False))
+
+    monkeypatch.setattr(trial, "LearnedSetup", Ready)
+    monkeypatch.setattr(trial, "ManipulatorRobot", lambda world: "robot")
+    monkeypatch.setattr(trial, "place_objects", lambda world, names, rng: placed.append(names))
+    monkeypatch.setattr(trial, "drive_to", lambda robot, place, rng: drove.append(place))
+    monkeypatch.setattr(trial, "locate", locate)
+    tiles = []
+    results, learned = trial.run_trials(5, "vos-de", 1, BAR, tiles)
+    assert learned
+    assert placed == list(TRIALS)
+    assert drove == list(PLACES) * 8
+    assert [one[0] for one in located] == NAMES
+    supports = [place[2] for place in PLACES] * 8
+    assert [one[1] for one in located] == supports
+    assert located[0][2:] == (f"masks of {NAMES[0]}", "J+ of base", "(11) as printed of base", "vos-de")
+    assert len(world.postures) == 1  # it is never put back
+    assert len(results) == 24
+    ((label, image),) = tiles
+    assert label == "Mug: VS yes, DE no"
+    assert image.max() == 1  # the last view
+
+
+def test_lines_of_the_trials():
+    one = SimpleNamespace(name="Mug", support=0.25, servo=ServoScore(True), printed_servo=ServoScore(False), cause="",
+                          depth=DepthScore(True, -0.012), printed_depth=DepthScore(False, 0.3),
+                          iou=(0.9, 0.75))  # fmt: skip
+    assert trial._line(2, one) == ["2", "Mug", "0.25", "X", "", "X", "", "-1.2 +30.0", "0.90 0.75", ""]
+    one.printed_servo = None
+    assert trial._line(2, one)[4] == ""
+    one.printed_servo = ServoScore(True)
+    assert trial._line(2, one)[4] == "X"
+
+
+def test_every_configuration_is_learned_with_every_update(monkeypatch):
+    asked = []
+
+    def configured(world, one, name, segmenter, rng, *, update, responses, looks, keep_images):
+        asked.append((one.name, update, float(rng.random()), keep_images, responses, looks, segmenter))
+        number = CONFIGURATIONS.index(one)
+        truths = [] if one.name == "head" else [number * one.coupling, (number + 2) * one.coupling]
+        return SimpleNamespace(true=truths)
+
+    monkeypatch.setattr(
+        learn, "MobileWorld", lambda names, seed, threads: SimpleNamespace(store=lambda: None, names=names)
+    )
+    monkeypatch.setattr(learn, "learn_segmenter", lambda world, name, seed: f"masks of {name}")
+    monkeypatch.setattr(learn, "learn_configuration", configured)
+    monkeypatch.setattr(learn, "ManipulatorRobot", lambda world: None)
+    units = SimpleNamespace(units=("m", "rad"))
+    monkeypatch.setattr(learn, "JointGroup", SimpleNamespace(of_robot=lambda robot, joints: units))
+    found = learn.learn_all(6, 5, 150, 1, BAR)
+    assert [one.one for one in found] == list(CONFIGURATIONS)
+    assert [one[:2] for one in asked] == [(one.name, update) for one in CONFIGURATIONS for update in Update]
+    assert all(one[4:6] == (5, 150) for one in asked)
+    assert [one[:2] for one in asked if one[3]] == [("base", Update.GUARDED)]
+    draws = [one[2] for one in asked]
+    for k in range(7):  # every update sees the object in the same places
+        assert len(set(draws[4 * k : 4 * k + 4])) == 1
+    assert len(set(draws)) == 7
+    assert np.isnan(found[0].true).all()
+    np.testing.assert_allclose(found[2].true, 3 * CONFIGURATIONS[2].coupling)
+    assert found[0].true.shape == CONFIGURATIONS[0].coupling.shape
+
+
+def test_the_part_of_the_error_that_a_step_removes():
+    one = CONFIGURATIONS[3]  # two joints for s_x, one for s_y
+    true = np.array([[0.002, 0.0], [0.004, 0.0], [0.0, 0.005]])
+    pinv = np.array([[0.001, 0.0], [0.001, 0.0], [0.0, 0.004]])
+    learned = SimpleNamespace(one=one, true=true, outcomes={Update.GUARDED: SimpleNamespace(pinv=pinv)})
+    np.testing.assert_allclose(learn.removed(learned, Update.GUARDED), [0.75, 0.8])
+
+
+def test_what_is_held_is_carried_above_the_bin():
+    names = ("base_roll", "base_forward", "base_lateral", "arm_lift", "wrist")
+    robot = SimpleNamespace(joint_names=names, q=np.array([0.3, -1.0, 2.0, 0.2, 0.7]), sent=[])
+
+    def command(delta):
+        robot.sent.append(np.array(delta))
+        robot.q = robot.q + delta
+
+    robot.joints, robot.command = lambda: (robot.q.copy(), 0.0), command
+    waited = []
+    goal = np.array([9.0, 5.0, 6.0, 9.0, 9.0])
+    asked = []
+    import unittest.mock
+
+    with unittest.mock.patch.object(object_pick, "above", lambda *place: asked.append(place) or goal):
+        object_pick.carry_to_bin(SimpleNamespace(wait=waited.append), robot)
+    np.testing.assert_allclose(robot.q, [0.3, 5.0, 6.0, 0.5, 0.7])
+    np.testing.assert_allclose(robot.sent[0], [0, 0, 0, object_pick.CARRY - 0.2, 0])  # up first
+    np.testing.assert_allclose(robot.sent[1], [0, 6.0, 4.0, 0, 0])
+    np.testing.assert_allclose(robot.sent[2], [0, 0, 0, 0.5 - object_pick.CARRY, 0])
+    assert asked[0][0] > object_pick.DROP[0]
+    assert waited == [10]
+
+
+def test_the_gripper_s_fingers_stand_on_either_side_of_its_axis():
+    """In the grasp camera's image, 480 x 640; the gripper stands behind the camera's axis."""
+    K = np.array([[600.0, 0, 319.5], [0, 600.0, 239.5], [0, 0, 1]])
+    world = SimpleNamespace(intrinsics=lambda camera: K if camera == "grasp" else None)
+    hand = gripper_geometry.hand_geometry(world)
+    assert hand.target == (220.0, 240.0)
+    assert hand.centre == (320.0, 240.0)
+    pose = hand.model.T_camera_hand
+    np.testing.assert_allclose(np.linalg.det(pose[:3, :3]), 1.0)
+    np.testing.assert_allclose(pose[:3, 0], [0, 1, 0])  # the closing motion is image y
+    assert pose[0, 3] < 0 < pose[2, 3]
+    mask = gripper_geometry.fingers_in_view(world)
+    assert mask.shape == (480, 640)
+    y, x = np.nonzero(mask)
+    assert 0.001 < mask.mean() < 0.2
+    assert x.mean() < 320
+    assert y.mean() == pytest.approx(239.5, abs=3)
+    assert not mask[230:250].all(axis=0).any()  # room between the fingers
