@@ -310,6 +310,11 @@ def test_a_model_is_asked_about_postures_that_it_has_not_seen(monkeypatch):
     world, asked = AskedWorld(), []
 
     class Model:
+        precision = None
+
+        def points(self, q):
+            return SimpleNamespace(pixels=np.zeros((0, 2)), covariances=np.zeros((0, 2, 2)))
+
         def trace(self, pixels, q_seen, q):
             np.testing.assert_array_equal(q_seen, [1.0, 1.0])
             asked.append(q)
@@ -328,7 +333,9 @@ def test_a_model_is_asked_about_postures_that_it_has_not_seen(monkeypatch):
     medians = iter(np.arange(1.0, 9.0))
     monkeypatch.setattr(body_model, "jacobian_error", lambda J, true, robot: error(next(medians), 0.5))
     joints = np.array([[0.0, -0.2], [0.3, 0.1], [0.1, 0.0]])
-    points, worst, median, p90, overlap, depth = body_model.ask(world, Model(), joints, seed=2)
+    seen = SimpleNamespace(joints=joints, anchors={})
+    points, worst, median, p90, overlap, depth, within = body_model.ask(world, Model(), seen, seed=2)
+    assert np.isnan(within)  # nothing tells how well it knows itself
     assert points == pytest.approx(3.0)
     assert worst == np.inf  # a quarter of the points is not known
     assert (median, p90) == pytest.approx((4.5, 0.5))
@@ -364,11 +371,11 @@ def test_the_share_of_right_links_is_of_tracks_with_one(monkeypatch):
     monkeypatch.setattr(body_model, "fit_body", lambda tracks: found)
     monkeypatch.setattr(body_model.BodyModel, "from_fit", lambda *_: SimpleNamespace(jacobian=lambda q: None))
     monkeypatch.setattr(body_model, "link_truth", lambda seen, tracks: truth)
-    monkeypatch.setattr(body_model, "ask", lambda *_: (1.0, 2.0, 3.0, 4.0, 5.0, 6.0))
+    monkeypatch.setattr(body_model, "ask", lambda *_: (1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 0.7))
     result = body_model.measure("panda", "A", 0, SimpleNamespace(seconds=1.0))
     assert result.name == "panda A 0"
     assert (result.link_share, result.tracks) == (pytest.approx(2 / 5), 5)
-    assert (result.points_median, result.depth) == (1.0, 6.0)
+    assert (result.points_median, result.depth, result.within) == (1.0, 6.0, 0.7)
     assert 0 <= result.fit_seconds < 60
     assert 0 <= result.predict_ms < 1000
     values = {metric.name: metric for metric in body_model.metrics_of([result])}

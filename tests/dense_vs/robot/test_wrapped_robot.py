@@ -16,7 +16,7 @@ from dense_vs.robot.joint_group import ROBOT_MEMBERS, JointGroup
 
 ROOT = Path(__file__).resolve().parents[3]
 OF_A_ROBOT = (protocols.Robot, protocols.JointUnits, protocols.Holding, protocols.Watched)
-OF_OTHERS = (protocols.Camera, protocols.Gripper, protocols.GripperState)
+OF_OTHERS = (protocols.Camera, protocols.DepthCamera, protocols.Gripper, protocols.GripperState)
 STEP = np.array([0.01, -0.02])
 
 
