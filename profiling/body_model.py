@@ -16,7 +16,7 @@ import numpy as np
 import warp as wp
 from metrics import Metric, add_report_arguments, report
 
-from dense_vs.body_model import BodyModel, TrackOptions, follow_points
+from dense_vs.body_model import BodyModel, PointTrackOptions, follow_points
 from dense_vs.body_model.fit import fit_body
 from dense_vs.body_model.held_out import ONE_DEVIATION
 from dense_vs.body_model.surface import SurfaceOptions, keyframe_indices
@@ -33,7 +33,7 @@ POSTURES = 8  # unseen ones
 POINTS = 200  # of the surface, a posture
 ANCHORS, SAME_PIXEL = 400, 0.3  # surface points of a keyframe, and px between one and the model's
 LARGEST_STEP = 0.03  # rad a frame, on the way to a posture
-REFERENCE_FRAMES = TrackOptions().stride * TrackOptions().reference_every
+REFERENCE_FRAMES = PointTrackOptions().stride * PointTrackOptions().reference_every
 
 
 @dataclass(frozen=True)
@@ -75,7 +75,7 @@ def measure(arm: str, camera: str, seed: int, options: argparse.Namespace) -> Bo
     try:
         tracks = follow_points(seen.images, seen.joints)
         found = fit_body(tracks)
-        stride = TrackOptions().stride
+        stride = PointTrackOptions().stride
         model = BodyModel.from_fit(found, seen.images[::stride], seen.joints[::stride])
     except DenseVSError as error:
         print(f"{name}: {error}")
@@ -101,7 +101,7 @@ def babble(world: SimWorld, seed: int, seconds: float) -> Learned:
     flow = FlowEstimator(height=world.shape[1], width=world.shape[2])
     low, high = world.joint_limits.T
     images, joints, links, last = [to_gray(world.frame().rgb)], [world.joints()[0]], {0: true_links(world)}, None
-    frames, stride = round(seconds * 30), TrackOptions().stride
+    frames, stride = round(seconds * 30), PointTrackOptions().stride
     surfaces = stride * keyframe_indices(len(range(0, frames, stride)), SurfaceOptions().keyframes)
     anchors = {}
     for frame in range(1, frames):
@@ -136,7 +136,7 @@ def link_truth(seen: Learned, tracks) -> np.ndarray:
     """True link of each track at the pixel where it began; -2 within 2 px of another link."""
     truth = np.full(tracks.pixels.shape[1], -2)
     for m, reference in enumerate(tracks.references):
-        links = seen.links[int(reference) * TrackOptions().stride]
+        links = seen.links[int(reference) * PointTrackOptions().stride]
         x, y = np.rint(tracks.pixels[reference, m]).astype(int)
         around = links[max(0, y - 2) : y + 3, max(0, x - 2) : x + 3]
         if (around == around[0, 0]).all():

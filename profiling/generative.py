@@ -28,7 +28,7 @@ from reference_recordings import record
 
 from dense_vs.generative import GenerativeModel
 from dense_vs.generative.learning.end_to_end import all_shared
-from dense_vs.generative.least_squares.pixel_problem import PixelProblem, State
+from dense_vs.generative.least_squares.pixel_problem import PixelProblem, PixelState
 from dense_vs.generative.reconstruction.initialization import guessed_intrinsics
 from dense_vs.generative.reconstruction.stereo import reconstruct
 
@@ -94,7 +94,7 @@ def main() -> None:
             flush=True,
         )
     problem = PixelProblem(case.pixels, model.parameters.links, 6, all_shared(np.ones(2, dtype=bool)))
-    state = State(model.parameters, case.joints)
+    state = PixelState(model.parameters, case.joints)
     problem.linearize(state)
     images, near = case.unseen_pixels, case.unseen_joints + 0.1
     count = len(images)

@@ -29,7 +29,7 @@ from dense_vs import DenseJacobian, FlowEstimator, PointTracker
 from dense_vs.body_model import PostureMemory
 from dense_vs.flow.camera_motion import fit_camera_motion
 from dense_vs.pipeline.body_prior import BodyPrior
-from dense_vs.pipeline.frame_pipeline import Frame
+from dense_vs.pipeline.frame_pipeline import ProcessedFrame
 from dense_vs.pipeline.recorded import RecordedEstimate
 from dense_vs.recording import ClockOffset, Episode, open_recording, survey_episode
 from dense_vs.recording.distinct_images import DistinctImages
@@ -150,7 +150,7 @@ class Labels:
                 self.images[row] = cv2.resize(image, SIZE[::-1], interpolation=cv2.INTER_AREA).astype(np.float32)
         self._nearest: dict[int, tuple[float, np.ndarray]] = {}
 
-    def take(self, frame: Frame) -> None:
+    def take(self, frame: ProcessedFrame) -> None:
         """Keep a frame's labels where it shows a marked row's image, which may be encoded anew there."""
         for row, marked in self.images.items():
             if abs(frame.time - row / FPS) < NEAR:

@@ -31,7 +31,7 @@ _GROSS = 3.0  # times the usual error: weights fall beyond
 
 
 @dataclass(frozen=True, kw_only=True)
-class FitOptions:
+class BodyFitOptions:
     """What a fit is told beside the tracks.
 
     Attributes:
@@ -95,13 +95,13 @@ class BodyFit:
 UNKNOWN = -2  # link of a track that no link explains
 
 
-def fit_body(tracks: PointTracks, options: FitOptions | None = None) -> BodyFit:
+def fit_body(tracks: PointTracks, options: BodyFitOptions | None = None) -> BodyFit:
     """Fit lines, camera and points to tracks.
 
     Raises:
         DenseVSError: too few tracks that move, joints that move nothing, or no start that fits.
     """
-    options = options or FitOptions()
+    options = options or BodyFitOptions()
     height, width = tracks.size
     center = (width - 1) / 2, (height - 1) / 2
     focal = options.focal_length or float(width)
@@ -130,7 +130,7 @@ def fit_body(tracks: PointTracks, options: FitOptions | None = None) -> BodyFit:
     return BodyFit(state, links, used.select(found.believed), center, learned, found.error, all_links)
 
 
-def _share(tracks: PointTracks, options: FitOptions) -> PointTracks:
+def _share(tracks: PointTracks, options: BodyFitOptions) -> PointTracks:
     """The longest of the tracks, the same share of every reference image's, in images spread over the recording."""
     count = tracks.pixels.shape[1]
     if count > options.most_tracks:
@@ -148,7 +148,7 @@ def _share(tracks: PointTracks, options: FitOptions) -> PointTracks:
 
 
 def _links_of_all(
-    state: BodyState, center: tuple[float, float], tracks: PointTracks, learned: np.ndarray, options: FitOptions
+    state: BodyState, center: tuple[float, float], tracks: PointTracks, learned: np.ndarray, options: BodyFitOptions
 ) -> np.ndarray:
     """Link ``(M,)`` of every track, with the chain as it is; :data:`UNKNOWN` where none explains it."""
     middle = np.nan_to_num(np.nanmean(tracks.pixels, axis=0), nan=center[0])
@@ -176,7 +176,7 @@ class _Turn:
 class _Turns:
     """Every track to the link that explains it best, then bundle adjustment of all, in turns."""
 
-    def __init__(self, tracks: PointTracks, center: tuple[float, float], learned: np.ndarray, options: FitOptions):
+    def __init__(self, tracks: PointTracks, center: tuple[float, float], learned: np.ndarray, options: BodyFitOptions):
         self.tracks, self.center, self.learned, self.options = tracks, center, learned, options
 
     def begin(self, state: BodyState, chosen: np.ndarray, places: np.ndarray) -> _Turn:
@@ -268,7 +268,7 @@ def _travel(pixels: np.ndarray) -> np.ndarray:
     return np.where(seen, np.linalg.norm(np.nan_to_num(pixels) - mean, axis=2), 0).max(axis=0, initial=0)
 
 
-def _parents(measured: TrackJacobians, tracks: PointTracks, options: FitOptions) -> tuple[np.ndarray, np.ndarray]:
+def _parents(measured: TrackJacobians, tracks: PointTracks, options: BodyFitOptions) -> tuple[np.ndarray, np.ndarray]:
     joints = tracks.joints.shape[1]
     well = measured.usable & (tracks.seen.sum(axis=0) >= _WELL_SEEN)
     parents, learned = joint_parents(measured.moved_by[well])
@@ -296,7 +296,7 @@ def _start(
     parents: np.ndarray,
     focal: float,
     center: tuple[float, float],
-    options: FitOptions,
+    options: BodyFitOptions,
 ) -> tuple[list[BodyState], np.ndarray]:
     """The best of the candidates that J gives, adjusted on a part of the tracks, and which tracks these are."""
     good = measured.usable & (links != BACKGROUND) & (tracks.seen.sum(axis=0) >= _WELL_SEEN)

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from dense_vs.body_model.fit import BodyFit, FitOptions, fit_body
+from dense_vs.body_model.fit import BodyFit, BodyFitOptions, fit_body
 from dense_vs.body_model.link_assignment import place_points
 from dense_vs.body_model.model import BodyModel
 from dense_vs.body_model.track_jacobian import LEAST_SEEN
@@ -65,7 +65,7 @@ def first_part(tracks: PointTracks, share: float) -> PointTracks:
 
 
 def held_out_error(
-    tracks: PointTracks, share: float = 0.2, options: FitOptions | None = None, *, found: BodyFit | None = None
+    tracks: PointTracks, share: float = 0.2, options: BodyFitOptions | None = None, *, found: BodyFit | None = None
 ) -> HeldOutError:
     """Fit the first part of the images, predict the points that are seen in the last one as well.
 
@@ -81,7 +81,7 @@ def held_out_error(
     Raises:
         DenseVSError: as :func:`fit_body`, or no point that is seen in both parts.
     """
-    options = options or FitOptions()
+    options = options or BodyFitOptions()
     part = first_part(tracks, share)
     first = len(part.joints)
     found = found or fit_body(part, options)

@@ -18,12 +18,12 @@ import numpy as np
 
 from dense_vs.arrays import points_array, real_vector
 from dense_vs.body_model.chain import BACKGROUND, Chain
-from dense_vs.body_model.fit import BodyFit, FitOptions, fit_body
+from dense_vs.body_model.fit import BodyFit, BodyFitOptions, fit_body
 from dense_vs.body_model.model_file import ModelContent, read_body, write_body
 from dense_vs.body_model.precision import covariances, precision_of
 from dense_vs.body_model.splat import front_points
 from dense_vs.body_model.surface import Surface, SurfaceOptions, find_surface
-from dense_vs.body_model.tracks import PointTracks, TrackOptions, follow_points, moving_pixels
+from dense_vs.body_model.tracks import PointTrackOptions, PointTracks, follow_points, moving_pixels
 from dense_vs.errors import DenseVSError
 
 LEAST_WITH_DEPTH = 50  # pixels of the body
@@ -119,8 +119,8 @@ class BodyModel:
         joints: Any,
         *,
         tracks: PointTracks | None = None,
-        track_options: TrackOptions | None = None,
-        fit_options: FitOptions | None = None,
+        track_options: PointTrackOptions | None = None,
+        fit_options: BodyFitOptions | None = None,
         surface_options: SurfaceOptions | None = None,
     ) -> "BodyModel":
         """Learn a body.
@@ -134,7 +134,7 @@ class BodyModel:
         Raises:
             DenseVSError: images or joints that do not fit each other, too little that moves, or no body that fits.
         """
-        followed = track_options or TrackOptions()
+        followed = track_options or PointTrackOptions()
         q = real_vector(joints, "joints", (len(images), -1))
         if tracks is None:
             tracks = follow_points(images, q, followed)

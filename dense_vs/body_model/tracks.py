@@ -24,7 +24,7 @@ _EDGE = 3  # px from the image border at which a point is given up
 
 
 @dataclass(frozen=True, kw_only=True)
-class TrackOptions:
+class PointTrackOptions:
     """How points are chosen and followed.
 
     Attributes:
@@ -100,7 +100,7 @@ class PointTracks:
 
 
 def follow_points(
-    images: Sequence[np.ndarray] | np.ndarray, joints: Any, options: TrackOptions | None = None
+    images: Sequence[np.ndarray] | np.ndarray, joints: Any, options: PointTrackOptions | None = None
 ) -> PointTracks:
     """Choose points in a recording's images and follow them.
 
@@ -112,7 +112,7 @@ def follow_points(
     Raises:
         DenseVSError: images of other kinds or sizes, fewer than 3 of them, or no corner on anything that moves.
     """
-    options = options or TrackOptions()
+    options = options or PointTrackOptions()
     _check_images(images)
     q = real_vector(joints, "joints", (len(images), -1))
     chosen = np.arange(0, len(images), options.stride)
@@ -140,7 +140,7 @@ def moving_pixels(images: Sequence[np.ndarray]) -> np.ndarray:
     return cv2.dilate((change > threshold).astype(np.uint8), disc).astype(bool)
 
 
-def _corners(image: np.ndarray, mask: np.ndarray, options: TrackOptions) -> np.ndarray:
+def _corners(image: np.ndarray, mask: np.ndarray, options: PointTrackOptions) -> np.ndarray:
     """The strongest corners ``(M, 2)`` of every cell."""
     strength = cv2.cornerMinEigenVal(image, 7)
     peak = (strength >= cv2.dilate(strength, np.ones((5, 5)))) & mask
@@ -162,7 +162,7 @@ def _corners(image: np.ndarray, mask: np.ndarray, options: TrackOptions) -> np.n
     return points
 
 
-def _follow(images: list[np.ndarray], reference: int, points: np.ndarray, options: TrackOptions) -> np.ndarray:
+def _follow(images: list[np.ndarray], reference: int, points: np.ndarray, options: PointTrackOptions) -> np.ndarray:
     """Places ``(T, M, 2)`` of a reference image's points, NaN where not found."""
     found = np.full((len(images), len(points), 2), np.nan)
     found[reference] = points
@@ -183,7 +183,7 @@ def _follow(images: list[np.ndarray], reference: int, points: np.ndarray, option
 
 
 def _locate(
-    first: np.ndarray, second: np.ndarray, points: np.ndarray, guess: np.ndarray, options: TrackOptions
+    first: np.ndarray, second: np.ndarray, points: np.ndarray, guess: np.ndarray, options: PointTrackOptions
 ) -> tuple[np.ndarray, np.ndarray]:
     """Where points of the first image are in the second, from a guess, and whether that is believed."""
     setup: dict[str, Any] = {

@@ -13,7 +13,15 @@ from pathlib import Path
 
 import numpy as np
 
-from dense_vs.body_model import BodyModel, FitOptions, Keyframes, MemoryFit, PostureMemory, TrackOptions, follow_points
+from dense_vs.body_model import (
+    BodyFitOptions,
+    BodyModel,
+    Keyframes,
+    MemoryFit,
+    PointTrackOptions,
+    PostureMemory,
+    follow_points,
+)
 from dense_vs.body_model.fit import fit_body
 from dense_vs.body_model.held_out import (
     ExplainedFlow,
@@ -177,7 +185,7 @@ def _learn(seen: SeenBody, arguments: argparse.Namespace) -> Learned:
     part = None
     if arguments.kind != "posture":
         try:
-            part = _learn_chain(seen, cut, FitOptions(focal_length=arguments.focal_length), found)
+            part = _learn_chain(seen, cut, BodyFitOptions(focal_length=arguments.focal_length), found)
         except DenseVSError as error:
             found.reason = str(error)
     if arguments.kind != "chain":
@@ -189,11 +197,11 @@ def _learn(seen: SeenBody, arguments: argparse.Namespace) -> Learned:
     return found
 
 
-def _learn_chain(seen: SeenBody, cut: int, options: FitOptions, found: Learned) -> BodyModel | None:
+def _learn_chain(seen: SeenBody, cut: int, options: BodyFitOptions, found: Learned) -> BodyModel | None:
     """Fit a chain to all images; that of the first ones, where some are held out."""
     joints = np.array(seen.joints)
     found.tracks = tracks = follow_points(seen.images, joints)
-    stride, count = TrackOptions().stride, len(seen.images)
+    stride, count = PointTrackOptions().stride, len(seen.images)
     part = None
     if cut < count:
         share = 1 - cut / count

@@ -24,7 +24,7 @@ import numpy as np
 from dense_vs.body_model import BodyModel
 from dense_vs.errors import DenseVSError
 from dense_vs.live.seen_point import SeenPoint
-from dense_vs.pipeline.frame_pipeline import Frame
+from dense_vs.pipeline.frame_pipeline import ProcessedFrame
 from dense_vs.robot.joint_group import JointGroup
 
 MOST_WAITING = 64  # frames that wait for the process, as while it fits; the oldest go
@@ -88,7 +88,7 @@ class BodyProcess:
         """Whether the process is there."""
         return not self._over and self._process.poll() is None
 
-    def frame(self, number: int, frame: Frame) -> None:
+    def frame(self, number: int, frame: ProcessedFrame) -> None:
         """Send a frame, or leave it out where it says nothing and others wait already."""
         with self._news:
             frames = [item for item in self._waiting if item[0] == "frame"]
@@ -111,7 +111,7 @@ class BodyProcess:
         self.state = BodyState.KNOWN
         self._ask("use", path)
 
-    def follow(self, point: int, place: np.ndarray, number: int, frame: Frame, J: np.ndarray) -> None:
+    def follow(self, point: int, place: np.ndarray, number: int, frame: ProcessedFrame, J: np.ndarray) -> None:
         """Let a point be followed that is at ``place`` ``(2,)`` [px] in a frame, with J ``(H, W, 2, N)`` there."""
         self._ask("follow", point, place.copy(), number, frame.gray, frame.positions, J)
 

@@ -4,7 +4,7 @@ from typing import TYPE_CHECKING
 
 from dense_vs.body_model import BodyModel
 from dense_vs.live.body_process import BodyProcess, BodyState
-from dense_vs.pipeline.frame_pipeline import Frame
+from dense_vs.pipeline.frame_pipeline import ProcessedFrame
 from dense_vs.point_servo.loop import ServoLoop
 
 if TYPE_CHECKING:
@@ -32,7 +32,7 @@ class BodyTask:
         """What is known of the body."""
         return BodyState.UNKNOWN if self.process is None else self.process.state
 
-    def frame(self, number: int, frame: Frame) -> None:
+    def frame(self, number: int, frame: ProcessedFrame) -> None:
         """Take a frame that was learned from."""
         if self.process is None:
             return

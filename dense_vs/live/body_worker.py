@@ -22,7 +22,7 @@ from dense_vs.body_model import BodyModel
 from dense_vs.flow.estimator import FlowEstimator
 from dense_vs.jacobian.estimator import DenseJacobian
 from dense_vs.live.seen_point import SeenPoint
-from dense_vs.pipeline.frame_pipeline import Frame, FramePipeline
+from dense_vs.pipeline.frame_pipeline import FramePipeline, ProcessedFrame
 from dense_vs.point_servo.body_tracker import BodyTracker
 from dense_vs.point_servo.following import follow
 from dense_vs.point_servo.learned_body import LearnedBody
@@ -115,10 +115,10 @@ class BodyWorker:
         self._say(("seen", number, seen))
 
 
-def shown_frame(gray: np.ndarray, positions: np.ndarray, measured: bool) -> Frame:
+def shown_frame(gray: np.ndarray, positions: np.ndarray, measured: bool) -> ProcessedFrame:
     """A frame as far as a body is learned and followed from it; what was measured stays with the loop."""
     nothing = np.zeros(0, np.float32)
-    return Frame(0.0, gray, gray, positions, None, (nothing, nothing) if measured else None)
+    return ProcessedFrame(0.0, gray, gray, positions, None, (nothing, nothing) if measured else None)
 
 
 @contextmanager

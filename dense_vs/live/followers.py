@@ -13,7 +13,7 @@ from dense_vs.flow.estimator import FlowEstimator
 from dense_vs.jacobian.estimator import DenseJacobian
 from dense_vs.live.body_process import BodyProcess
 from dense_vs.live.seen_point import SeenPoint
-from dense_vs.pipeline.frame_pipeline import Frame
+from dense_vs.pipeline.frame_pipeline import ProcessedFrame
 from dense_vs.point_servo.following import certain, given_up
 from dense_vs.point_servo.same_surface import same_surface
 from dense_vs.point_servo.tracker import PointTracker
@@ -82,7 +82,7 @@ class PatchFollower:
         """Why it is lost."""
         return "its surroundings look otherwise now" if self.lost else ""
 
-    def update(self, flow: np.ndarray, now: Frame, estimator: DenseJacobian) -> None:
+    def update(self, flow: np.ndarray, now: ProcessedFrame, estimator: DenseJacobian) -> None:
         """Take the point into a frame by the flow since the last."""
         tracker = self.tracker
         tracker.update(flow, now.gray)
@@ -163,7 +163,12 @@ class Following:
         self._flow, self.body = flow, body
 
     def carry(
-        self, followers: dict[int, Follower], before: Frame, now: Frame, number: int, estimator: DenseJacobian
+        self,
+        followers: dict[int, Follower],
+        before: ProcessedFrame,
+        now: ProcessedFrame,
+        number: int,
+        estimator: DenseJacobian,
     ) -> None:
         """Take all followers, by point, into a frame; one whose body is found is replaced."""
         patches = [one for one in followers.values() if isinstance(one, PatchFollower)]
@@ -179,7 +184,9 @@ class Following:
         if self.body is not None:
             self._hear(self.body, followers)
 
-    def seek(self, point: int, follower: Follower, number: int, frame: Frame, estimator: DenseJacobian) -> None:
+    def seek(
+        self, point: int, follower: Follower, number: int, frame: ProcessedFrame, estimator: DenseJacobian
+    ) -> None:
         """Ask the body's process to follow a point that is known now, where it knows the body."""
         body = self.body
         if body is not None and body.knows and not follower.lost:

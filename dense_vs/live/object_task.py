@@ -7,7 +7,7 @@ import numpy as np
 from dense_vs.errors import DenseVSError
 from dense_vs.live.live_object import LiveObject, ObjectServo
 from dense_vs.live.mode import Mode
-from dense_vs.pipeline.frame_pipeline import Frame
+from dense_vs.pipeline.frame_pipeline import ProcessedFrame
 
 if TYPE_CHECKING:
     from dense_vs.live.session import LiveSession
@@ -60,13 +60,13 @@ class ObjectTask:
         known.chaser = number
         self._session.begin_mode(Mode.REACHING)
 
-    def step(self, frame: Frame, joints: int) -> np.ndarray:
+    def step(self, frame: ProcessedFrame, joints: int) -> np.ndarray:
         """The joint step ``(N,)`` [rad] towards the image's middle; zero while nothing is centered."""
         if self._servo is None:
             return np.zeros(joints)
         return self._servo.advance(frame.image, frame.time, frame.positions)
 
-    def mind(self, frame: Frame) -> None:
+    def mind(self, frame: ProcessedFrame) -> None:
         """Look for the object in a frame; what follows from where it is."""
         session, servo, known = self._session, self._servo, self.known
         if servo is not None and (session.mode is not Mode.CENTERING or servo.over.is_set()):

@@ -16,7 +16,7 @@ from dense_vs.jacobian.estimator import DenseJacobian
 from dense_vs.live.body_process import BodyProcess
 from dense_vs.live.followers import BodyFollower, Follower, Following, PatchFollower
 from dense_vs.live.reachability import Reachability
-from dense_vs.pipeline.frame_pipeline import BODY_FLOW, Frame
+from dense_vs.pipeline.frame_pipeline import BODY_FLOW, ProcessedFrame
 from dense_vs.point_servo.law import VisualServo
 from dense_vs.point_servo.loop import ServoLoop
 from dense_vs.point_servo.reach import Arrival
@@ -116,7 +116,7 @@ class LivePoints:
     def __contains__(self, number: int) -> bool:
         return number in self._points
 
-    def add(self, place: Any, frames: Sequence[Frame], estimator: DenseJacobian, number: int = 0) -> LivePoint:
+    def add(self, place: Any, frames: Sequence[ProcessedFrame], estimator: DenseJacobian, number: int = 0) -> LivePoint:
         """Follow the point that is at ``place`` ``(2,)`` [px] in the first of ``frames``.
 
         The frames after it, up to the present one, carry the point along: what is seen in a browser is a little old.
@@ -174,7 +174,7 @@ class LivePoints:
         """
         self._at(number).weight = check_number("weight", weight, above=0, most=100)
 
-    def follow(self, before: Frame, now: Frame, estimator: DenseJacobian, number: int = 0) -> None:
+    def follow(self, before: ProcessedFrame, now: ProcessedFrame, estimator: DenseJacobian, number: int = 0) -> None:
         """Carry all points into a new frame of that number."""
         if not self._points or before is now:
             return
@@ -186,12 +186,12 @@ class LivePoints:
             if point.target is not None and (point.follower.fresh or point.error > LEAVE):
                 point.arrival.observe(point.error, blind=blind or point.lost)
 
-    def seek_by_body(self, now: Frame, estimator: DenseJacobian, number: int) -> None:
+    def seek_by_body(self, now: ProcessedFrame, estimator: DenseJacobian, number: int) -> None:
         """The body is known now: let all points be followed by it."""
         for point in self:
             self._following.seek(point.number, point.follower, number, now, estimator)
 
-    def follow_by_patches(self, now: Frame, estimator: DenseJacobian) -> None:
+    def follow_by_patches(self, now: ProcessedFrame, estimator: DenseJacobian) -> None:
         """The body was forgotten: let all points be followed by how they look now."""
         highest = np.array(self._size[::-1]) - 1
         for point in self:

@@ -9,7 +9,7 @@ import numpy as np
 from dense_vs.health.faults import Fault, FaultKind
 from dense_vs.live.points import LivePoints, PointState
 from dense_vs.live.snapshot import plain
-from dense_vs.pipeline.frame_pipeline import Frame
+from dense_vs.pipeline.frame_pipeline import ProcessedFrame
 from dense_vs.point_servo.loop import ServoLoop
 
 if TYPE_CHECKING:
@@ -55,7 +55,7 @@ def layer_names(loop: ServoLoop | None) -> list[str]:
     return ["flow", "predicted flow", *labels, *(JACOBIAN + name for name in loop.group.names)]
 
 
-def layers(loop: ServoLoop, frame: Frame, wanted: frozenset[str]) -> dict[str, np.ndarray]:
+def layers(loop: ServoLoop, frame: ProcessedFrame, wanted: frozenset[str]) -> dict[str, np.ndarray]:
     """Copies of what pages asked for. Flow is not among it: whoever draws it calculates it, the loop does not wait."""
     shown: dict[str, np.ndarray] = {}
     for name in wanted:
@@ -73,7 +73,7 @@ def shown_faults(faults: tuple[Fault, ...], commands: bool) -> list[str]:
     return [str(fault) for fault in faults if commands or fault.kind is not FaultKind.FROZEN]
 
 
-def state_of(session: "LiveSession", frame: Frame) -> dict[str, Any]:
+def state_of(session: "LiveSession", frame: ProcessedFrame) -> dict[str, Any]:
     """All that is told every frame."""
     loop = session.running_loop()
     group, gate = loop.group, session.gate

@@ -34,7 +34,7 @@ from dense_vs.live.report import Told, layers, state_of
 from dense_vs.live.snapshot import Board, Snapshot
 from dense_vs.live.source import CameraTap, LiveSource
 from dense_vs.pipeline.explained_motion import ExplainedMotion
-from dense_vs.pipeline.frame_pipeline import Frame
+from dense_vs.pipeline.frame_pipeline import ProcessedFrame
 from dense_vs.point_servo.law import VisualServo
 from dense_vs.point_servo.loop import ServoLoop
 from dense_vs.point_servo.tracker import PointTracker
@@ -85,10 +85,10 @@ class LiveSession:
         self._ended = threading.Event()
         self._beat: float | None = None  # when the last frame came, on the computer's clock
         self._pace = 1 / 30  # s a frame on the computer's clock, smoothed
-        self._frames: deque[tuple[int, Frame]] = deque(maxlen=KEPT_FRAMES)
+        self._frames: deque[tuple[int, ProcessedFrame]] = deque(maxlen=KEPT_FRAMES)
         self.number = 0
         self._broken = False
-        self._followed: Frame | None = None  # the last frame that the points were carried into
+        self._followed: ProcessedFrame | None = None  # the last frame that the points were carried into
         self._faulty = 0  # frames one after the other in which the loop itself commanded nothing
         self._last_fault = ("", 0.0)
         self._watchdog: Watchdog | None = None
@@ -173,7 +173,7 @@ class LiveSession:
             self.body.forget()
         self.board.log("J and the body were forgotten")
 
-    def frames_since(self, number: int) -> list[Frame]:
+    def frames_since(self, number: int) -> list[ProcessedFrame]:
         """The frame of that number and all after it, as far as kept; the present one at least."""
         kept = [frame for n, frame in self._frames if n >= number]
         return kept or [self.running_loop().frame]
@@ -287,7 +287,7 @@ class LiveSession:
             self._keeping.frame()
         self._publish(frame, before if frame is not before else None)
 
-    def _move(self, loop: ServoLoop) -> Frame:
+    def _move(self, loop: ServoLoop) -> ProcessedFrame:
         # The loop has to know how much is sent: it watches whether the joints follow.
         loop.gate.max_step = np.minimum(self._largest, self.gate.largest_step(self.robot.frame_seconds))
         if self.mode is Mode.LEARNING and self.gate.passing:
@@ -299,7 +299,7 @@ class LiveSession:
             step = self.objects.step(loop.frame, len(step))
         return loop.step(step)
 
-    def _look_after(self, frame: Frame) -> None:
+    def _look_after(self, frame: ProcessedFrame) -> None:
         """What follows from a frame: learning is done, a point got lost or arrived."""
         told = self.told
         if self.number % SLOW_EVERY == 0:
@@ -331,7 +331,7 @@ class LiveSession:
     def _judge(self, stamp: float, flow: np.ndarray, dq: np.ndarray) -> None:
         self.explained.observe(stamp, flow, self.running_loop().estimator.to_numpy(), dq)
 
-    def _publish(self, frame: Frame, before: Frame | None) -> None:
+    def _publish(self, frame: ProcessedFrame, before: ProcessedFrame | None) -> None:
         assert self.camera.picture is not None
         shown = layers(self.running_loop(), frame, self.board.wanted)
         state = state_of(self, frame)

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from dense_vs.pipeline.frame_pipeline import Frame
+from dense_vs.pipeline.frame_pipeline import ProcessedFrame
 
 LOG_LINES = 200
 PLOT_POINTS = 900
@@ -30,8 +30,8 @@ class Snapshot:
     """
 
     number: int
-    frame: Frame
-    before: Frame | None
+    frame: ProcessedFrame
+    before: ProcessedFrame | None
     picture: np.ndarray
     layers: Mapping[str, np.ndarray] = field(default_factory=dict)
     state: Mapping[str, Any] = field(default_factory=dict)

@@ -39,7 +39,7 @@ _GUESSED = 50.0  # px/rad before
 
 
 @dataclass(frozen=True)
-class Frame:
+class ProcessedFrame:
     """Result of one frame.
 
     Attributes:
@@ -132,7 +132,7 @@ class FramePipeline:
         joints = estimator.options.joints
         given = None if still is None else real_vector(still, "still", (joints,))
         self.still = given if estimator.takes_spans else None
-        self._corrected: Frame | None = None  # the frame that J was corrected by last
+        self._corrected: ProcessedFrame | None = None  # the frame that J was corrected by last
         self._moved_to = np.zeros(joints)  # positions that J was moved to last
         self._span_frames = 0  # since then
         y, x = np.mgrid[_GRID_STEP // 2 : size[0] : _GRID_STEP, _GRID_STEP // 2 : size[1] : _GRID_STEP]
@@ -155,14 +155,14 @@ class FramePipeline:
                 "sway with an estimator of depth, which is not moved with the camera; expected one of them"
             )
         self.camera_sway = CameraSway(*size, joints) if sway else None
-        self.frame: Frame | None = None
+        self.frame: ProcessedFrame | None = None
         self._watch = ImageWatch() if watched else None
         self.check = MotionCheck() if watched else None
         self._seen: tuple[float, np.ndarray | None] | None = None  # stamp and positions of the last image, used or not
 
     def process(
         self, image: Any, time: float, positions: Any, faults: tuple[Fault, ...] = (), depth: Any = None
-    ) -> Frame:
+    ) -> ProcessedFrame:
         """Take the next image; from the second on the estimator is updated.
 
         Args:
@@ -199,7 +199,7 @@ class FramePipeline:
             faults = faults if fault is None else (*faults, fault)
         # Where a reading is not believed, how far the robot moves until the next is not known.
         self._seen = time, None if any(fault.holds for fault in given) else q
-        shown = Frame(time, scaled, gray, q, None, faults=faults, depth=seen_depth)
+        shown = ProcessedFrame(time, scaled, gray, q, None, faults=faults, depth=seen_depth)
         if shown.held:
             return shown
         if last is None:
@@ -244,7 +244,7 @@ class FramePipeline:
             return self.motion(joint_step)
         return _GUESSED * float(np.abs(joint_step).max(initial=0.0))
 
-    def _follow(self, last: Frame, shown: Frame) -> Frame:
+    def _follow(self, last: ProcessedFrame, shown: ProcessedFrame) -> ProcessedFrame:
         """Take a frame that has one before it."""
         first, gray, q = self._corrected, shown.gray, shown.positions
         assert first is not None
@@ -322,7 +322,7 @@ class FramePipeline:
             self.camera_sway.carry(motion, self.estimator)
         return motion
 
-    def _begin_span(self, frame: Frame) -> Frame:
+    def _begin_span(self, frame: ProcessedFrame) -> ProcessedFrame:
         """Let the next flow begin at this frame."""
         self._corrected, self._span_frames = frame, 0
         return frame

@@ -21,7 +21,7 @@ from dense_vs.jacobian.options import (
 from dense_vs.pipeline.body_prior import BodyPrior
 from dense_vs.pipeline.camera_sway import CameraSway
 from dense_vs.pipeline.explained_motion import ExplainedMotion
-from dense_vs.pipeline.frame_pipeline import Frame, FramePipeline, scaled_size
+from dense_vs.pipeline.frame_pipeline import FramePipeline, ProcessedFrame, scaled_size
 from dense_vs.recording import ClockOffset, Episode, Recording
 from dense_vs.recording.distinct_images import DistinctImages
 from dense_vs.recording.prefetch import prefetch
@@ -103,7 +103,7 @@ class RecordedEstimate:
         self.episode, self.estimator = episode, start
         self.explained = ExplainedMotion(joints)
         self._distinct = DistinctImages((), self.fps)
-        self.last_frame: Frame | None = None
+        self.last_frame: ProcessedFrame | None = None
         self._squared_steps, self._steps = np.zeros(joints), 0
         self._before_update = before_update
         body = None
@@ -161,7 +161,7 @@ class RecordedEstimate:
         """Root mean square joint step between images ``(N,)``, in the joints' own units."""
         return np.sqrt(self._squared_steps / max(self._steps, 1))
 
-    def __iter__(self) -> Iterator[tuple[Frame, DenseJacobian]]:
+    def __iter__(self) -> Iterator[tuple[ProcessedFrame, DenseJacobian]]:
         """Frames and the estimator.
 
         Raises:

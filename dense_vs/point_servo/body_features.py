@@ -28,7 +28,7 @@ ITERATIONS = 3
 FOCAL_DEVIATION = 0.02  # of its logarithm, from one adjustment to the next
 
 
-class State(IntEnum):
+class FeatureState(IntEnum):
     """What is known of a feature."""
 
     YOUNG = 0
@@ -69,7 +69,7 @@ class BodyFeatures:
     Attributes:
         links: ``(M,)`` of every feature.
         points: ``(M, 3)`` in the home posture, in the chain's unit of length.
-        states: ``(M,)`` of :class:`State`.
+        states: ``(M,)`` of :class:`FeatureState`.
         keyframes: oldest first.
         lasting: features whose keyframes are kept for longest.
     """
@@ -91,7 +91,7 @@ class BodyFeatures:
         first = len(self)
         self.links = np.append(self.links, np.full(count, -1))
         self.points = np.vstack([self.points, np.zeros((count, 3))])
-        self.states = np.append(self.states, np.full(count, State.YOUNG))
+        self.states = np.append(self.states, np.full(count, FeatureState.YOUNG))
         return np.arange(first, first + count)
 
     def keep(self, keyframe: Keyframe) -> None:
@@ -115,7 +115,7 @@ class BodyFeatures:
 
     def seen_on(self, link: int, features: np.ndarray) -> np.ndarray:
         """Which of some features are known to be on a link, bool."""
-        return (self.states[features] == State.KNOWN) & (self.links[features] == link)
+        return (self.states[features] == FeatureState.KNOWN) & (self.links[features] == link)
 
     def positions(self, features: np.ndarray, q: np.ndarray) -> np.ndarray:
         """Where features are in a posture ``(N,)`` [rad], ``(K, 3)`` in the camera frame."""
@@ -153,7 +153,7 @@ class BodyFeatures:
         high = np.where(seen[..., None], places, -np.inf).max(axis=0)
         travel = np.where(counts > 0, (high - low).max(axis=1), 0.0)
         still = (counts >= STILL_SEEN) & (travel < STILL_TRAVEL)
-        self.states[features[still]] = State.DROPPED
+        self.states[features[still]] = FeatureState.DROPPED
         ready = (counts >= LEAST_SEEN) & (travel > LEAST_TRAVEL)
         if ready.any():
             self._decide(features[ready], postures, places[:, ready])
@@ -176,13 +176,13 @@ class BodyFeatures:
         explained = costs.min(axis=0) < BELIEVED
         self.links[features] = candidates[best]
         self.points[features] = [tried[b].points[k] for k, b in enumerate(best)]
-        self.states[features] = np.where(explained, State.KNOWN, State.DROPPED)
+        self.states[features] = np.where(explained, FeatureState.KNOWN, FeatureState.DROPPED)
 
     def _usual_depths(self, link: int, rotation: np.ndarray, translation: np.ndarray) -> np.ndarray:
         """Median depth of the link's known features at each of some poses ``(K, 3, 3)``, ``(K, 3)``."""
-        on = (self.states == State.KNOWN) & (self.links == link)
+        on = (self.states == FeatureState.KNOWN) & (self.links == link)
         if not on.any():
-            known = self.points[self.states == State.KNOWN]
+            known = self.points[self.states == FeatureState.KNOWN]
             return np.full(len(rotation), float(np.median(known[:, 2])) if len(known) else 1.0)
         depths = self.points[on] @ rotation[:, 2].T + translation[:, 2]
         return np.maximum(np.median(depths, axis=0), 0.1)
@@ -195,7 +195,7 @@ class BodyFeatures:
             kept: those that are placed anew on the chain even where they take no part.
         """
         counts = np.bincount(np.concatenate([one.features for one in self.keyframes]), minlength=len(self))
-        used = np.flatnonzero((self.states == State.KNOWN) & (counts >= LEAST_SEEN))
+        used = np.flatnonzero((self.states == FeatureState.KNOWN) & (counts >= LEAST_SEEN))
         if len(used) < 2 * LEAST_SEEN:
             return
         rank = counts[used] + MOST_KEYFRAMES * np.isin(used, preferred)
@@ -215,7 +215,7 @@ class BodyFeatures:
 
     def _follow(self, features: np.ndarray) -> None:
         """Place features anew that took no part in an adjustment: the unit of length drifts with the chain."""
-        features = features[self.states[features] == State.KNOWN]
+        features = features[self.states[features] == FeatureState.KNOWN]
         if not len(features):
             return
         postures, places = self.tracks(features)

@@ -14,7 +14,7 @@ import cv2
 import numpy as np
 
 from dense_vs.body_model.chain import Chain
-from dense_vs.point_servo.body_features import BodyFeatures, Keyframe, State
+from dense_vs.point_servo.body_features import BodyFeatures, FeatureState, Keyframe
 from dense_vs.point_servo.feature_flow import carried, new_features
 from dense_vs.point_servo.look_back import followed_back
 from dense_vs.point_servo.point_look import PointLook
@@ -105,7 +105,7 @@ class BodyTracker:
     @property
     def known(self) -> bool:
         """Whether the body has a link that the point is on."""
-        return bool(self.features.states[POINT] == State.KNOWN)
+        return bool(self.features.states[POINT] == FeatureState.KNOWN)
 
     @property
     def points(self) -> np.ndarray:
@@ -133,7 +133,7 @@ class BodyTracker:
         features, link = self.features, self.on_link.link
         places, believed = carried(self._gray, gray, self._places, self._expected(q))
         expected = features.project(self._live, q)
-        known = features.states[self._live] == State.KNOWN
+        known = features.states[self._live] == FeatureState.KNOWN
         for one in np.unique(features.links[self._live[known]]):
             on = believed & known & (features.links[self._live] == one)
             if on.sum() >= LEAST_SEEN:
@@ -157,7 +157,7 @@ class BodyTracker:
             positions: joint positions ``(N,)`` [rad].
         """
         features, q = self.features, np.asarray(positions, dtype=np.float64)
-        known = (features.states[self._first] == State.KNOWN) & (self._first != POINT)
+        known = (features.states[self._first] == FeatureState.KNOWN) & (self._first != POINT)
         numbers, begun = self._first[known], self._begun[known]
         step = features.project(numbers, q) - features.project(numbers, self.on_link.defined_at)
         places, believed = carried(self._first_gray, gray, begun, begun + step)
@@ -180,7 +180,7 @@ class BodyTracker:
         """Where the features in sight should be by now [px]; young ones move as those around them do."""
         features = self.features
         step = features.project(self._live, q) - features.project(self._live, self._positions)
-        known = features.states[self._live] == State.KNOWN
+        known = features.states[self._live] == FeatureState.KNOWN
         step[~known | (np.abs(step).max(axis=1, initial=0) > 1e4)] = 0.0
         if known.any():
             for k in np.flatnonzero(~known):
@@ -252,8 +252,8 @@ class BodyTracker:
     def _uncertainty(self, q: np.ndarray) -> float:
         """Standard deviation [px]: by the depth, whose error shows as the link turns, and by the link's features.
 
-        The point's own look says where it is where it is distinct. That it is found where the link expects it is no sign
-        by itself: a plain look is found anywhere.
+        The point's own look says where it is where it is distinct. That it is found where the link expects it is no
+        sign by itself: a plain look is found anywhere.
         """
         if self.on_link.depth is None:
             return np.inf
@@ -271,13 +271,13 @@ class BodyTracker:
         keyframe = Keyframe(q.copy(), self._live.copy(), self._places.copy(), gray)
         features.keep(keyframe.with_place(POINT, self._sighting))
         self._kept_at = q
-        young = (features.states[self._live] == State.YOUNG) & (self._live != POINT)
+        young = (features.states[self._live] == FeatureState.YOUNG) & (self._live != POINT)
         features.assign(self._live[young])
         others = len(features.keyframes) - 1
         self._find_in(sorted({k % others for k in range(self._next, self._next + AGAIN)}))
         self._next += AGAIN
         self._refine()
-        kept = features.states[self._live] != State.DROPPED
+        kept = features.states[self._live] != FeatureState.DROPPED
         self._live, self._places = self._live[kept], self._places[kept]
         self._look_for_more(gray)
         if len(features) > MOST_FEATURES:
@@ -320,11 +320,11 @@ class BodyTracker:
         features.keyframes = followed_back(history, numbers, begun)
         self._live, self._places = numbers, begun.copy()
         features.assign(numbers)
-        if features.states[POINT] != State.KNOWN:
-            known = numbers[features.states == State.KNOWN]
+        if features.states[POINT] != FeatureState.KNOWN:
+            known = numbers[features.states == FeatureState.KNOWN]
             if len(known):
                 near = np.argsort(np.linalg.norm(begun[known] - self._begun[POINT], axis=1))[:VOTES]
                 features.links[POINT] = int(np.bincount(features.links[known[near]]).argmax())
-        kept_on = features.states != State.DROPPED
+        kept_on = features.states != FeatureState.DROPPED
         kept_on[POINT] = False  # it is known by its own look
         self._live, self._places = numbers[kept_on], begun[kept_on]

@@ -3,7 +3,7 @@
 import numpy as np
 
 from dense_vs.flow.estimator import FlowEstimator
-from dense_vs.pipeline.frame_pipeline import BODY_FLOW, LEARNED_UPDATES, MOST_BRIDGED, Frame, FramePipeline
+from dense_vs.pipeline.frame_pipeline import BODY_FLOW, LEARNED_UPDATES, MOST_BRIDGED, FramePipeline, ProcessedFrame
 from dense_vs.point_servo.body_tracker import BodyTracker
 from dense_vs.point_servo.learned_body import LearnedBody
 from dense_vs.point_servo.point_memory import PointMemory
@@ -15,7 +15,7 @@ SMALL = 1e-4  # rad, for derivatives
 LEAST_BODY = 0.01  # share of the image that makes the robot's own pixels count as known
 
 
-def new_tracker(memory: PointMemory, frame: Frame, body: LearnedBody | None) -> PointTracker | BodyTracker:
+def new_tracker(memory: PointMemory, frame: ProcessedFrame, body: LearnedBody | None) -> PointTracker | BodyTracker:
     """A tracker of the point that a memory has of the last frame: by its link where ``body`` knows it."""
     options = {name: memory.options[name] for name in ("window", "lost_after")}
     link = None if body is None else body.tracker(memory.place, frame, **options)
@@ -23,7 +23,7 @@ def new_tracker(memory: PointMemory, frame: Frame, body: LearnedBody | None) -> 
 
 
 def found_again(
-    memory: PointMemory, tracker: PointTracker | BodyTracker | None, frame: Frame
+    memory: PointMemory, tracker: PointTracker | BodyTracker | None, frame: ProcessedFrame
 ) -> PointTracker | BodyTracker | None:
     """A tracker that goes on in a frame from the posture that the point was defined in; None where it is not seen."""
     seen = memory.seen_in(frame.gray)
@@ -45,8 +45,8 @@ def follow(
     tracker: PointTracker | BodyTracker,
     pipeline: FramePipeline,
     tracking_flow: FlowEstimator,
-    last: Frame,
-    frame: Frame,
+    last: ProcessedFrame,
+    frame: ProcessedFrame,
     renew_patch: float | None,
 ) -> str:
     """Take a point along from one frame to another; why it is not seen, empty where it is."""
@@ -113,7 +113,7 @@ def given_up(tracker: PointTracker | BodyTracker) -> bool:
     return isinstance(tracker, PointTracker) and bool(tracker.lost[0])
 
 
-def pacing_flow(pipeline: FramePipeline, frame: Frame) -> np.ndarray | None:
+def pacing_flow(pipeline: FramePipeline, frame: ProcessedFrame) -> np.ndarray | None:
     """The last frame's image motion: J dq once J is learned, which neither noise nor others' motion slows down.
 
     Without what is known not to be the robot, once the robot itself is known.

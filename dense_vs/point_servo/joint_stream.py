@@ -5,7 +5,7 @@ import numpy as np
 from dense_vs.health.faults import Fault, FaultKind
 from dense_vs.health.joint_watch import JointWatch
 from dense_vs.health.motion_check import Motion
-from dense_vs.pipeline.frame_pipeline import Frame
+from dense_vs.pipeline.frame_pipeline import ProcessedFrame
 from dense_vs.recording.joint_delay import find_changed_delay, find_joint_delay
 from dense_vs.recording.joint_log import JointBuffer
 from dense_vs.robot.joint_group import JointGroup
@@ -75,7 +75,7 @@ class JointStream:
         """Whether the readings of an image's time are there."""
         return image_time + self.delay <= self._buffer.readings()[0][-1] + 1e-6  # s; stamps are rounded sums
 
-    def find_delay(self, frame: Frame) -> bool:
+    def find_delay(self, frame: ProcessedFrame) -> bool:
         """Note a frame's motion and, once there is enough, find the delay; true where one was found just now."""
         start = DELAY_STEP // 2
         if frame.held:  # the next flow begins where this one would have

@@ -7,11 +7,11 @@ from itertools import pairwise
 import cv2
 import numpy as np
 
-from dense_vs.body_model import BodyModel, TrackOptions
+from dense_vs.body_model import BodyModel, PointTrackOptions
 from dense_vs.errors import DenseVSError
 from dense_vs.flow.estimator import FlowEstimator
 from dense_vs.pipeline.body_prior import CHAIN_AGREEMENT, BodyPrior
-from dense_vs.pipeline.frame_pipeline import Frame, FramePipeline
+from dense_vs.pipeline.frame_pipeline import FramePipeline, ProcessedFrame
 from dense_vs.point_servo.body_tracker import BodyTracker
 from dense_vs.point_servo.same_surface import same_surface
 from dense_vs.robot.joint_group import JointGroup
@@ -59,7 +59,7 @@ class LearnedBody:
             return False
         return self.model is None or prior is None or not prior.agrees
 
-    def see(self, frame: Frame) -> None:
+    def see(self, frame: ProcessedFrame) -> None:
         """Keep a frame that J was corrected by."""
         if frame.measured is not None and (not self._history or self._history[-1][0] is not frame.gray):
             self._history.append((frame.gray, frame.positions))
@@ -75,7 +75,7 @@ class LearnedBody:
         chosen = thinned(self._history, FITTED)
         images, joints = [image for image, _ in chosen], [q for _, q in chosen]
         try:
-            model = BodyModel.fit(images, joints, track_options=TrackOptions(stride=1))
+            model = BodyModel.fit(images, joints, track_options=PointTrackOptions(stride=1))
         except DenseVSError:
             return False
         if model.error > MOST_ERROR:
@@ -111,7 +111,7 @@ class LearnedBody:
         if positions is not None:
             prior.begin(estimator, positions, PRIOR_AT_FIRST)
 
-    def tracker(self, point: np.ndarray, frame: Frame, *, window: int, lost_after: int) -> BodyTracker | None:
+    def tracker(self, point: np.ndarray, frame: ProcessedFrame, *, window: int, lost_after: int) -> BodyTracker | None:
         """A tracker of the point ``(2,)`` [px] in a frame by its link; None where it is on none that is known.
 
         Args:

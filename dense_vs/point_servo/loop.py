@@ -17,7 +17,7 @@ from dense_vs.health.faults import Fault, FaultKind
 from dense_vs.health.joint_watch import JointWatch
 from dense_vs.health.motion_check import BABBLING_SHARE, LEAST_SHARE
 from dense_vs.jacobian.estimator import DenseJacobian
-from dense_vs.pipeline.frame_pipeline import Frame, FramePipeline
+from dense_vs.pipeline.frame_pipeline import FramePipeline, ProcessedFrame
 from dense_vs.point_servo.aim import Aim
 from dense_vs.point_servo.body_tracker import BodyTracker
 from dense_vs.point_servo.command_pace import CommandPace
@@ -132,7 +132,7 @@ class ServoLoop:
         self._frame = self._followed = self.pipeline.process(image, time, self.joints.at(time), faults, depth)
 
     @property
-    def frame(self) -> Frame:
+    def frame(self) -> ProcessedFrame:
         """The last frame; with late joint readings, the last one that they have reached."""
         return self._frame
 
@@ -172,7 +172,7 @@ class ServoLoop:
         """Where the point is to be, ``(2,)`` [px], ``(3,)`` with depth [m]; None before the first reach."""
         return self.aim.target
 
-    def step(self, delta: np.ndarray) -> Frame:
+    def step(self, delta: np.ndarray) -> ProcessedFrame:
         """Command a joint step ``(N,)`` [rad], then take the next image through estimator and tracker.
 
         A step of zero is commanded instead while :attr:`faults` stop the robot, see :class:`CommandGate`.
@@ -259,7 +259,7 @@ class ServoLoop:
         """Learn the body model from the images so far, as :meth:`babble` does, in some seconds; whether it can be."""
         return self._body.learn(self.frame.positions)
 
-    def babble_once(self) -> Frame:
+    def babble_once(self) -> ProcessedFrame:
         """One frame of babbling, for a program that decides after every frame whether to go on."""
         frame = self.step(self.when_due(self._babbling_step))
         if self.joints.finding and self.joints.find_delay(self.frame):
@@ -353,7 +353,7 @@ class ServoLoop:
         if self.pipeline.check is not None:
             self.pipeline.check.least_share = least_share
 
-    def _take(self, image: np.ndarray, time: float, depth: Any = None) -> Frame:
+    def _take(self, image: np.ndarray, time: float, depth: Any = None) -> ProcessedFrame:
         """The last frame that this image lets be processed: itself, or an earlier one that waited for its readings."""
         if time - self._newest > MOST_GAP:
             self._restart()
@@ -367,7 +367,7 @@ class ServoLoop:
             self._process(*self._held.popleft())
         return self._frame
 
-    def _process(self, image: np.ndarray, time: float, depth: Any, faults: tuple[Fault, ...]) -> Frame:
+    def _process(self, image: np.ndarray, time: float, depth: Any, faults: tuple[Fault, ...]) -> ProcessedFrame:
         self._frame = frame = self.pipeline.process(image, time, self.joints.at(time), faults, depth)
         check = self.pipeline.check
         if check is None or all(fault.kind is not FaultKind.MISFIT for fault in frame.faults):
@@ -391,7 +391,7 @@ class ServoLoop:
         late = self._newest - self.frame.time
         return f"the image is {late:.3f} s old" if late > MAX_AGE + max(self.joints.delay, 0.0) else ""
 
-    def _follow_point(self, tracker: PointTracker | BodyTracker, frame: Frame) -> None:
+    def _follow_point(self, tracker: PointTracker | BodyTracker, frame: ProcessedFrame) -> None:
         """Take the tracked point along from the last frame that it was followed in, and say where it is not seen."""
         last, self._followed = self._followed, frame
         unseen = follow(tracker, self.pipeline, self._tracking_flow, last, frame, self.renew_patch)

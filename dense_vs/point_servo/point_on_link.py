@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from dense_vs.point_servo.body_features import BodyFeatures, State
+from dense_vs.point_servo.body_features import BodyFeatures, FeatureState
 from dense_vs.point_servo.planned_posture import planned_posture
 from dense_vs.point_servo.point_depth import UNKNOWN, PointDepth, depth_of_features, point_depth, tried_depths
 
@@ -45,7 +45,7 @@ class PointOnLink:
         front = there[:, 2] > 1e-3
         around = depth_of_features(features.pixels(there[front]), there[front, 2], self._pixel)
         if around is None:
-            if features.states[POINT] != State.KNOWN:
+            if features.states[POINT] != FeatureState.KNOWN:
                 return
             depth = features.positions(np.array([POINT]), self.defined_at)[0, 2]
             around = PointDepth(float(max(depth, 1e-2)), UNKNOWN)
@@ -57,7 +57,7 @@ class PointOnLink:
         expected = features.pixels(there.reshape(-1, 3)).reshape(*there.shape[:2], 2)
         self.depth = point_depth(around, np.linalg.norm(expected - places[seen, 0], axis=2))
         features.points[POINT] = self._at(self.depth.depth)
-        features.states[POINT] = State.KNOWN
+        features.states[POINT] = FeatureState.KNOWN
 
     def view(self, postures: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """How the point's surroundings are seen in postures ``(T, N)`` [rad].

@@ -10,6 +10,7 @@ from dense_vs.health.faults import Fault, FaultKind
 from dense_vs.point_servo.body_tracker import BodyTracker
 from dense_vs.point_servo.following import given_up
 from dense_vs.point_servo.reach import Arrival, Reach, ReachEnd
+from dense_vs.point_servo.tracker import PointTracker
 
 if TYPE_CHECKING:
     from dense_vs.point_servo.loop import ServoLoop
@@ -46,7 +47,7 @@ class Reaching:
         loop = self._loop
         returns = waited = 0
         far = self._is_far()
-        while self._left > 0 and waited < WAITED and not (self._arrival.settled and loop.aim.certain(loop.tracker)):
+        while self._left > 0 and waited < WAITED and not (self._arrival.settled and loop.aim.certain(self._tracker)):
             if self._gone():
                 if returns == RETURNS or not self._find_again():
                     break
@@ -58,20 +59,28 @@ class Reaching:
             self._arrival.observe(self._distance(), blind=any(fault.stops for fault in loop.faults))
             waited = waited + 1 if self._arrival.settled else 0
         end = ReachEnd.REACHED if self._arrival.settled else ReachEnd.MISSED
-        if not loop.aim.certain(loop.tracker):
+        if not loop.aim.certain(self._tracker):
             end = ReachEnd.LOST
-        assert loop.target is not None
-        return Reach(tuple(loop.target.tolist()), self._frames, self._distance(), end, tuple(self._faults.values()))
+        return Reach(tuple(self._target.tolist()), self._frames, self._distance(), end, tuple(self._faults.values()))
+
+    @property
+    def _tracker(self) -> PointTracker | BodyTracker:
+        """Of the point; another one once it was found again."""
+        assert self._loop.tracker is not None  # without a point there is no aim
+        return self._loop.tracker
+
+    @property
+    def _target(self) -> np.ndarray:
+        assert self._loop.target is not None  # a reach has set it
+        return self._loop.target
 
     def _is_far(self) -> bool:
         """Whether a move is to be planned, which is for places in the image: a chain has no meters."""
-        target = self._loop.target
-        return target is not None and len(target) == 2 and self._distance() > FAR * self._loop.estimator.options.width
+        return len(self._target) == 2 and self._distance() > FAR * self._loop.estimator.options.width
 
     def _gone(self) -> bool:
         """Whether the point is lost, and for so long that it has to be looked for."""
-        tracker = self._loop.tracker
-        assert tracker is not None  # a loop without a point has no aim
+        tracker = self._tracker
         return given_up(tracker) or (isinstance(tracker, BodyTracker) and tracker.unseen >= GONE)
 
     def _distance(self) -> float:
@@ -87,9 +96,10 @@ class Reaching:
     def _way(self) -> Callable[[], np.ndarray]:
         """What chooses the next step of a far way: toward a posture planned by the body's chain where there is one."""
         loop = self._loop
-        if isinstance(loop.tracker, BodyTracker) and self._frames - self._planned_at >= PLANNED_EVERY:
+        tracker = self._tracker
+        if isinstance(tracker, BodyTracker) and self._frames - self._planned_at >= PLANNED_EVERY:
             self._planned_at = self._frames
-            self._planned = loop.tracker.on_link.posture_for(
+            self._planned = tracker.on_link.posture_for(
                 loop.target[:2],
                 loop.joints.newest,
                 loop.group.limits,

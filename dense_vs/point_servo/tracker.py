@@ -16,7 +16,7 @@ import warp as wp
 from dense_vs.arrays import plain_array, points_array, real_vector
 from dense_vs.checks import check_choice, check_number, check_whole
 from dense_vs.errors import DenseVSError
-from dense_vs.kernels.tracking.point_tracking import PointTracks, begin_tracks, carry_tracks, locate_tracks
+from dense_vs.kernels.tracking.point_tracking import TrackedPoints, begin_tracks, carry_tracks, locate_tracks
 from dense_vs.kernels.views import seen_as
 
 Method = Literal["aligned", "fixed_point", "paper"]
@@ -105,7 +105,7 @@ class PointTracker:
         self._shape = image.shape if self._batched else (1, *image.shape)
         self.device: Any = image.device if isinstance(image, wp.array) else wp.get_device("cpu")
         self._steps = 1 if self.options.method == "paper" else 1 + FIXED_POINT_STEPS
-        self.tracks: PointTracks | None = None
+        self.tracks: TrackedPoints | None = None
         self.redefine(points, gray, weights)
 
     @property
@@ -148,7 +148,7 @@ class PointTracker:
         count = places.shape[1]
         if self.tracks is None or self.tracks.points.shape[1] != count:
             window = self.options.window if self.options.method == "aligned" else None
-            self.tracks = PointTracks.empty(worlds, count, window, self.device)
+            self.tracks = TrackedPoints.empty(worlds, count, window, self.device)
         starts = wp.array(places, dtype=wp.vec2d, device=self.device)
         begin_tracks(self.tracks, image, mask, starts, wp.full(worlds, 1, dtype=int, device=self.device))
 
@@ -184,7 +184,7 @@ class PointTracker:
         return self.points
 
     @property
-    def _state(self) -> PointTracks:
+    def _state(self) -> TrackedPoints:
         assert self.tracks is not None  # the constructor made one
         return self.tracks
 

@@ -4,7 +4,7 @@ May import: the ground and :mod:`dense_vs.robot`.
 """
 
 from dense_vs.recording.clock_offset import ClockOffset, MotionSamples, find_clock_offset
-from dense_vs.recording.frame import Frame, ImageStream, RecordingFormat
+from dense_vs.recording.frame import ImageStream, RecordedFrame, RecordingFormat
 from dense_vs.recording.joint_log import JointBuffer, JointLog
 from dense_vs.recording.open_recording import open_recording
 from dense_vs.recording.recorder import Recorder
@@ -20,11 +20,11 @@ from dense_vs.recording.writers import RecordingWriter, open_writer
 __all__ = [
     "ClockOffset",
     "Episode",
-    "Frame",
     "ImageStream",
     "JointBuffer",
     "JointLog",
     "MotionSamples",
+    "RecordedFrame",
     "Recorder",
     "Recording",
     "RecordingFormat",

@@ -14,7 +14,7 @@ MAX_PIXELS = 1 << 26  # of an image; more is a damaged file, and is refused befo
 
 
 @dataclass(frozen=True)
-class Frame:
+class RecordedFrame:
     """An image of a recording and the joints at its time.
 
     Attributes:

@@ -8,7 +8,7 @@ import numpy as np
 
 from dense_vs.errors import DenseVSError
 from dense_vs.recording.clock_offset import ClockOffset
-from dense_vs.recording.frame import Frame, ImageStream, RecordingFormat
+from dense_vs.recording.frame import ImageStream, RecordedFrame, RecordingFormat
 from dense_vs.recording.joint_log import JointLog
 
 STAMP_ROUNDING = 1e-4  # s; a log that ends with a frame, its stamps rounded, still covers that frame
@@ -53,7 +53,7 @@ class Episode:
             raise DenseVSError(f"time_offset is {offset}; expected finite seconds")
         return replace(self, log=self.log.shifted(offset))
 
-    def __iter__(self) -> Iterator[Frame]:
+    def __iter__(self) -> Iterator[RecordedFrame]:
         """Every image within the log and the joints at its time; others count in ``skipped_frames``.
 
         Raises:
@@ -70,7 +70,7 @@ class Episode:
                 self.skipped_frames += 1
                 continue
             used += 1
-            yield Frame(image, time, self.log.at(np.clip([time], first, last))[0])
+            yield RecordedFrame(image, time, self.log.at(np.clip([time], first, last))[0])
         if used < 2:
             raise self._apart(begin, end)
 
@@ -94,7 +94,7 @@ class Episode:
 class Recording:
     """Episodes of a robot before cameras, whatever format they are stored in; made by :func:`open_recording`.
 
-    Iterating gives the :class:`Frame` of every image of the chosen episode.
+    Iterating gives the :class:`RecordedFrame` of every image of the chosen episode.
 
     Args:
         source: the format.
@@ -142,7 +142,7 @@ class Recording:
         log = self.source.log(number)
         return Episode(number, self.camera, log.select(self.joint_names), self.source)
 
-    def __iter__(self) -> Iterator[Frame]:
+    def __iter__(self) -> Iterator[RecordedFrame]:
         """The frames of the chosen episode, see :class:`Episode`."""
         return iter(self.episode())
 

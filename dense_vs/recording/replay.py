@@ -6,7 +6,7 @@ import numpy as np
 
 from dense_vs.arrays import real_vector
 from dense_vs.errors import DenseVSError
-from dense_vs.recording.frame import Frame
+from dense_vs.recording.frame import RecordedFrame
 from dense_vs.recording.prefetch import prefetch
 from dense_vs.recording.recording import Episode, Recording
 
@@ -29,8 +29,8 @@ class Replay:
         self.joint_limits: np.ndarray | None = None
         self.commands = 0
         self._log = episode.log
-        self._frames: Iterator[Frame] = prefetch(episode)
-        self._frame: Frame | None = None
+        self._frames: Iterator[RecordedFrame] = prefetch(episode)
+        self._frame: RecordedFrame | None = None
 
     def read(self) -> tuple[np.ndarray, float]:
         """The next image and its time [s].

@@ -10,7 +10,7 @@ import numpy as np
 from dense_vs.errors import DenseVSError
 from dense_vs.files import check_writable
 from dense_vs.jacobian.estimator import DenseJacobian
-from dense_vs.pipeline.frame_pipeline import Frame
+from dense_vs.pipeline.frame_pipeline import ProcessedFrame
 from dense_vs.pipeline.recorded import RecordedEstimate
 from dense_vs.view.panels import as_rgb, vectors_to_rgb
 
@@ -59,7 +59,7 @@ class RerunFile:
         self._stream: Any = rerun.RecordingStream(APPLICATION)
         self._stream.save(self._partial)
 
-    def add(self, frame: Frame, estimator: DenseJacobian) -> None:
+    def add(self, frame: ProcessedFrame, estimator: DenseJacobian) -> None:
         """Add a frame and the estimator after it."""
         rerun, stream, done = self._rerun, self._stream, self._done
         stream.set_time("time", duration=frame.time)

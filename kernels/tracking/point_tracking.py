@@ -20,7 +20,7 @@ wp.set_module_options({"enable_backward": False})
 
 
 @dataclass(frozen=True)
-class PointTracks:
+class TrackedPoints:
     """K tracked points in each of the worlds; every array is (worlds, K)."""
 
     points: Any  # vec2d [px]
@@ -35,7 +35,7 @@ class PointTracks:
     aligned_affine: Any
 
     @classmethod
-    def empty(cls, worlds: int, points: int, window: int | None, device: Any) -> "PointTracks":
+    def empty(cls, worlds: int, points: int, window: int | None, device: Any) -> "TrackedPoints":
         """Memory for points that are yet to begin; ``window`` [px] is None where they are not to be aligned."""
 
         def zeros(dtype: Any) -> wp.array:
@@ -55,7 +55,7 @@ class PointTracks:
         )
 
 
-def begin_tracks(tracks: PointTracks, image: wp.array, weights: wp.array, points: wp.array, where: wp.array) -> None:
+def begin_tracks(tracks: TrackedPoints, image: wp.array, weights: wp.array, points: wp.array, where: wp.array) -> None:
     """Follow these points from here on, in the chosen worlds.
 
     Args:
@@ -77,7 +77,7 @@ def begin_tracks(tracks: PointTracks, image: wp.array, weights: wp.array, points
         define_patches(tracks.patches, image, weights, points, where)
 
 
-def carry_tracks(tracks: PointTracks, flow: wp.array, steps: int) -> None:
+def carry_tracks(tracks: TrackedPoints, flow: wp.array, steps: int) -> None:
     """Fill ``tracks.carried`` by ``steps`` >= 1 steps of p = p_old + u(p); ``flow`` is vec2 ``(worlds, H, W)`` [px]."""
     wp.launch(
         carry_points_kernel,
@@ -89,7 +89,7 @@ def carry_tracks(tracks: PointTracks, flow: wp.array, steps: int) -> None:
 
 
 def locate_tracks(
-    tracks: PointTracks, image: wp.array, *, min_correlation: float, max_jump: float, lost_after: int
+    tracks: TrackedPoints, image: wp.array, *, min_correlation: float, max_jump: float, lost_after: int
 ) -> None:
     """Move the points to where they are seen, else to where the flow carried them.
 

@@ -29,7 +29,7 @@ from dense_vs.kernels.jacobian.surface_weights import surface_weight_kernels
 from dense_vs.kernels.simulation.servo_episode import RESTING, EpisodeState, advance_episodes
 from dense_vs.kernels.simulation.surface_projection import project_surface_points
 from dense_vs.kernels.simulation.world_restart import joint_motion
-from dense_vs.kernels.tracking.point_tracking import PointTracks, begin_tracks, carry_tracks, locate_tracks
+from dense_vs.kernels.tracking.point_tracking import TrackedPoints, begin_tracks, carry_tracks, locate_tracks
 from dense_vs.kernels.views import seen_as
 from dense_vs.point_servo.law import ServoOptions
 from dense_vs.point_servo.same_surface import SAME_SURFACE
@@ -238,7 +238,7 @@ class BatchServo:
             self.flow.gray, scene.model, self.physics.model, self.physics.data, scene.camera, threads
         )
         window = self._tracker_options.window if self._tracker_options.method == "aligned" else None
-        self.tracks = PointTracks.empty(worlds, 1, window, device)
+        self.tracks = TrackedPoints.empty(worlds, 1, window, device)
         self.episode = EpisodeState.empty(targets, device)
         self.joint_positions = wp.zeros((worlds, joints), dtype=float, device=device)
         self.babbling = BabblingState.empty(seeds[0], joints, device)

@@ -14,7 +14,7 @@ from dense_vs.errors import DenseVSError
 from dense_vs.generative.learning.end_to_end import all_shared
 from dense_vs.generative.learning.expected_error import inverse_root
 from dense_vs.generative.least_squares.joint_priors import JointActions, JointReadings
-from dense_vs.generative.least_squares.pixel_problem import Free, NormalEquations, PixelProblem, State
+from dense_vs.generative.least_squares.pixel_problem import Free, NormalEquations, PixelProblem, PixelState
 from dense_vs.generative.parameters import ModelParameters
 from dense_vs.generative.prediction import predict
 from dense_vs.generative.reconstruction.initialization import intrinsics_prior
@@ -85,7 +85,7 @@ def cramer_rao(
         prior,
         intrinsics_prior(observations, parameters.intrinsics, PIXEL_NOISE),
     )
-    start = State(parameters, truth.joints)
+    start = PixelState(parameters, truth.joints)
     root = PIXEL_NOISE * inverse_root(_information(problem.linearize(start)))
     exact = test.truth.pixels
     seen = np.isfinite(exact[..., 0]) & known
@@ -127,7 +127,7 @@ def perfect_inference(test: Evidence, cameras: np.ndarray) -> tuple[np.ndarray, 
     measured = test.observations.pixels
     pixels = np.where(cameras[:, None, None], measured, np.nan)
     problem = PixelProblem(pixels, parameters.links, truth.joints.shape[1], Free(), "joints")
-    equations = problem.linearize(State(parameters, truth.joints))
+    equations = problem.linearize(PixelState(parameters, truth.joints))
     assert equations.local is not None
     assert equations.local_gradient is not None
     roots = [inverse_root(own) for own in equations.local]

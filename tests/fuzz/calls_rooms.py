@@ -72,9 +72,9 @@ def live_targets() -> list[Target]:
     from dense_vs.live.live_object import checked_box, mask_of_box
     from dense_vs.live.options import LiveOptions, chosen_scale
     from dense_vs.live.points import LivePoints
-    from dense_vs.pipeline.frame_pipeline import Frame
+    from dense_vs.pipeline.frame_pipeline import ProcessedFrame
 
-    frame = Frame(0.0, rgb(), gray(), np.zeros(N), None)
+    frame = ProcessedFrame(0.0, rgb(), gray(), np.zeros(N), None)
 
     def points() -> Any:
         made = LivePoints(H, W)
@@ -111,13 +111,13 @@ def live_targets() -> list[Target]:
 def learning_targets() -> list[Target]:
     """The body model's options and tracks, checkpoints, sweeps."""
     from dense_vs.body_model import (
-        FitOptions,
+        BodyFitOptions,
         Keyframes,
         MemoryFit,
         MemoryOptions,
+        PointTrackOptions,
         PointTracks,
         SurfaceOptions,
-        TrackOptions,
         follow_points,
     )
     from dense_vs.pipeline.checkpoint import Checkpoint
@@ -132,16 +132,17 @@ def learning_targets() -> list[Target]:
         }
 
     return [
-        Target("TrackOptions", lambda **o: TrackOptions(**o).window,
+        Target("PointTrackOptions", lambda **o: PointTrackOptions(**o).window,
                lambda: {"stride": 1, "reference_every": 4, "reach": 4, "per_cell": 2, "window": 9, "max_return": 0.7,
                         "min_correlation": 0.75}),
-        Target("FitOptions", lambda **o: FitOptions(**o).noise,
+        Target("BodyFitOptions", lambda **o: BodyFitOptions(**o).noise,
                lambda: {"focal_length": 60.0, "focal_deviation": 0.15, "noise": 0.5, "starts": 2, "rounds": 2,
                         "believed": 0.4, "seed": 0, "most_tracks": 40, "most_images": 10}),
         Target("SurfaceOptions", lambda **o: SurfaceOptions(**o).keyframes,
                lambda: {"keyframes": 5, "compared": 14, "reach": 40, "depth_steps": 10, "same_depth": 0.08}),
         Target("PointTracks", lambda **o: PointTracks(**o).seen.sum(), tracks, kept=("size",), weight=2.0),
-        Target("follow_points", lambda images, joints: follow_points(images, joints, TrackOptions(stride=1)).seen.sum(),
+        Target("follow_points",
+               lambda images, joints: follow_points(images, joints, PointTrackOptions(stride=1)).seen.sum(),
                lambda: {"images": moving(), "joints": np.linspace(0, 0.1, 9)[:, None]}, weight=0.5),
         *[
             Target(f"BodyModel.{name}", lambda q, name=name: getattr(body(), name)(q), lambda: {"q": np.zeros(2)},

@@ -12,7 +12,7 @@ import numpy as np
 
 from dense_vs.generative.least_squares.joint_priors import JointActions
 from dense_vs.generative.least_squares.levenberg_marquardt import minimize
-from dense_vs.generative.least_squares.pixel_problem import Free, PixelProblem, State
+from dense_vs.generative.least_squares.pixel_problem import Free, PixelProblem, PixelState
 from dense_vs.generative.parameters import ModelParameters, finite_rows
 from dense_vs.generative.prediction import predict
 from dense_vs.kernels.arm.joint_inference import JointSolver
@@ -169,7 +169,7 @@ def smooth(
     problem = PixelProblem(
         pixels, parameters.links, parameters.joint_count, Free(), "joints", JointActions(actions, information)
     )
-    state = State(finite, joints)
+    state = PixelState(finite, joints)
     behind = problem.seen & ~np.isfinite(problem.pixel_errors(state))
     problem.reweight(np.where(behind, 0.0, 1.0))
     solution = minimize(problem, state, 40)

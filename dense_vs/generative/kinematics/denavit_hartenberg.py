@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from dense_vs.generative.least_squares.pixel_problem import NormalEquations, PixelProblem, State
+from dense_vs.generative.least_squares.pixel_problem import NormalEquations, PixelProblem, PixelState
 from dense_vs.generative.parameters import ModelParameters
 from dense_vs.generative.rotations import tangents
 
@@ -93,7 +93,7 @@ def to_lines(dh: DenavitHartenberg, home: np.ndarray, near: np.ndarray) -> tuple
 
 
 @dataclass
-class DHState(State):
+class DHState(PixelState):
     """A state whose lines follow from DH parameters."""
 
     dh: DenavitHartenberg | None = None
@@ -176,7 +176,7 @@ class DHProblem:
         return chain
 
 
-def with_dh(state: State, dh: DenavitHartenberg) -> DHState:
+def with_dh(state: PixelState, dh: DenavitHartenberg) -> DHState:
     """The state with the lines that ``dh`` says."""
     from dataclasses import replace
 

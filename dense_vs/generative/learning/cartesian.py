@@ -16,7 +16,7 @@ from dense_vs.errors import DenseVSError
 from dense_vs.generative.learning.state_noise import neighbor_covariance
 from dense_vs.generative.least_squares.levenberg_marquardt import Solution, minimize
 from dense_vs.generative.least_squares.outliers import list_outliers, mistaken, robust_sigma
-from dense_vs.generative.least_squares.pixel_problem import Free, PixelProblem, State
+from dense_vs.generative.least_squares.pixel_problem import Free, PixelProblem, PixelState
 from dense_vs.generative.least_squares.pose_priors import PoseActions, PoseReadings
 from dense_vs.generative.observations import Observations
 from dense_vs.generative.parameters import ModelParameters, finite_rows
@@ -111,7 +111,7 @@ def _check_given(obs: Observations, state: str) -> None:
         raise DenseVSError(f"camera {blind[0]} saw no feature in any of the {len(obs)} samples; leave it out")
 
 
-def _aligned_start(obs: Observations, seed: int, state: str, report: FitReport) -> tuple[State, np.ndarray]:
+def _aligned_start(obs: Observations, seed: int, state: str, report: FitReport) -> tuple[PixelState, np.ndarray]:
     """Reconstruction from the images, in the robot's frame, and which features ``(m,)`` it placed; adds its stages."""
     clock = time.perf_counter()
     hand = np.ones(obs.pixels.shape[2], dtype=bool)
@@ -133,7 +133,7 @@ def _aligned_start(obs: Observations, seed: int, state: str, report: FitReport) 
         shifts,
         candidate.intrinsics,
     )
-    return State(parameters, np.zeros((len(obs), 0)), rotation, translation), finite_rows(features)
+    return PixelState(parameters, np.zeros((len(obs), 0)), rotation, translation), finite_rows(features)
 
 
 def _stage(name: str, solution: Solution, rms: float, seconds: float) -> Stage:
@@ -242,7 +242,7 @@ def _carry_on(posed: np.ndarray, actions: np.ndarray, rotation: np.ndarray, tran
 
 def _with_noise(
     problem: PixelProblem,
-    state: State,
+    state: PixelState,
     obs: Observations,
     kind: str,
     pixel_sigma: float,

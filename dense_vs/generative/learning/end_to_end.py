@@ -13,7 +13,7 @@ import numpy as np
 from dense_vs.generative.kinematics.axis_points import fit_axis_points
 from dense_vs.generative.kinematics.rotation_fit import fit_rotations_robustly, rotation_errors
 from dense_vs.generative.least_squares.levenberg_marquardt import Solution, minimize
-from dense_vs.generative.least_squares.pixel_problem import Free, PixelProblem, State
+from dense_vs.generative.least_squares.pixel_problem import Free, PixelProblem, PixelState
 from dense_vs.generative.parameters import ModelParameters
 from dense_vs.generative.reconstruction.stereo import Reconstruction
 from dense_vs.generative.report import Stage
@@ -81,7 +81,7 @@ def fit_pixels(
     """Stage 3, Gothoskar (7), from each candidate until one explains the pixels; the best solution and its number."""
     best, which = None, -1
     for number, parameters in enumerate(candidates):
-        solution = minimize(problem, State(parameters, joints), max_iterations)
+        solution = minimize(problem, PixelState(parameters, joints), max_iterations)
         if best is None or solution.cost < best.cost:
             best, which = solution, number
         if coordinate_rms(problem, best.cost) < GOOD_RMS:

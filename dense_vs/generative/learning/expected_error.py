@@ -7,7 +7,7 @@ parameter explains at the samples either, as where joints are in another unit or
 
 import numpy as np
 
-from dense_vs.generative.least_squares.pixel_problem import NormalEquations, PixelProblem, State
+from dense_vs.generative.least_squares.pixel_problem import NormalEquations, PixelProblem, PixelState
 from dense_vs.generative.prediction import predict
 
 POSTURES = 30
@@ -17,7 +17,7 @@ OPEN = 1e-11  # eigenvalue of the information with a unit diagonal: below, the d
 
 
 def expected_error(
-    problem: PixelProblem, state: State, pixels: np.ndarray, postures: np.ndarray, pixel_sigma: float
+    problem: PixelProblem, state: PixelState, pixels: np.ndarray, postures: np.ndarray, pixel_sigma: float
 ) -> float:
     """Mean distance [px] between the pixels of the model and the true ones, without measurement noise.
 
@@ -46,7 +46,7 @@ def expected_error(
     others = PixelProblem(np.where(shown[..., None], generated, np.nan), problem.links, count, problem.free)
     wrong = pixel_sigma * inverse_root(shared_information(problem.linearize(state)))
     wrong = wrong @ rng.normal(size=(wrong.shape[1], DRAWS))
-    off = others.pixel_changes(State(parameters, joints), wrong)
+    off = others.pixel_changes(PixelState(parameters, joints), wrong)
     return float(np.linalg.norm(off, axis=-2)[shown].mean())
 
 

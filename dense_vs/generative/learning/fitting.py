@@ -20,7 +20,7 @@ from dense_vs.generative.learning.state_noise import fit_noisy_actions, fit_nois
 from dense_vs.generative.least_squares.levenberg_marquardt import Solution, minimize
 from dense_vs.generative.least_squares.observability import describe_unobservable
 from dense_vs.generative.least_squares.outliers import list_outliers, mistaken, robust_sigma
-from dense_vs.generative.least_squares.pixel_problem import Free, PixelProblem, State
+from dense_vs.generative.least_squares.pixel_problem import Free, PixelProblem, PixelState
 from dense_vs.generative.observations import Observations
 from dense_vs.generative.parameters import ModelParameters, finite_rows
 from dense_vs.generative.reconstruction.initialization import (
@@ -91,7 +91,7 @@ def fit_joint_model(obs: Observations, seed: int, options: FitOptions) -> Fit:
     parameters, solution = _from_hand(obs, links, joints, starts, options, guess, pixel_sigma)
     parameters = _add_rest(obs, links, joints, parameters, guess)
     problem = _problem(obs, links, parameters, joints, options, guess, pixel_sigma)
-    start = State(parameters, joints)
+    start = PixelState(parameters, joints)
     if options.kinematics == "dh":
         start = with_dh(start, from_lines(parameters.axes, parameters.points, parameters.home))
     best = minimize(_in_coordinates(problem, options), start, 60)
@@ -268,7 +268,7 @@ def _problem(
         np.where(features[:, None], obs.pixels, np.nan), links, joints.shape[1], free, local, intrinsics_prior=prior
     )
     parameters.features[~features] = 0.0
-    errors = problem.pixel_errors(State(parameters, joints))
+    errors = problem.pixel_errors(PixelState(parameters, joints))
     ahead = np.isfinite(errors)
     scale = max(robust_sigma(errors), 0.5)
     problem.reweight(np.where(ahead, 1 / (1 + (np.nan_to_num(errors) / (4 * scale)) ** 2), 0.0))

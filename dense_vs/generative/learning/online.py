@@ -18,7 +18,7 @@ from dense_vs.arrays import number_array
 from dense_vs.checks import check_number, check_whole
 from dense_vs.errors import DenseVSError
 from dense_vs.generative.kinematics.placement import CAMERA_POINTS
-from dense_vs.generative.least_squares.pixel_problem import Free, PixelProblem, State
+from dense_vs.generative.least_squares.pixel_problem import Free, PixelProblem, PixelState
 from dense_vs.generative.observations import Observations
 from dense_vs.generative.parameters import ModelParameters, finite_rows
 from dense_vs.generative.report import FitReport
@@ -162,7 +162,7 @@ class OnlineLearner:
         if ratio > DRIFTED:
             moved = problem.move(state, -rate * step).parameters
             moved.features[~finite_rows(self.model.parameters.features)] = np.nan
-            if problem.cost(State(moved, state.joints)) < equations.cost:
+            if problem.cost(PixelState(moved, state.joints)) < equations.cost:
                 self.model.parameters = moved
         return ratio
 
@@ -181,7 +181,7 @@ class OnlineLearner:
         chosen = np.arange(count) == int(camera)
         return Free(cameras=chosen, intrinsics=chosen)
 
-    def _problem(self, free: Free, without: Collection[int] = ()) -> tuple[PixelProblem, State]:
+    def _problem(self, free: Free, without: Collection[int] = ()) -> tuple[PixelProblem, PixelState]:
         """The buffer's loss, Gothoskar (6), by some unknowns, without some cameras, and where the model stands."""
         p = self.model.parameters
         joints = np.array([q for q, _ in self.buffer])
@@ -190,7 +190,7 @@ class OnlineLearner:
         problem = PixelProblem(pixels, p.links, p.joint_count, free)
         finite = p.copy()
         finite.features = np.nan_to_num(finite.features)
-        state = State(finite, joints)
+        state = PixelState(finite, joints)
         behind = problem.seen & ~np.isfinite(problem.pixel_errors(state))
         problem.reweight(np.where(behind, 0.0, 1.0))
         return problem, state

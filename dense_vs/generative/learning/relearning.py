@@ -16,7 +16,7 @@ from dense_vs.generative.learning.end_to_end import fit_kinematics, fit_pixels, 
 from dense_vs.generative.learning.expected_error import expected_error
 from dense_vs.generative.least_squares.levenberg_marquardt import Solution, minimize
 from dense_vs.generative.least_squares.outliers import mistaken, robust_sigma
-from dense_vs.generative.least_squares.pixel_problem import Free, PixelProblem, State
+from dense_vs.generative.least_squares.pixel_problem import Free, PixelProblem, PixelState
 from dense_vs.generative.observations import Observations
 from dense_vs.generative.parameters import ModelParameters, finite_rows
 from dense_vs.generative.reconstruction.initialization import guessed_intrinsics, intrinsics_prior
@@ -116,7 +116,7 @@ def _camera(
         mean, information = parameters.intrinsics.copy(), (pixel_sigma / sigma) ** 2
     free = Free(cameras=which, intrinsics=which)
     problem = PixelProblem(own, parameters.links, parameters.joint_count, free, intrinsics_prior=(mean, information))
-    solution = _robust(problem, State(_finite(parameters), obs.joints))
+    solution = _robust(problem, PixelState(_finite(parameters), obs.joints))
     p = solution.state.parameters
     moved = replace(
         parameters, camera_rotation=p.camera_rotation, camera_translation=p.camera_translation, intrinsics=p.intrinsics
@@ -151,7 +151,7 @@ def _structure(
         raise DenseVSError("no feature was seen from two directions; record samples with more motion or more cameras")
     pixels = np.where(placed[:, None], obs.pixels, np.nan)
     problem = PixelProblem(pixels, links, parameters.joint_count, Free(features=placed))
-    solution = _robust(problem, State(_finite(parameters), obs.joints))
+    solution = _robust(problem, PixelState(_finite(parameters), obs.joints))
     features_found = np.where(placed[:, None], solution.state.parameters.features, parameters.features)
     return replace(parameters, features=features_found), solution, problem
 
@@ -174,7 +174,7 @@ def _base(parameters: ModelParameters, obs: Observations) -> tuple[ModelParamete
     start = replace(parameters, base_rotation=turn, base_translation=shift)
     pixels = np.where(finite_rows(parameters.features)[:, None], obs.pixels, np.nan)
     problem = PixelProblem(pixels, parameters.links, parameters.joint_count, Free(base=True))
-    solution = _robust(problem, State(_finite(start), obs.joints))
+    solution = _robust(problem, PixelState(_finite(start), obs.joints))
     p = solution.state.parameters
     return replace(parameters, base_rotation=p.base_rotation, base_translation=p.base_translation), solution, problem
 
@@ -222,7 +222,7 @@ def _hand_points(parameters: ModelParameters, joints: np.ndarray, points: np.nda
     return points @ rotation[0, -1].T + translation[0, -1]
 
 
-def _robust(problem: PixelProblem, state: State) -> Solution:
+def _robust(problem: PixelProblem, state: PixelState) -> Solution:
     """Least squares with mistaken detections left out."""
     behind = problem.seen & ~np.isfinite(problem.pixel_errors(state))
     problem.reweight(np.where(behind, 0.0, 1.0))

@@ -17,7 +17,7 @@ import numpy as np
 from dense_vs.generative.kinematics.denavit_hartenberg import DHProblem
 from dense_vs.generative.least_squares.joint_priors import JointActions, JointReadings
 from dense_vs.generative.least_squares.levenberg_marquardt import Solution, minimize
-from dense_vs.generative.least_squares.pixel_problem import PixelProblem, State
+from dense_vs.generative.least_squares.pixel_problem import PixelProblem, PixelState
 
 ROUNDS = 12
 SETTLED = 0.02  # relative change of sigma
@@ -25,14 +25,18 @@ FIRST_SIGMA = 0.02  # rad
 
 
 def fit_noisy_readings(
-    problem: PixelProblem | DHProblem, state: State, joints: np.ndarray, pixel_sigma: float, joint_sigma: float | None
+    problem: PixelProblem | DHProblem,
+    state: PixelState,
+    joints: np.ndarray,
+    pixel_sigma: float,
+    joint_sigma: float | None,
 ) -> tuple[Solution, float]:
     """Gothoskar (11): joints of the samples and all shared parameters from readings ``(T, n)``; also sigma [rad]."""
 
     def prior(sigma: float) -> JointReadings:
         return JointReadings(joints, (pixel_sigma / sigma) ** 2)
 
-    def deviation(solved: State) -> np.ndarray:
+    def deviation(solved: PixelState) -> np.ndarray:
         return solved.joints - joints
 
     return _fit(problem, state, prior, deviation, pixel_sigma, joint_sigma, np.ones(joints.shape), chained=False)
@@ -40,7 +44,7 @@ def fit_noisy_readings(
 
 def fit_noisy_actions(
     problem: PixelProblem | DHProblem,
-    state: State,
+    state: PixelState,
     actions: np.ndarray,
     pixel_sigma: float,
     action_sigma: float | None,
@@ -56,7 +60,7 @@ def fit_noisy_actions(
     def prior(sigma: float) -> JointActions:
         return JointActions(actions, (pixel_sigma / (sigma * spread)) ** 2)
 
-    def deviation(solved: State) -> np.ndarray:
+    def deviation(solved: PixelState) -> np.ndarray:
         return np.diff(solved.joints, axis=0) - actions
 
     return _fit(problem, state, prior, deviation, pixel_sigma, action_sigma, spread, chained=True)
@@ -64,9 +68,9 @@ def fit_noisy_actions(
 
 def _fit(
     problem: PixelProblem | DHProblem,
-    state: State,
+    state: PixelState,
     prior: Callable[[float], JointReadings | JointActions],
-    deviation: Callable[[State], np.ndarray],
+    deviation: Callable[[PixelState], np.ndarray],
     pixel_sigma: float,
     given: float | None,
     spread: np.ndarray,
@@ -91,7 +95,7 @@ def _fit(
     return replace(solution, iterations=iterations, seconds=seconds), sigma
 
 
-def _posterior_variance(problem: Any, state: State, pixel_sigma: float, chained: bool) -> np.ndarray:
+def _posterior_variance(problem: Any, state: PixelState, pixel_sigma: float, chained: bool) -> np.ndarray:
     """Variance [rad^2] of each deviation given the shared parameters."""
     equations = problem.linearize(state)
     assert equations.local is not None

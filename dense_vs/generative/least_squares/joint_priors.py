@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from dense_vs.generative.least_squares.pixel_problem import NormalEquations, State
+from dense_vs.generative.least_squares.pixel_problem import NormalEquations, PixelState
 
 
 class JointReadings:
@@ -16,11 +16,11 @@ class JointReadings:
     def __init__(self, joints: np.ndarray, information: float):
         self.joints, self.information = joints, information
 
-    def cost(self, state: State) -> float:
+    def cost(self, state: PixelState) -> float:
         """Sum of squares [px^2]."""
         return float(self.information * ((state.joints - self.joints) ** 2).sum())
 
-    def add(self, state: State, equations: NormalEquations) -> None:
+    def add(self, state: PixelState, equations: NormalEquations) -> None:
         """Add to the samples' blocks."""
         assert equations.local is not None
         assert equations.local_gradient is not None
@@ -41,11 +41,11 @@ class JointActions:
         self.actions = actions
         self.information = np.broadcast_to(np.asarray(information, dtype=float), actions.shape)
 
-    def cost(self, state: State) -> float:
+    def cost(self, state: PixelState) -> float:
         """Sum of squares [px^2]."""
         return float((self.information * (np.diff(state.joints, axis=0) - self.actions) ** 2).sum())
 
-    def add(self, state: State, equations: NormalEquations) -> None:
+    def add(self, state: PixelState, equations: NormalEquations) -> None:
         """Add to the samples' blocks and to those between neighbors."""
         assert equations.local is not None
         assert equations.local_gradient is not None

@@ -14,7 +14,7 @@ from scipy.linalg import solveh_banded
 from scipy.linalg.lapack import dposv
 
 from dense_vs.device import one_blas_thread
-from dense_vs.generative.least_squares.pixel_problem import NormalEquations, PixelProblem, State
+from dense_vs.generative.least_squares.pixel_problem import NormalEquations, PixelProblem, PixelState
 
 GRADIENT_SCALE_FLOOR = 1e-12  # of the largest diagonal: columns below stand still
 
@@ -32,7 +32,7 @@ class Solution:
         seconds: wall time.
     """
 
-    state: State
+    state: PixelState
     cost: float
     initial_cost: float
     iterations: int
@@ -41,7 +41,11 @@ class Solution:
 
 
 def minimize(
-    problem: PixelProblem | Any, state: State, max_iterations: int = 60, tolerance: float = 1e-7, damping: float = 1e-3
+    problem: PixelProblem | Any,
+    state: PixelState,
+    max_iterations: int = 60,
+    tolerance: float = 1e-7,
+    damping: float = 1e-3,
 ) -> Solution:
     """Minimize ``problem.cost`` from ``state``.
 
@@ -56,7 +60,7 @@ def minimize(
         return _minimize(problem, state, max_iterations, tolerance, damping)
 
 
-def _minimize(problem: Any, state: State, max_iterations: int, tolerance: float, damping: float) -> Solution:
+def _minimize(problem: Any, state: PixelState, max_iterations: int, tolerance: float, damping: float) -> Solution:
     started = time.perf_counter()
     equations = problem.linearize(state)
     initial = equations.cost

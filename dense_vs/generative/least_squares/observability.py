@@ -2,13 +2,13 @@
 
 import numpy as np
 
-from dense_vs.generative.least_squares.pixel_problem import PixelProblem, State
+from dense_vs.generative.least_squares.pixel_problem import PixelProblem, PixelState
 
 NULL = 1e-11  # eigenvalue of the normal matrix with a unit diagonal: below, a direction is open
 SHARE = 0.25  # of a null direction that a group must hold to be named
 
 
-def describe_unobservable(problem: PixelProblem, state: State, offsets_open: bool, still: list[int]) -> list[str]:
+def describe_unobservable(problem: PixelProblem, state: PixelState, offsets_open: bool, still: list[int]) -> list[str]:
     """Names of the parameters that images and states do not determine.
 
     Args:

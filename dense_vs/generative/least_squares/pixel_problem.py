@@ -47,7 +47,7 @@ class Columns:
 
 
 @dataclass
-class State:
+class PixelState:
     """A point in the space of the unknowns: shared parameters and those of each sample."""
 
     parameters: ModelParameters
@@ -76,17 +76,17 @@ class NormalEquations:
 class Prior(Protocol):
     """Priors on the samples' own unknowns, beside the pixels."""
 
-    def cost(self, state: State) -> float:
+    def cost(self, state: PixelState) -> float:
         """Sum of squares [px^2]."""
         ...
 
-    def add(self, state: State, equations: NormalEquations) -> None:
+    def add(self, state: PixelState, equations: NormalEquations) -> None:
         """Add its part to the samples' blocks and gradients."""
         ...
 
 
 class PixelProblem:
-    """Weighted squares of reprojection errors as a function of a :class:`State`.
+    """Weighted squares of reprojection errors as a function of a :class:`PixelState`.
 
     Args:
         pixels: ``(T, c, m, 2)``, NaN where not seen.
@@ -129,20 +129,20 @@ class PixelProblem:
         self.weights = np.where(self.seen, weights, 0.0)
         self.kernel.set(weights=np.sqrt(self.weights))
 
-    def residuals(self, state: State) -> np.ndarray:
+    def residuals(self, state: PixelState) -> np.ndarray:
         """Weighted residuals ``(T, c, m, 2)`` [px], a view that the next call overwrites."""
         self._load(state)
         self.kernel.evaluate(jacobian=False)
         return self.kernel.residuals[0]
 
-    def pixel_errors(self, state: State) -> np.ndarray:
+    def pixel_errors(self, state: PixelState) -> np.ndarray:
         """Distances ``(T, c, m)`` [px] between model and measurement, without weights; NaN where not seen."""
         self.kernel.set(weights=self.seen.astype(float))
         distance = np.linalg.norm(self.residuals(state), axis=-1)
         self.kernel.set(weights=np.sqrt(self.weights))
         return np.where(self.seen, distance, np.nan)
 
-    def cost(self, state: State) -> float:
+    def cost(self, state: PixelState) -> float:
         """Sum of squares [px^2]; infinite where a feature would stand behind its camera."""
         residuals = self.residuals(state).ravel()
         cost = float(residuals @ residuals)
@@ -153,7 +153,7 @@ class PixelProblem:
             cost += self.prior.cost(state)
         return cost if np.isfinite(cost) and (state.parameters.intrinsics[:, :2] > 0).all() else np.inf
 
-    def pixel_changes(self, state: State, shared: np.ndarray) -> np.ndarray:
+    def pixel_changes(self, state: PixelState, shared: np.ndarray) -> np.ndarray:
         """By how much pixels change [px], to first order, ``(T, c, m, 2, k)`` for k steps ``(unknowns, k)``."""
         self._load(state)
         self.kernel.evaluate()
@@ -163,7 +163,7 @@ class PixelProblem:
         changes = jacobian.reshape(cameras * features, samples * 2, width) @ steps
         return changes.reshape(cameras, features, samples, 2, -1).transpose(2, 0, 1, 3, 4)
 
-    def linearize(self, state: State) -> NormalEquations:
+    def linearize(self, state: PixelState) -> NormalEquations:
         """Normal equations at ``state``."""
         self._load(state)
         self.kernel.evaluate()
@@ -198,7 +198,7 @@ class PixelProblem:
             self._add_intrinsics_prior(state, equations)
         return equations
 
-    def cost_of(self, state: State, residuals: np.ndarray) -> float:
+    def cost_of(self, state: PixelState, residuals: np.ndarray) -> float:
         """Cost with residuals that are already there."""
         flat = residuals.ravel()
         cost = float(flat @ flat)
@@ -209,7 +209,7 @@ class PixelProblem:
             cost += self.prior.cost(state)
         return cost
 
-    def move(self, state: State, shared: np.ndarray, local: np.ndarray | None = None) -> State:
+    def move(self, state: PixelState, shared: np.ndarray, local: np.ndarray | None = None) -> PixelState:
         """The state after a step of the shared unknowns and of each sample's ``(T, d)``."""
         old, columns = state.parameters, self.columns
         new = replace(old)
@@ -259,7 +259,7 @@ class PixelProblem:
         """The kernel's rows, with those by the base's pose, which to the kernel is every sample's."""
         return np.concatenate([jacobian, self.kernel.local_jacobian[0]], axis=-1) if self.free.base else jacobian
 
-    def _load(self, state: State) -> None:
+    def _load(self, state: PixelState) -> None:
         p = state.parameters
         self.kernel.set(
             joints=state.joints - p.home,
@@ -274,7 +274,7 @@ class PixelProblem:
             pose_translation=p.base_translation if state.translation is None else state.translation,
         )
 
-    def _add_intrinsics_prior(self, state: State, equations: NormalEquations) -> None:
+    def _add_intrinsics_prior(self, state: PixelState, equations: NormalEquations) -> None:
         assert self.intrinsics_prior is not None
         mean, information = self.intrinsics_prior
         count = self.columns.intrinsics_count

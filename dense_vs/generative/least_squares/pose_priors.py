@@ -6,7 +6,7 @@ the difference of translations, each divided by its own noise, as meters and rad
 
 import numpy as np
 
-from dense_vs.generative.least_squares.pixel_problem import NormalEquations, State
+from dense_vs.generative.least_squares.pixel_problem import NormalEquations, PixelState
 from dense_vs.generative.rotations import rotation_vectors
 
 
@@ -22,25 +22,25 @@ class PoseReadings:
         self.poses = poses
         self.information = np.repeat(information, 3)
 
-    def deviations(self, state: State) -> np.ndarray:
+    def deviations(self, state: PixelState) -> np.ndarray:
         """Rotation vectors and shifts ``(T, 6)`` from the readings."""
         assert state.rotation is not None
         assert state.translation is not None
         turned = rotation_vectors(state.rotation @ self.poses[:, :3, :3].swapaxes(1, 2))
         return np.hstack([turned, state.translation - self.poses[:, :3, 3]])
 
-    def cost(self, state: State) -> float:
+    def cost(self, state: PixelState) -> float:
         """Sum of squares [px^2]."""
         return float((self.information * self.deviations(state) ** 2).sum())
 
-    def add(self, state: State, equations: NormalEquations) -> None:
+    def add(self, state: PixelState, equations: NormalEquations) -> None:
         """Add to the samples' blocks."""
         assert equations.local is not None
         assert equations.local_gradient is not None
         equations.local[:, np.arange(6), np.arange(6)] += self.information
         equations.local_gradient += self.information * self.deviations(state)
 
-    def spread(self, state: State, own: np.ndarray, across: np.ndarray) -> np.ndarray:
+    def spread(self, state: PixelState, own: np.ndarray, across: np.ndarray) -> np.ndarray:
         """Variance ``(T, 6)`` of the deviations where the samples' blocks have covariance ``own``."""
         return np.einsum("tii->ti", own)
 
@@ -57,18 +57,18 @@ class PoseActions:
         self.actions = actions
         self.information = np.repeat(information, 3)
 
-    def deviations(self, state: State) -> np.ndarray:
+    def deviations(self, state: PixelState) -> np.ndarray:
         """Rotation vectors and shifts ``(T - 1, 6)`` of the moves from the actions."""
         relative, carried = self._moves(state)
         assert state.translation is not None
         turned = rotation_vectors(relative @ self.actions[:, :3, :3].swapaxes(1, 2))
         return np.hstack([turned, state.translation[1:] - carried - self.actions[:, :3, 3]])
 
-    def cost(self, state: State) -> float:
+    def cost(self, state: PixelState) -> float:
         """Sum of squares [px^2]."""
         return float((self.information * self.deviations(state) ** 2).sum())
 
-    def add(self, state: State, equations: NormalEquations) -> None:
+    def add(self, state: PixelState, equations: NormalEquations) -> None:
         """Add to the samples' blocks and to those between neighbors."""
         assert equations.local is not None
         assert equations.local_gradient is not None
@@ -81,20 +81,20 @@ class PoseActions:
         equations.local_gradient[:-1] += np.einsum("tij,ti->tj", weighted[0], deviations)
         equations.local_gradient[1:] += np.einsum("tij,ti->tj", weighted[1], deviations)
 
-    def spread(self, state: State, own: np.ndarray, across: np.ndarray) -> np.ndarray:
+    def spread(self, state: PixelState, own: np.ndarray, across: np.ndarray) -> np.ndarray:
         """Variance ``(T - 1, 6)`` of the deviations; ``across`` are the covariances of a sample with the one before."""
         before, after = self._derivatives(state)
         total = before @ own[:-1] @ before.swapaxes(1, 2) + after @ own[1:] @ after.swapaxes(1, 2)
         mixed = after @ across @ before.swapaxes(1, 2)
         return np.einsum("tii->ti", total + mixed + mixed.swapaxes(1, 2))
 
-    def _moves(self, state: State) -> tuple[np.ndarray, np.ndarray]:
+    def _moves(self, state: PixelState) -> tuple[np.ndarray, np.ndarray]:
         assert state.rotation is not None
         assert state.translation is not None
         relative = state.rotation[1:] @ state.rotation[:-1].swapaxes(1, 2)
         return relative, np.einsum("tij,tj->ti", relative, state.translation[:-1])
 
-    def _derivatives(self, state: State) -> tuple[np.ndarray, np.ndarray]:
+    def _derivatives(self, state: PixelState) -> tuple[np.ndarray, np.ndarray]:
         """Derivatives of the deviations by the turn and shift of the sample before and of the one after."""
         relative, carried = self._moves(state)
         assert state.translation is not None

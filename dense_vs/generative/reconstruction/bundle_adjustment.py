@@ -6,7 +6,7 @@ The loss is Gothoskar (2), its minimum Gothoskar (3).
 import numpy as np
 
 from dense_vs.generative.least_squares.levenberg_marquardt import Solution, minimize
-from dense_vs.generative.least_squares.pixel_problem import Free, PixelProblem, State
+from dense_vs.generative.least_squares.pixel_problem import Free, PixelProblem, PixelState
 from dense_vs.generative.parameters import ModelParameters, finite_rows
 from dense_vs.generative.reconstruction.pose_reversal import better_poses
 from dense_vs.generative.reconstruction.stereo import Reconstruction
@@ -48,7 +48,7 @@ def adjust_bundle(
         found.camera_translation,
         intrinsics,
     )
-    state = State(parameters, np.zeros((len(pixels), 0)), found.rotation, found.translation)
+    state = PixelState(parameters, np.zeros((len(pixels), 0)), found.rotation, found.translation)
     behind = ~np.isfinite(problem.residuals(state)).all(axis=-1)
     if behind.any():
         problem.seen &= ~behind

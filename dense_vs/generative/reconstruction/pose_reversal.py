@@ -9,14 +9,14 @@ from dataclasses import replace
 
 import numpy as np
 
-from dense_vs.generative.least_squares.pixel_problem import PixelProblem, State
+from dense_vs.generative.least_squares.pixel_problem import PixelProblem, PixelState
 from dense_vs.generative.reconstruction.triangulation import rigid_motions
 
 ITERATIONS = 12
 GAIN = 0.05  # share of the squared errors that another pose must save
 
 
-def better_poses(problem: PixelProblem, state: State) -> tuple[State, np.ndarray]:
+def better_poses(problem: PixelProblem, state: PixelState) -> tuple[PixelState, np.ndarray]:
     """Each sample's better pose of the two, and in which samples ``(T,)`` it is the other one.
 
     Args:
@@ -29,7 +29,7 @@ def better_poses(problem: PixelProblem, state: State) -> tuple[State, np.ndarray
     return _with_poses(state, other, better), better
 
 
-def reversed_state(problem: PixelProblem, state: State) -> State:
+def reversed_state(problem: PixelProblem, state: PixelState) -> PixelState:
     """Poses that show the visible features with their depths reversed, as nearly as a rigid motion can."""
     parameters = state.parameters
     assert state.rotation is not None
@@ -51,7 +51,9 @@ def reversed_state(problem: PixelProblem, state: State) -> State:
     return replace(state, rotation=rotation, translation=translation)
 
 
-def settle_poses(problem: PixelProblem, state: State, iterations: int = ITERATIONS) -> tuple[State, np.ndarray]:
+def settle_poses(
+    problem: PixelProblem, state: PixelState, iterations: int = ITERATIONS
+) -> tuple[PixelState, np.ndarray]:
     """Levenberg-Marquardt of every sample's pose by itself; squared errors ``(T,)`` [px^2] beside the state.
 
     They are infinite where a feature would stand behind its camera.
@@ -81,7 +83,7 @@ def settle_poses(problem: PixelProblem, state: State, iterations: int = ITERATIO
     return state, cost
 
 
-def _with_poses(state: State, other: State, which: np.ndarray) -> State:
+def _with_poses(state: PixelState, other: PixelState, which: np.ndarray) -> PixelState:
     """The first state, with the other's poses in some samples ``(T,)``."""
     assert state.rotation is not None
     assert state.translation is not None
@@ -91,7 +93,7 @@ def _with_poses(state: State, other: State, which: np.ndarray) -> State:
     return replace(state, rotation=rotation, translation=np.where(which[:, None], other.translation, state.translation))
 
 
-def _costs(problem: PixelProblem, state: State) -> np.ndarray:
+def _costs(problem: PixelProblem, state: PixelState) -> np.ndarray:
     """Weighted squared errors of each sample [px^2]."""
     squares = (problem.residuals(state).reshape(len(problem.seen), -1) ** 2).sum(axis=1)
     return np.where(np.isfinite(squares), squares, np.inf)

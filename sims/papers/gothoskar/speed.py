@@ -115,17 +115,17 @@ def _pixel_gradients(
 ) -> tuple[Callable[[], object], Callable[[], object]]:
     """Gradients of the pixels' loss by all parameters, and by cameras, features and the hand's poses ``(T, 4, 4)``."""
     from dense_vs.generative.learning.end_to_end import all_shared
-    from dense_vs.generative.least_squares.pixel_problem import Free, PixelProblem, State
+    from dense_vs.generative.least_squares.pixel_problem import Free, PixelProblem, PixelState
 
     p = model.parameters
     placed = np.ones(len(p.intrinsics), dtype=bool)
     whole = PixelProblem(pixels, p.links, p.joint_count, all_shared(placed))
-    at = State(p, joints)
+    at = PixelState(p, joints)
     posed = np.isfinite(poses[:, 0, 0])
     hand = replace(p, axes=p.axes[:0], points=p.points[:0], home=p.home[:0], links=np.zeros_like(p.links))
     free = Free(features=True, cameras=all_shared(placed).cameras, intrinsics=placed)
     truncated = PixelProblem(pixels[posed], hand.links, 0, free, "pose")
-    in_poses = State(hand, np.zeros((posed.sum(), 0)), poses[posed, :3, :3], poses[posed, :3, 3])
+    in_poses = PixelState(hand, np.zeros((posed.sum(), 0)), poses[posed, :3, :3], poses[posed, :3, 3])
     return lambda: whole.linearize(at), lambda: truncated.linearize(in_poses)
 
 

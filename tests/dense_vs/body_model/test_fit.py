@@ -5,7 +5,7 @@ import pytest
 from synthetic_body import CENTER, FOCAL, SIZE, SyntheticBody, postures, serial_body
 
 from dense_vs.body_model.chain import Chain, ancestors, tree_order
-from dense_vs.body_model.fit import FitOptions, fit_body
+from dense_vs.body_model.fit import BodyFitOptions, fit_body
 from dense_vs.body_model.joint_tree import joint_parents
 from dense_vs.body_model.track_problem import BodyState, TrackProblem
 from dense_vs.body_model.tracks import PointTracks
@@ -44,7 +44,7 @@ def believed(fit, tracks):
 def test_exact_tracks_give_the_exact_jacobian_at_unseen_postures(seed):
     body = serial_body(3, seed=seed)
     tracks = body.tracks(postures(3))
-    fit = fit_body(tracks, FitOptions(focal_length=FOCAL))
+    fit = fit_body(tracks, BodyFitOptions(focal_length=FOCAL))
     np.testing.assert_array_equal(fit.state.chain.parents, body.parents)
     index = believed(fit, tracks)
     assert len(index) > 75
@@ -75,7 +75,7 @@ def test_the_background_is_told_from_the_body():
         np.concatenate([body.points, still]),
         np.concatenate([body.links, np.full(30, -1)]),
     )
-    fit = fit_body(both.tracks(postures(3), noise=0.2), FitOptions(focal_length=FOCAL))
+    fit = fit_body(both.tracks(postures(3), noise=0.2), BodyFitOptions(focal_length=FOCAL))
     assert (fit.all_links[-30:] == -1).all()
     assert np.mean(fit.all_links[:-30] == both.links[:-30]) > 0.9
 
@@ -86,7 +86,7 @@ def test_joints_in_another_order_and_a_joint_that_moves_nothing():
     motion = postures(4, seed=2)
     tracks = body.tracks(motion[:, [1, 3, 0]], noise=0.1)
     logged = PointTracks(motion, tracks.pixels, tracks.references, SIZE)
-    fit = fit_body(logged, FitOptions(focal_length=FOCAL))
+    fit = fit_body(logged, BodyFitOptions(focal_length=FOCAL))
     assert len(order) == 4
     np.testing.assert_array_equal(fit.learned, [True, True, False, True])
     np.testing.assert_array_equal(fit.state.chain.parents[[1, 3, 0]], [-1, 1, 3])
@@ -161,11 +161,11 @@ def test_too_little_is_refused():
     with pytest.raises(DenseVSError, match="0 tracks move"):
         fit_body(still)
     with pytest.raises(DenseVSError, match="one a joint"):
-        fit_body(body.tracks(postures(3)), FitOptions(parents=(-1, 0)))
+        fit_body(body.tracks(postures(3)), BodyFitOptions(parents=(-1, 0)))
     with pytest.raises(DenseVSError, match="tree"):
-        fit_body(body.tracks(postures(3)), FitOptions(parents=(1, 0, 1)))
+        fit_body(body.tracks(postures(3)), BodyFitOptions(parents=(1, 0, 1)))
     with pytest.raises(DenseVSError, match="focal_length"):
-        FitOptions(focal_length=0)
+        BodyFitOptions(focal_length=0)
 
 
 def test_tracks_of_wrong_shapes_are_refused():

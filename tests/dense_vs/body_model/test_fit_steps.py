@@ -10,7 +10,7 @@ from dense_vs.body_model import fit as fitting
 from dense_vs.body_model.axes_from_jacobian import AxesProblem, AxesState, with_median_one
 from dense_vs.body_model.chain import Chain, ancestors
 from dense_vs.body_model.fit import (
-    FitOptions,
+    BodyFitOptions,
     _first_links,
     _in_units,
     _share,
@@ -203,10 +203,10 @@ def test_a_share_of_the_tracks_is_the_longest_of_every_reference_image():
         seen[count:, m] = False
     pixels = np.where(seen[..., None], np.arange(6.0)[None, :, None].repeat(2, axis=2), np.nan)
     tracks = PointTracks(np.arange(10.0)[:, None], pixels, np.array([0, 0, 0, 0, 5, 5]), SIZE)
-    some = _share(tracks, FitOptions(most_tracks=3, most_images=4))
+    some = _share(tracks, BodyFitOptions(most_tracks=3, most_images=4))
     assert np.nanmax(some.pixels[0], axis=1).tolist() == [0.0, 2.0, 4.0]
     assert some.joints[:, 0].tolist() == [0, 3, 6, 9]
-    whole = _share(tracks, FitOptions(most_tracks=6, most_images=10))
+    whole = _share(tracks, BodyFitOptions(most_tracks=6, most_images=10))
     assert whole.pixels.shape == tracks.pixels.shape
 
 

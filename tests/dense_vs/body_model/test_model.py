@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from dense_vs.body_model import BodyModel, PointTracks, TrackOptions, follow_points
+from dense_vs.body_model import BodyModel, PointTrackOptions, PointTracks, follow_points
 from dense_vs.body_model.held_out import held_out_error
 from dense_vs.body_model.splat import front_points
 from dense_vs.cli import main
@@ -168,7 +168,7 @@ def test_bad_input_is_refused(learned):
     with pytest.raises(DenseVSError, match="tracks are of images"):
         BodyModel.fit(images, joints, tracks=other)
     with pytest.raises(DenseVSError, match="odd"):
-        TrackOptions(window=10)
+        PointTrackOptions(window=10)
 
 
 def test_the_nearest_point_is_in_front_and_small_holes_are_filled():

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from dense_vs.generative.least_squares.pixel_problem import Free, PixelProblem, State
+from dense_vs.generative.least_squares.pixel_problem import Free, PixelProblem, PixelState
 from dense_vs.generative.parameters import ModelParameters
 from dense_vs.generative.reconstruction.pose_reversal import better_poses, reversed_state, settle_poses
 from dense_vs.generative.reconstruction.relative_pose import relative_poses
@@ -64,10 +64,10 @@ def test_samples_the_wrong_way_round():
     places = np.einsum("tij,mj->tmi", rotation, structure) + translation[:, None]
     pixels = FOCAL * places[..., :2] / places[..., 2:] + [320, 240] + rng.normal(0, 0.3, (samples, features, 2))
     problem = PixelProblem(pixels[:, None], np.zeros(features, int), 0, Free(), "pose")
-    true = State(parameters, np.zeros((samples, 0)), rotation, translation)
+    true = PixelState(parameters, np.zeros((samples, 0)), rotation, translation)
     wrong = reversed_state(problem, true)
     turned = np.arange(samples) % 3 == 0
-    start = State(
+    start = PixelState(
         parameters,
         true.joints,
         np.where(turned[:, None, None], wrong.rotation, rotation),

@@ -6,7 +6,7 @@ from scipy.spatial.transform import Rotation
 
 from dense_vs.generative.learning.published_stages import state_penalty
 from dense_vs.generative.least_squares.joint_priors import JointActions, JointReadings
-from dense_vs.generative.least_squares.pixel_problem import NormalEquations, State
+from dense_vs.generative.least_squares.pixel_problem import NormalEquations, PixelState
 from dense_vs.generative.least_squares.pose_priors import PoseActions, PoseReadings
 from dense_vs.generative.parameters import ModelParameters
 
@@ -34,7 +34,7 @@ def joint_case(kind):
         prior = JointActions(np.diff(joints, axis=0) + rng.normal(0, 0.1, (SAMPLES - 1, 3)), 7.0)
 
     def at(step):
-        return State(no_parameters(), joints + step)
+        return PixelState(no_parameters(), joints + step)
 
     return prior, at, 3
 
@@ -56,7 +56,7 @@ def pose_case(kind):
 
     def at(step):
         turned = Rotation.from_rotvec(step[:, :3]).as_matrix() @ poses[:, :3, :3]
-        return State(no_parameters(), np.zeros((SAMPLES, 0)), turned, poses[:, :3, 3] + step[:, 3:])
+        return PixelState(no_parameters(), np.zeros((SAMPLES, 0)), turned, poses[:, :3, 3] + step[:, 3:])
 
     return prior, at, 6
 

@@ -6,7 +6,7 @@ import warp as wp
 from planar_scene import PlanarScene
 
 from dense_vs import DenseVSError, PointTracker
-from dense_vs.kernels.tracking.point_tracking import PointTracks, begin_tracks, carry_tracks, locate_tracks
+from dense_vs.kernels.tracking.point_tracking import TrackedPoints, begin_tracks, carry_tracks, locate_tracks
 
 WORLDS = 3
 POINTS = np.array([[40.0, 34.0], [64.5, 50.5], [90.25, 62.75]])
@@ -81,7 +81,7 @@ def test_a_point_without_flow_is_sought_where_it_was(film):
 def test_a_world_begins_anew_alone(film):
     images, flows, places = film
     weights = wp.ones(images.shape[1:], dtype=float, device="cpu")
-    tracks = PointTracks.empty(WORLDS, 3, 25, "cpu")
+    tracks = TrackedPoints.empty(WORLDS, 3, 25, "cpu")
 
     def begin(frame, where):
         starts = wp.array(places[frame], dtype=wp.vec2d, device="cpu")
