@@ -98,7 +98,7 @@ def few_surface_lines() -> list[str]:
         errors.append(_figure(mean_of(some, "j_median")))
         reaches.append(f"{tally.good} of {tally.asked}")
     arms = len({view.arm for view in views})
-    early = "" if content["finished"] else ", a run stopped early: of those made by then"
+    early = "" if content["finished"] else ", of those made until the run was stopped"
     return [
         f"| J error on {arms} commercial arms as they come, clean / realistic images | {' / '.join(errors)} |",
         f"| their reaches within {REACHED_PX:g} px over the whole range{early} | {' / '.join(reaches)} |",

@@ -100,7 +100,7 @@ class Reaching:
         if isinstance(tracker, BodyTracker) and self._frames - self._planned_at >= PLANNED_EVERY:
             self._planned_at = self._frames
             self._planned = tracker.on_link.posture_for(
-                loop.target[:2],
+                self._target,
                 loop.joints.newest,
                 loop.group.limits,
                 held=loop.joints.watch.stuck,

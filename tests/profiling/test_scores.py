@@ -111,7 +111,7 @@ def test_a_view_comes_back_from_its_file(tmp_path, monkeypatch):
     assert surface_table.table_lines(views)[2] in text
     assert surface_table.few_surface_lines() == [
         "| J error on 1 commercial arms as they come, clean / realistic images | 0.20 / - |",
-        "| their reaches within 2 px over the whole range | 1 of 2 / 0 of 5 |",
+        "| their reaches within 2 px over the whole range, of those made until the run was stopped | 1 of 2 / 0 of 5 |",
     ]
     monkeypatch.setattr(surface_table, "RESULTS", tmp_path / "nowhere")
     assert surface_table.surface_lines() == surface_table.few_surface_lines() == []

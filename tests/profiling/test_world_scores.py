@@ -263,7 +263,7 @@ def test_a_track_near_another_link_has_no_true_link():
     links = np.zeros((20, 20), int)
     links[:, 10:] = 1
     links[:, 19] = -1
-    stride = body_model.TrackOptions().stride
+    stride = body_model.PointTrackOptions().stride
     seen = SimpleNamespace(links={0: links, 2 * stride: links + 5})
     begin = [(0, 7.4, 5.0), (0, 7.6, 5.0), (0, 11.4, 0.0), (0, 12.0, 19.0), (0, 17.0, 5.0), (2, 3.0, 3.0)]
     pixels = np.full((3, len(begin), 2), np.nan)

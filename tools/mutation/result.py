@@ -138,7 +138,8 @@ class Result:
     def _same(self, survivor: dict[str, Any]) -> str:
         """Why a mutation does the same as what it stands for; empty where it does not."""
         known = self._reasons.get(f"{survivor['file']}: {survivor['before']} -> {survivor['after']}", "")
-        return known or (CONTINUOUS if at_continuous_border(survivor["before"], survivor["after"]) else "")
+        border = survivor["tests"] and at_continuous_border(survivor["before"], survivor["after"])
+        return known or (CONTINUOUS if border else "")
 
     def _shares(self) -> dict[str, dict[str, Any]]:
         shares: dict[str, dict[str, Any]] = {}
