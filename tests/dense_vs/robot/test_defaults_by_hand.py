@@ -4,6 +4,7 @@ import inspect
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from dense_vs.depth.region_shape import MAX_REGIONS, mask_regions
 from dense_vs.grasp import GripperModel
@@ -46,8 +47,7 @@ def test_a_joint_with_one_limit_has_no_range(limits, q, held):
 
 @pytest.mark.parametrize("seed", range(20))
 def test_every_rotation_is_one_for_the_gripper(seed):
-    from scipy.spatial.transform import Rotation
-
     pose = np.eye(4)
     pose[:3, :3] = Rotation.random(random_state=seed).as_matrix()
-    GripperModel(opening=0.1, width=0.02, thickness=0.01, length=0.03, T_camera_hand=pose)
+    gripper = GripperModel(opening=0.1, width=0.02, thickness=0.01, length=0.03, T_camera_hand=pose)
+    np.testing.assert_array_equal(gripper.T_camera_hand, pose)
