@@ -36,7 +36,7 @@ class HandGeometry:
     Attributes:
         z_gripper: from the camera to the center of the closed fingertips along the optical axis, VOS-VS (21) [m].
         target: s* of an object at that depth under the gripper [px].
-        centre: the optical axis in the image [px].
+        center: the optical axis in the image [px].
         intrinsics: (3, 3) camera matrix for rendering the gripper of VOS-VS (22).
         model: its shape.
         bite: how far below VOS-VS (21) the fingers go where there is room [m].
@@ -44,14 +44,14 @@ class HandGeometry:
 
     z_gripper: float
     target: tuple[float, float]
-    centre: tuple[float, float]
+    center: tuple[float, float]
     intrinsics: np.ndarray
     model: GripperModel
     bite: float = 0.018
 
     def target_at(self, distance: float) -> np.ndarray:
         """s* of an object under the gripper that is farther away than the fingertips [px]."""
-        center = np.array(self.centre)
+        center = np.array(self.center)
         return center + (np.array(self.target) - center) * self.z_gripper / distance
 
 
@@ -204,7 +204,7 @@ class GraspLoop:
             distance: of the object from the camera [m]; neighboring places share half of what is seen there.
         """
         self._move(self._base, self._seen_from - self._base.take(self.robot.joints()[0]))
-        center, focal = np.array(self.hand.centre), self.hand.intrinsics[[0, 1], [0, 1]]
+        center, focal = np.array(self.hand.center), self.hand.intrinsics[[0, 1], [0, 1]]
         reach = float(np.min(center / focal)) * distance  # half of the view's shorter side
         return search_object(
             self.camera, self.robot, self.segmenter, joints=self._base.names, reach=(reach, reach)

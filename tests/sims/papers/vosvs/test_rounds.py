@@ -212,7 +212,7 @@ def test_the_gripper_s_fingers_stand_on_either_side_of_its_axis():
     world = SimpleNamespace(intrinsics=lambda camera: K if camera == "grasp" else None)
     hand = gripper_geometry.hand_geometry(world)
     assert hand.target == (220.0, 240.0)
-    assert hand.centre == (320.0, 240.0)
+    assert hand.center == (320.0, 240.0)
     pose = hand.model.T_camera_hand
     np.testing.assert_allclose(np.linalg.det(pose[:3, :3]), 1.0)
     np.testing.assert_allclose(pose[:3, 0], [0, 1, 0])  # the closing motion is image y
