@@ -2,32 +2,31 @@
 
 1. J of every track and the joints that move it (``track_jacobian``), from which the order of the joints follows
    (``joint_tree``).
-2. Lines and depths from J at one posture (``axes_from_jacobian``), which leaves several candidates: under a narrow
-   field of view a body and its reflection in depth have almost the same J.
-3. Bundle adjustment of the candidates on a part of the tracks; the one with the least robust error stays.
-4. In turns: every track to the link that explains it best (``link_assignment``), bundle adjustment of all.
+2. Candidates of lines and depths from the J of those tracks whose link is plainest (``start``).
+3. In turns: every track to the link that explains it best (``link_assignment``), bundle adjustment of all
+   (``adjustment``). Many candidates on few tracks and images, fewer on more; the one with the least robust error stays.
 """
 
 from dataclasses import dataclass, replace
 
 import numpy as np
 
-from dense_vs.body_model.axes_from_jacobian import AxesState, axes_from_jacobian, with_median_one
-from dense_vs.body_model.chain import BACKGROUND, Chain, ancestors
+from dense_vs.body_model.adjustment import adjust
+from dense_vs.body_model.chain import BACKGROUND
+from dense_vs.body_model.dense_motion import DenseMotion
 from dense_vs.body_model.joint_tree import joint_parents
 from dense_vs.body_model.link_assignment import Placed, place_points
-from dense_vs.body_model.solver import solve
+from dense_vs.body_model.start import FOCAL_HELD, LEAST_TRACKS, WELL_SEEN, Start, find_starts, in_order
 from dense_vs.body_model.track_jacobian import LEAST_SEEN, TrackJacobians, track_jacobians
-from dense_vs.body_model.track_problem import BodyState, TrackProblem
+from dense_vs.body_model.track_problem import BodyState
 from dense_vs.body_model.tracks import PointTracks
 from dense_vs.checks import check_number, check_whole
 from dense_vs.errors import DenseVSError
 
 MOVING = 1.5  # px from its mean place that a point must get, or it is taken for background
-_WELL_SEEN = 12  # images of a track that takes part in finding the start
-_LEAST_TRACKS = 12
-_HELD = 0.03  # deviation of the logarithm of the focal length while a start is sought
-_GROSS = 3.0  # times the usual error: weights fall beyond
+# Tracks and images that candidates are tried on, turns, and how many are kept.
+_STAGES = ((80, 12, 1, 16), (160, 20, 2, 5), (260, 40, 1, 3))
+_DENSE_SHARE = 0.3  # of the error of a filter's J beside that of the tracks, where candidates are compared
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -51,7 +50,7 @@ class BodyFitOptions:
     focal_deviation: float = 0.15
     parents: tuple[int, ...] | None = None
     noise: float = 0.5
-    starts: int = 16
+    starts: int = 40
     rounds: int = 3
     believed: float = 0.4
     seed: int = 0
@@ -95,8 +94,13 @@ class BodyFit:
 UNKNOWN = -2  # link of a track that no link explains
 
 
-def fit_body(tracks: PointTracks, options: BodyFitOptions | None = None) -> BodyFit:
+def fit_body(tracks: PointTracks, options: BodyFitOptions | None = None, dense: DenseMotion | None = None) -> BodyFit:
     """Fit lines, camera and points to tracks.
+
+    Args:
+        tracks: the tracks.
+        options: as given, or the defaults.
+        dense: a filter's J, where one has run: it helps to find where the fit starts.
 
     Raises:
         DenseVSError: too few tracks that move, joints that move nothing, or no start that fits.
@@ -108,20 +112,20 @@ def fit_body(tracks: PointTracks, options: BodyFitOptions | None = None) -> Body
     prior = focal, (0.0 if options.focal_length else options.focal_deviation)
     seen = tracks.seen.sum(axis=0)
     moving = (_travel(tracks.pixels) > MOVING) & (seen >= LEAST_SEEN)
-    if moving.sum() < _LEAST_TRACKS:
-        raise DenseVSError(f"{int(moving.sum())} tracks move; expected at least {_LEAST_TRACKS}")
+    if moving.sum() < LEAST_TRACKS:
+        raise DenseVSError(f"{int(moving.sum())} tracks move; expected at least {LEAST_TRACKS}")
     used = _share(tracks.select(moving), options)
     home = np.median(used.joints, axis=0)
-    measured = track_jacobians(used, home, options.noise, float(width))
+    measured = track_jacobians(used, home, options.noise)
     parents, learned = _parents(measured, used, options)
-    links = _first_links(measured, parents, learned)
-    turn = _Turns(used, center, learned, options)
-    candidates, chosen = _start(used, measured, links, parents, focal, center, options)
-    begun = [turn.take(turn.begin(state, chosen, measured.places), (focal, _HELD)) for state in candidates]
-    begun = [turn.take(one, (focal, _HELD)) for one in sorted(begun, key=lambda one: one.cost)[:2]]
-    found = min(begun, key=lambda one: one.cost)
-    for _ in range(options.rounds):
-        found = turn.take(found, prior)
+    trees = [parents]
+    if options.parents is None and (parents != in_order(learned)).any():
+        trees.append(in_order(learned))
+    starts = find_starts(
+        used, measured, trees, learned, focal, center,
+        noise=options.noise, starts=options.starts, seed=options.seed, dense=dense,
+    )  # fmt: skip
+    found = _Turns(used, center, learned, options).best(starts, measured.places, focal, prior, dense)
     state = _in_units(replace(found.state, points=found.points[found.believed]))
     all_links = np.full(tracks.pixels.shape[1], UNKNOWN)
     all_links[~moving & (seen >= LEAST_SEEN)] = BACKGROUND
@@ -140,11 +144,16 @@ def _share(tracks: PointTracks, options: BodyFitOptions) -> PointTracks:
             of_one = np.flatnonzero(tracks.references == reference)
             rank[of_one[np.argsort(-lengths[of_one])]] = (np.arange(len(of_one)) + 0.5) / len(of_one)
         tracks = tracks.select(np.sort(np.argsort(rank, kind="stable")[: options.most_tracks]))
+    return _images(tracks, options.most_images)
+
+
+def _images(tracks: PointTracks, most: int) -> PointTracks:
+    """The tracks in some images, spread over the recording."""
     images = len(tracks.joints)
-    if images > options.most_images:
-        rows = np.unique(np.linspace(0, images - 1, options.most_images).round().astype(int))
-        tracks = PointTracks(tracks.joints[rows], tracks.pixels[rows], tracks.references, tracks.size)
-    return tracks
+    if images <= most:
+        return tracks
+    rows = np.unique(np.linspace(0, images - 1, most).round().astype(int))
+    return PointTracks(tracks.joints[rows], tracks.pixels[rows], tracks.references, tracks.size)
 
 
 def _links_of_all(
@@ -173,23 +182,79 @@ class _Turn:
         return float(self.costs.mean())
 
 
+def _nothing_known(count: int) -> tuple[np.ndarray, np.ndarray, np.ndarray, float]:
+    """Links, costs, belief and error of tracks before the first turn."""
+    return np.zeros(count, int), np.ones(count), np.zeros(count, bool), np.inf
+
+
 class _Turns:
     """Every track to the link that explains it best, then bundle adjustment of all, in turns."""
 
     def __init__(self, tracks: PointTracks, center: tuple[float, float], learned: np.ndarray, options: BodyFitOptions):
         self.tracks, self.center, self.learned, self.options = tracks, center, learned, options
 
-    def begin(self, state: BodyState, chosen: np.ndarray, places: np.ndarray) -> _Turn:
+    def best(
+        self,
+        starts: list[Start],
+        places: np.ndarray,
+        focal: float,
+        prior: tuple[float, float],
+        dense: DenseMotion | None,
+    ) -> _Turn:
+        """The candidate that explains most, after all turns.
+
+        Args:
+            starts: candidates.
+            places: ``(M, 2)`` of the tracks in the home posture [px].
+            focal: held while candidates are compared [px].
+            prior: mean and deviation of the logarithm of the focal length then.
+            dense: a filter's J, where one has run.
+        """
+        options, held = self.options, (focal, FOCAL_HELD)
+
+        def first(candidates: list[_Turn], count: int) -> list[_Turn]:
+            return sorted(candidates, key=lambda one: one.cost + self._disagreement(one, dense))[:count]
+
+        candidates = [self._begin(start, places) for start in starts]
+        shuffled = np.random.default_rng(options.seed).permutation(len(places))
+        for tracks, images, turns, kept in _STAGES:
+            part = np.sort(shuffled[:tracks])
+            few = _Turns(_images(self.tracks.select(part), images), self.center, self.learned, options)
+            tried = [few._of_part(one, part, turns, held) for one in candidates]
+            candidates = first(tried, kept)
+        for focal_prior, kept in ((held, 2), (prior, 1)):
+            candidates = first([self.take(one, focal_prior) for one in candidates], kept)
+        found = candidates[0]
+        for _ in range(options.rounds - 1):
+            found = self.take(found, prior)
+        return found
+
+    def _disagreement(self, turn: _Turn, dense: DenseMotion | None) -> float:
+        if dense is None:
+            return 0.0
+        state, depth = turn.state, float(np.median(turn.points[:, 2]))
+        return _DENSE_SHARE * dense.disagreement(state.chain, state.focal, self.center, self.learned, max(depth, 1e-6))
+
+    def _of_part(self, turn: _Turn, part: np.ndarray, turns: int, prior: tuple[float, float]) -> _Turn:
+        """Some turns with a part of a candidate's tracks, which this has; the other points stay."""
+        some = _Turn(turn.state, turn.points[part], *_nothing_known(len(part)))
+        for _ in range(turns):
+            some = self.take(some, prior)
+        points = turn.points.copy()
+        points[part] = some.points
+        return replace(turn, state=some.state, points=points, costs=some.costs)
+
+    def _begin(self, start: Start, places: np.ndarray) -> _Turn:
         """From lines and the points of some tracks; the others start at the median depth."""
-        count = len(places)
+        count, state = len(places), start.state
         depth = float(np.median(state.points[:, 2]))
         rays = np.column_stack(
             [(np.nan_to_num(places, nan=self.center[0]) - self.center) / state.focal, np.ones(count)]
         )
         points = rays * depth
-        points[chosen] = state.points
-        nothing = np.zeros(count, int)
-        return _Turn(state, points, nothing, np.ones(count), nothing.astype(bool), np.inf)
+        if len(start.chosen):
+            points[start.chosen] = state.points
+        return _Turn(state, points, *_nothing_known(count))
 
     def take(self, turn: _Turn, prior: tuple[float, float]) -> _Turn:
         """One turn; without one where too few tracks fit."""
@@ -198,7 +263,7 @@ class _Turns:
             turn.state, self.center, self.tracks, turn.points, self.learned, options.noise
         )
         believed = (costs < options.believed) & (links != BACKGROUND)
-        if believed.sum() < _LEAST_TRACKS:
+        if believed.sum() < LEAST_TRACKS:
             return replace(turn, links=links, points=points, costs=costs, believed=believed)
         some = self.tracks.select(believed)
         state, _, error = adjust(
@@ -207,35 +272,6 @@ class _Turns:
         )  # fmt: skip
         points[believed] = state.points
         return _Turn(state, points, links, costs, believed, error)
-
-
-def adjust(
-    state: BodyState,
-    joints: np.ndarray,
-    pixels: np.ndarray,
-    links: np.ndarray,
-    center: tuple[float, float],
-    focal_prior: tuple[float, float],
-    noise: float,
-    rounds: int,
-    iterations: int,
-) -> tuple[BodyState, float, float]:
-    """Bundle adjustment with weights that fall with the error, found anew in every round.
-
-    Returns:
-        The state, its mean robust error (0 to 1) and its median error [px].
-    """
-    for _ in range(rounds):
-        whole = TrackProblem(joints, pixels, links, center, np.ones(pixels.shape[:2]), focal_prior, noise)
-        squared = np.minimum((whole.errors(state) ** 2).sum(axis=1), 1e12)
-        scale = max(noise, float(np.median(np.sqrt(squared))) / 1.1774)
-        weights = np.zeros(pixels.shape[:2])
-        weights[whole.image, whole.point] = 1 / (1 + squared / (_GROSS * scale) ** 2) ** 2
-        problem = TrackProblem(joints, pixels, links, center, weights, focal_prior, noise)
-        state, _ = solve(problem, state, iterations, 1e-4)
-    squared = np.minimum((whole.errors(state) ** 2).sum(axis=1), 1e12)
-    robust = float(np.mean(squared / (squared + (_GROSS * noise) ** 2)))
-    return state, robust, float(np.median(np.sqrt(squared)))
 
 
 def assign_links(
@@ -270,7 +306,7 @@ def _travel(pixels: np.ndarray) -> np.ndarray:
 
 def _parents(measured: TrackJacobians, tracks: PointTracks, options: BodyFitOptions) -> tuple[np.ndarray, np.ndarray]:
     joints = tracks.joints.shape[1]
-    well = measured.usable & (tracks.seen.sum(axis=0) >= _WELL_SEEN)
+    well = measured.usable & (tracks.seen.sum(axis=0) >= WELL_SEEN)
     parents, learned = joint_parents(measured.moved_by[well])
     if not learned.any():
         raise DenseVSError("no joint moves any track; expected joints that move, and a camera that sees what they move")
@@ -279,81 +315,6 @@ def _parents(measured: TrackJacobians, tracks: PointTracks, options: BodyFitOpti
             raise DenseVSError(f"parents are {options.parents}; expected {joints} numbers, one a joint")
         parents = np.asarray(options.parents)
     return parents, learned
-
-
-def _first_links(measured: TrackJacobians, parents: np.ndarray, learned: np.ndarray) -> np.ndarray:
-    """The link whose joints agree best with those that move each track."""
-    moved = ancestors(parents)
-    candidates = [*np.flatnonzero(learned), BACKGROUND]
-    wrong = np.stack([(measured.moved_by[:, learned] != moved[k][learned]).sum(axis=1) for k in candidates])
-    return np.array(candidates)[wrong.argmin(axis=0)]
-
-
-def _start(
-    tracks: PointTracks,
-    measured: TrackJacobians,
-    links: np.ndarray,
-    parents: np.ndarray,
-    focal: float,
-    center: tuple[float, float],
-    options: BodyFitOptions,
-) -> tuple[list[BodyState], np.ndarray]:
-    """The best of the candidates that J gives, adjusted on a part of the tracks, and which tracks these are."""
-    good = measured.usable & (links != BACKGROUND) & (tracks.seen.sum(axis=0) >= _WELL_SEEN)
-    width = tracks.size[1]
-    inside = (measured.places > -0.5 * width).all(axis=1) & (measured.places < 1.5 * width).all(axis=1)
-    chosen = np.flatnonzero(good & inside)
-    if len(chosen) < _LEAST_TRACKS:
-        raise DenseVSError(f"{len(chosen)} tracks are seen long enough to start from; expected {_LEAST_TRACKS}")
-    part = replace(
-        measured,
-        **{
-            name: getattr(measured, name)[chosen]
-            for name in ("places", "jacobians", "covariances", "moved_by", "noise", "usable")
-        },
-    )
-    found = axes_from_jacobian(
-        part, ancestors(parents)[links[chosen]], parents, focal, center, starts=options.starts, seed=options.seed
-    )
-    rays = np.column_stack([(part.places - center) / focal, np.ones(len(chosen))])
-    trials = []
-    for axes in _distinct(found):
-        for candidate in (axes, reflected(axes)):
-            state = BodyState(candidate.chain, rays / candidate.inverse_depths[:, None], focal)
-            trials.append((np.inf, state))
-    # Many candidates on few images, fewer on more.
-    prior = focal, _HELD
-    for stride, rounds, kept in ((4, 1, 8), (2, 2, 5)):
-        rows = slice(None, None, stride)
-        joints, pixels = tracks.joints[rows], tracks.pixels[rows][:, chosen]
-        tried = []
-        for _, begun in trials:
-            state, cost, _ = adjust(begun, joints, pixels, links[chosen], center, prior, options.noise, rounds, 8)
-            tried.append((cost, state))
-        trials = sorted(tried, key=lambda one: one[0])[:kept]
-    return [state for _, state in trials], chosen
-
-
-def _distinct(found: list[tuple[float, AxesState]], most: int = 6) -> list[AxesState]:
-    """The first few of the candidates that differ, at unit median depth."""
-    kept: list[AxesState] = []
-    for _, state in found:
-        near = any(np.abs(np.sum(state.chain.axes * other.chain.axes, axis=1)).min() > 0.97 for other in kept)
-        if not near and len(kept) < most:
-            kept.append(with_median_one(state))
-    return kept
-
-
-def reflected(state: AxesState) -> AxesState:
-    """The body reflected in depth about the distance 1: nearly the same J under a narrow field of view.
-
-    A reflection turns a direction w of a line into -S w, S = diag(1, 1, -1).
-    """
-    chain = state.chain
-    flip = np.array([1.0, 1.0, -1.0])
-    depth = np.clip(2 - 1 / state.inverse_depths, 0.4, None)
-    mirrored = Chain(-chain.axes * flip, chain.points * flip + [0, 0, 2], chain.home, chain.parents)
-    return AxesState(mirrored, 1 / depth)
 
 
 def _in_units(state: BodyState) -> BodyState:

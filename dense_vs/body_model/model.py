@@ -18,6 +18,7 @@ import numpy as np
 
 from dense_vs.arrays import points_array, real_vector
 from dense_vs.body_model.chain import BACKGROUND, Chain
+from dense_vs.body_model.dense_motion import DenseMotion
 from dense_vs.body_model.fit import BodyFit, BodyFitOptions, fit_body
 from dense_vs.body_model.model_file import ModelContent, read_body, write_body
 from dense_vs.body_model.precision import covariances, precision_of
@@ -122,6 +123,7 @@ class BodyModel:
         track_options: PointTrackOptions | None = None,
         fit_options: BodyFitOptions | None = None,
         surface_options: SurfaceOptions | None = None,
+        dense: DenseMotion | None = None,
     ) -> "BodyModel":
         """Learn a body.
 
@@ -130,6 +132,7 @@ class BodyModel:
             joints: ``(K, N)`` joint positions of the images [rad].
             tracks: points that were followed already; followed here if not given.
             track_options, fit_options, surface_options: as given, or the defaults.
+            dense: a filter's J, where one has run: it helps to find where the fit starts.
 
         Raises:
             DenseVSError: images or joints that do not fit each other, too little that moves, or no body that fits.
@@ -143,7 +146,7 @@ class BodyModel:
                 f"tracks are of images {tracks.size} and {tracks.joints.shape[1]} joints; "
                 f"expected {np.shape(images[0])} and {q.shape[1]}"
             )
-        found = fit_body(tracks, fit_options)
+        found = fit_body(tracks, fit_options, dense)
         looked = [np.ascontiguousarray(images[k]) for k in range(0, len(images), followed.stride)]
         return cls.from_fit(found, looked, q[:: followed.stride], surface_options)
 

@@ -6,13 +6,14 @@ the evidence for each set of joints that may move the point, follow in closed fo
 joint that explains nothing costs evidence (beyond the papers; a point on link k has zero columns for joints after k).
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields, replace
 
 import numpy as np
 
 from dense_vs.body_model.tracks import PointTracks
 
 LEAST_SEEN = 8  # images
+EXPECTED = 0.3  # of the image's width: standard deviation of J and H before anything is known [1/rad, 1/rad^2]
 _TIGHT = 4.0  # times the noise: residuals beyond count as gross errors
 
 
@@ -38,42 +39,72 @@ class TrackJacobians:
     noise: np.ndarray
     usable: np.ndarray
 
+    def select(self, tracks: np.ndarray) -> "TrackJacobians":
+        """Some of the tracks, by index or mask."""
+        parts = {field.name: getattr(self, field.name)[tracks] for field in fields(self) if field.name != "posture"}
+        return replace(self, **parts)
 
-def track_jacobians(tracks: PointTracks, posture: np.ndarray, noise: float, image_scale: float) -> TrackJacobians:
+
+def track_jacobians(tracks: PointTracks, posture: np.ndarray, noise: float) -> TrackJacobians:
     """Fit every track.
 
     Args:
         tracks: the tracks.
         posture: ``(N,)`` [rad] about which.
         noise: standard deviation of a track's pixel [px].
-        image_scale: standard deviation that J and H are expected to have, about the image's width [px/rad].
     """
     count, joint_count = tracks.pixels.shape[1], tracks.joints.shape[1]
     places = np.full((count, 2), np.nan)
     jacobians, covariances = np.zeros((count, 2, joint_count)), np.zeros((count, joint_count, joint_count))
     moved_by = np.zeros((count, joint_count), bool)
     errors, usable = np.full(count, np.inf), np.zeros(count, bool)
-    step = tracks.joints - posture
-    pairs = np.triu_indices(joint_count)
-    quadratic = step[:, pairs[0]] * step[:, pairs[1]] * np.where(pairs[0] == pairs[1], 0.5, 1.0)
-    design = np.column_stack([np.ones(len(step)), step, quadratic])
-    prior = np.concatenate([[1e6], np.full(joint_count, image_scale**2), np.full(len(pairs[0]), image_scale**2)])
-    members = np.column_stack([np.zeros((len(prior), joint_count), bool)])
-    members[1 + np.arange(joint_count), np.arange(joint_count)] = True
-    rest = 1 + joint_count + np.arange(len(pairs[0]))
-    members[rest, pairs[0]] = members[rest, pairs[1]] = True
+    model = _Quadratic(tracks, posture)
     for m in range(count):
         seen = np.flatnonzero(tracks.seen[:, m])
         if len(seen) < LEAST_SEEN:
             continue
-        target = tracks.pixels[seen, m]
-        fit = _fit(design[seen], target, prior, members, noise)
-        if fit is None:
-            continue
+        fit = _fit(model.design[seen], tracks.pixels[seen, m], model.prior, model.members, noise)
         moved_by[m], mean, covariance, errors[m], usable[m] = fit
         places[m], jacobians[m] = mean[0], mean[1 : 1 + joint_count].T
         covariances[m] = covariance[1 : 1 + joint_count, 1 : 1 + joint_count]
     return TrackJacobians(np.asarray(posture), places, jacobians, covariances, moved_by, errors, usable)
+
+
+def joint_set_evidence(tracks: PointTracks, measured: TrackJacobians, sets: np.ndarray, noise: float) -> np.ndarray:
+    """Logarithm of the evidence ``(M, K)`` that these and no other joints move each track, up to a track's constant.
+
+    Args:
+        tracks: M tracks.
+        measured: their J; only its posture counts.
+        sets: bool ``(K, N)``, joints that may move a track.
+        noise: standard deviation of a track's pixel [px].
+    """
+    model = _Quadratic(tracks, measured.posture)
+    evidence = np.zeros((tracks.pixels.shape[1], len(sets)))
+    for m in range(len(evidence)):
+        seen = np.flatnonzero(tracks.seen[:, m])
+        for k, chosen in enumerate(sets if len(seen) else ()):
+            evidence[m, k] = _posterior(
+                model.design[seen], tracks.pixels[seen, m], model.prior, model.members, chosen, noise
+            )[0]
+    return evidence
+
+
+class _Quadratic:
+    """Columns of the quadratic model in every image, their prior variances, and the joints that each needs."""
+
+    def __init__(self, tracks: PointTracks, posture: np.ndarray):
+        joint_count = tracks.joints.shape[1]
+        step = tracks.joints - posture
+        pairs = np.triu_indices(joint_count)
+        quadratic = step[:, pairs[0]] * step[:, pairs[1]] * np.where(pairs[0] == pairs[1], 0.5, 1.0)
+        self.design = np.column_stack([np.ones(len(step)), step, quadratic])
+        expected = EXPECTED * tracks.size[1]
+        self.prior = np.concatenate([[1e6], np.full(joint_count + len(pairs[0]), expected**2)])
+        self.members = np.zeros((len(self.prior), joint_count), bool)
+        self.members[1 + np.arange(joint_count), np.arange(joint_count)] = True
+        rest = 1 + joint_count + np.arange(len(pairs[0]))
+        self.members[rest, pairs[0]] = self.members[rest, pairs[1]] = True
 
 
 def _fit(design: np.ndarray, target: np.ndarray, prior: np.ndarray, members: np.ndarray, noise: float):

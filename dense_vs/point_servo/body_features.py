@@ -10,8 +10,8 @@ from enum import IntEnum
 
 import numpy as np
 
+from dense_vs.body_model.adjustment import adjust
 from dense_vs.body_model.chain import Chain
-from dense_vs.body_model.fit import adjust
 from dense_vs.body_model.link_assignment import place_points
 from dense_vs.body_model.track_problem import BodyState
 

@@ -39,6 +39,8 @@ MOST_UNCERTAIN = 0.8  # px, standard deviation of the point's place up to which 
 DOUBT = 1.5  # times the depth's standard deviation: places of features around share their errors
 DEPTH_ALONE = 4.0  # times it, for a place that the point's own look does not confirm
 OWN_SHARE = 0.7  # of :meth:`PointLook.drift`, found on recordings of six views
+OFF_SHARE = 0.4  # of how far the own look is seen from where the chain has the point: one of the two is wrong
+CHAIN_DRIFT = 1.5  # px/rad, of a place by the chain alone, as features renewed on the way hide what it is off
 BASIC = 0.3  # px, of any place
 VOTES = 7  # features around, which say what link the point is on where its own places do not
 
@@ -227,7 +229,8 @@ class BodyTracker:
         self.correlation = np.array([correlation], np.float32)
         share = float(np.clip((correlation - LIKE) / (ALIKE - LIKE), 0, 1))
         if share == 1:
-            self._by_own = max(OWN_SHARE * self._look.drift(correlation), OWN_DRIFT)
+            off = OFF_SHARE * float(np.linalg.norm(found - place))
+            self._by_own = max(OWN_SHARE * self._look.drift(correlation), off, OWN_DRIFT)
         if share > 0 and as_expected:
             self._sighting = found
         return place + share * (found - place)
@@ -250,7 +253,7 @@ class BodyTracker:
             features.keyframes[k] = one.with_place(POINT, found if correlation > BELIEVED else None)
 
     def _uncertainty(self, q: np.ndarray) -> float:
-        """Standard deviation [px]: by the depth, whose error shows as the link turns, and by the link's features.
+        """Standard deviation [px]: by depth and chain, whose errors show as the link turns, and by the link's features.
 
         The point's own look says where it is where it is distinct. That it is found where the link expects it is no
         sign by itself: a plain look is found anywhere.
@@ -258,7 +261,10 @@ class BodyTracker:
         if self.on_link.depth is None:
             return np.inf
         by_depth = DEPTH_ALONE * self.on_link.depth.deviation * float(np.linalg.norm(self.on_link.view(q[None])[2]))
-        return float(np.hypot(min(by_depth, self._by_own), BASIC + self._spread / np.sqrt(max(self.seen, 1))))
+        moved_by = self.features.chain.moved_by[self.on_link.link]
+        by_chain = CHAIN_DRIFT * float(np.linalg.norm((q - self.on_link.defined_at)[moved_by]))
+        by_model = min(float(np.hypot(by_depth, by_chain)), self._by_own)
+        return float(np.hypot(by_model, BASIC + self._spread / np.sqrt(max(self.seen, 1))))
 
     def _refine(self) -> None:
         """Chain, features and the point, adjusted to all keyframes."""

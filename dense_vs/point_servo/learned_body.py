@@ -8,6 +8,7 @@ import cv2
 import numpy as np
 
 from dense_vs.body_model import BodyModel, PointTrackOptions
+from dense_vs.body_model.dense_motion import DenseMotion
 from dense_vs.errors import DenseVSError
 from dense_vs.flow.estimator import FlowEstimator
 from dense_vs.pipeline.body_prior import CHAIN_AGREEMENT, BodyPrior
@@ -19,6 +20,7 @@ from dense_vs.robot.joint_group import JointGroup
 HISTORY = 300  # images that J was corrected by, that are kept
 FITTED, LOOKED_BACK = 150, 60  # of these, that a body is fitted to, and that a point's features are followed through
 LEAST_IMAGES = 40
+LEAST_PIXELS = 200  # of the body, for J to say where a fit starts
 LEAST_JOINTS = 2  # one joint's axis alone leaves the rest of the camera open
 PRIOR_AT_FIRST, PRIOR_SHARE = 0.7, 0.1  # by which J is drawn to the body model's, once and at every measured motion
 JUDGED, MOVING = 12, 0.5  # pairs of images by which a model is judged, and px of motion that count
@@ -75,7 +77,9 @@ class LearnedBody:
         chosen = thinned(self._history, FITTED)
         images, joints = [image for image, _ in chosen], [q for _, q in chosen]
         try:
-            model = BodyModel.fit(images, joints, track_options=PointTrackOptions(stride=1))
+            model = BodyModel.fit(
+                images, joints, track_options=PointTrackOptions(stride=1), dense=self._dense(positions)
+            )
         except DenseVSError:
             return False
         if model.error > MOST_ERROR:
@@ -85,6 +89,15 @@ class LearnedBody:
             return False
         self.use(model, positions, explained)
         return True
+
+    def _dense(self, positions: np.ndarray) -> DenseMotion | None:
+        """J where the filter has the body; None where that is hardly anywhere, or not known."""
+        if self._pipeline.body is None:
+            return None
+        body = cv2.erode((self._pipeline.labels() == 1).astype(np.uint8), np.ones((5, 5), np.uint8)) > 0
+        if body.sum() < LEAST_PIXELS:
+            return None
+        return DenseMotion.of_image(self._pipeline.estimator.to_numpy(), positions, body)
 
     def use(self, model: BodyModel, positions: np.ndarray | None, explained: float = 1.0) -> None:
         """Take a model as it is, and draw J to it at a posture ``(N,)`` [rad]; None before the first frame.

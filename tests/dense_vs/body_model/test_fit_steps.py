@@ -6,20 +6,19 @@ import numpy as np
 import pytest
 from synthetic_body import CENTER, FOCAL, SIZE, postures, serial_body
 
-from dense_vs.body_model import fit as fitting
+from dense_vs.body_model import adjustment
+from dense_vs.body_model.adjustment import adjust
 from dense_vs.body_model.axes_from_jacobian import AxesProblem, AxesState, with_median_one
 from dense_vs.body_model.chain import Chain, ancestors
 from dense_vs.body_model.fit import (
     BodyFitOptions,
-    _first_links,
     _in_units,
     _share,
     _travel,
-    adjust,
     assign_links,
-    reflected,
 )
 from dense_vs.body_model.held_out import ExplainedFlow, first_part, held_out_error
+from dense_vs.body_model.start import reflected
 from dense_vs.body_model.track_jacobian import track_jacobians
 from dense_vs.body_model.track_problem import BodyState
 from dense_vs.body_model.tracks import PointTracks
@@ -223,7 +222,7 @@ def test_the_adjusted_state_has_the_errors_that_are_told(recorded, noise, gross)
     off = off[np.isfinite(off)]
     assert error == pytest.approx(np.median(off), rel=1e-6)
     squared = off**2
-    assert robust == pytest.approx(np.mean(squared / (squared + (fitting._GROSS * noise) ** 2)), rel=1e-6)
+    assert robust == pytest.approx(np.mean(squared / (squared + (adjustment._GROSS * noise) ** 2)), rel=1e-6)
     assert error < 1.5 * noise
     assert state.focal == pytest.approx(FOCAL, rel=0.01)
 
@@ -238,14 +237,6 @@ def test_a_track_is_on_the_link_that_explains_it_best(recorded):
     without, _, more = assign_links(state_of(body), CENTER, tracks, body.points, np.array([True, True, False]), 0.5)
     assert set(without) <= {0, 1, -1}
     assert more[body.links == 2].mean() > 0.1
-
-
-def test_first_links_are_those_whose_joints_agree_best():
-    parents, learned = np.array([-1, 0, 1, -1]), np.array([True, True, True, False])
-    moved = np.array([[1, 0, 0, 0], [1, 1, 0, 1], [1, 1, 1, 0], [0, 0, 0, 1], [0, 1, 1, 0]], bool)
-    links = _first_links(SimpleNamespace(moved_by=moved), parents, learned)
-    assert links.tolist()[:4] == [0, 1, 2, -1]
-    assert links[4] == 2  # one joint differs, where of the others two do
 
 
 def test_the_unit_is_that_of_the_median_distance(recorded):
@@ -264,7 +255,7 @@ def test_a_track_s_j_and_the_joints_that_move_it_follow_from_its_own_pixels(reco
     way = postures(3, count=60, reach=0.15)
     tracks = body.tracks(way, noise=0.2)
     home = np.median(way, axis=0)
-    measured = track_jacobians(tracks, home, 0.2, 320.0)
+    measured = track_jacobians(tracks, home, 0.2)
     true = body.jacobians(home)
     assert measured.usable.mean() > 0.95
     moved = ancestors(body.parents)[body.links].astype(bool)
@@ -281,7 +272,7 @@ def test_a_track_s_j_and_the_joints_that_move_it_follow_from_its_own_pixels(reco
     few = tracks.pixels.copy()
     few[7:, 0], few[8:, 1] = np.nan, np.nan
     few[:7, 0] = few[:8, 1] = 5.0
-    hidden = track_jacobians(PointTracks(way, few, tracks.references, SIZE), home, 0.2, 320.0)
+    hidden = track_jacobians(PointTracks(way, few, tracks.references, SIZE), home, 0.2)
     assert not hidden.usable[0]
     assert np.isnan(hidden.places[0]).all()
     assert hidden.usable[1]

@@ -7,8 +7,9 @@ import pytest
 from synthetic_body import CENTER, FOCAL, SIZE, postures, serial_body
 
 from dense_vs.body_model import BodyModel
+from dense_vs.body_model.adjustment import adjust
 from dense_vs.body_model.chain import Chain
-from dense_vs.body_model.fit import BodyFit, adjust
+from dense_vs.body_model.fit import BodyFit
 from dense_vs.body_model.held_out import share_within_deviation
 from dense_vs.body_model.model_file import ModelContent
 from dense_vs.body_model.precision import covariances, precision_of

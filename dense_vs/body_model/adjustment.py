@@ -1,0 +1,37 @@
+"""Bundle adjustment of lines, camera and points on given links, with weights against gross errors."""
+
+import numpy as np
+
+from dense_vs.body_model.solver import solve
+from dense_vs.body_model.track_problem import BodyState, TrackProblem
+
+_GROSS = 3.0  # times the usual error: weights fall beyond
+
+
+def adjust(
+    state: BodyState,
+    joints: np.ndarray,
+    pixels: np.ndarray,
+    links: np.ndarray,
+    center: tuple[float, float],
+    focal_prior: tuple[float, float],
+    noise: float,
+    rounds: int,
+    iterations: int,
+) -> tuple[BodyState, float, float]:
+    """Bundle adjustment with weights that fall with the error, found anew in every round.
+
+    Returns:
+        The state, its mean robust error (0 to 1) and its median error [px].
+    """
+    for _ in range(rounds):
+        whole = TrackProblem(joints, pixels, links, center, np.ones(pixels.shape[:2]), focal_prior, noise)
+        squared = np.minimum((whole.errors(state) ** 2).sum(axis=1), 1e12)
+        scale = max(noise, float(np.median(np.sqrt(squared))) / 1.1774)
+        weights = np.zeros(pixels.shape[:2])
+        weights[whole.image, whole.point] = 1 / (1 + squared / (_GROSS * scale) ** 2) ** 2
+        problem = TrackProblem(joints, pixels, links, center, weights, focal_prior, noise)
+        state, _ = solve(problem, state, iterations, 1e-4)
+    squared = np.minimum((whole.errors(state) ** 2).sum(axis=1), 1e12)
+    robust = float(np.mean(squared / (squared + (_GROSS * noise) ** 2)))
+    return state, robust, float(np.median(np.sqrt(squared)))
