@@ -88,7 +88,7 @@ def test_motion_since_the_last_keyframe_is_that_of_the_feature_that_moves_most()
 
 def reference_offset(there, expected, off):
     """A weighted mean, then once more with weights that fall for features unlike it; and the spread about that."""
-    weights = np.array([np.exp(-np.hypot(*(place - expected)) ** 2 / (2 * 28.0**2)) + 1e-3 for place in there])
+    weights = np.array([np.exp(-(np.hypot(*(place - expected)) ** 2) / (2 * 28.0**2)) + 1e-3 for place in there])
     mean = sum(w * o for w, o in zip(weights, off, strict=True)) / weights.sum()
     weights = np.array([w / (1 + np.hypot(*(o - mean)) ** 2) for w, o in zip(weights, off, strict=True)])
     mean = sum(w * o for w, o in zip(weights, off, strict=True)) / weights.sum()
@@ -141,7 +141,7 @@ def test_its_own_look_corrects_a_point_whose_depth_is_known():
     tracker._by_look = lambda q, gray, place, spread: asked.append((place, spread)) or place + [3.0, 4.0]
     tracker._correct(np.zeros(1), 1, GRAY)
     mean, spread = reference_offset(at[1:], at[0], off)
-    (place, aside), = asked
+    ((place, aside),) = asked
     np.testing.assert_allclose(place, at[0] + mean)
     assert aside == pytest.approx(0.3 + spread / np.sqrt(3))
     np.testing.assert_allclose(tracker.point, place + [3.0, 4.0])
@@ -179,7 +179,7 @@ def test_the_own_look_counts_by_how_alike_it_is(found, turned, place, own, sight
     assert tracker._by_own == pytest.approx(own)
     np.testing.assert_equal(tracker._sighting, None if sighting is None else np.array(sighting, float))
     assert tracker.correlation[0] == np.float32(correlation)
-    (affine, covariance), = asked
+    ((affine, covariance),) = asked
     np.testing.assert_array_equal(affine, [[1, 2], [3, 4]])
     # 1.5 deviations of 0.1 along (30, 40), half a pixel beside it.
     np.testing.assert_allclose(covariance, np.outer([4.5, 6.0], [4.5, 6.0]) + 0.25 * np.eye(2))
