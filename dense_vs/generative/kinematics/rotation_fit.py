@@ -127,7 +127,10 @@ def rotation_errors(joints: np.ndarray, rotations: np.ndarray, axes: np.ndarray,
 def _equations(
     chain: RotationChain, axes: np.ndarray, across: np.ndarray, home: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Half squared Frobenius distances (k,), as small angles squared, descent directions (k, u) and Gauss-Newton matrices (k, u, u)."""
+    """Half squared Frobenius distances (k,), descent directions (k, u) and Gauss-Newton matrices (k, u, u).
+
+    Half the squared distance of two rotations is the square of a small angle between them.
+    """
     cost, errors, turns = chain.evaluate(axes, across, home)
     flat = turns.reshape(len(turns), -1, turns.shape[-1])
     transposed = flat.transpose(0, 2, 1)

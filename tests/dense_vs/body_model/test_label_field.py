@@ -40,7 +40,7 @@ def test_a_path_s_cost_is_the_least_of_all_paths():
                 totals.append(total)
             before = 0.0 if pixel == 0 else least[pixel - 1]
             assert found[pixel, last] == pytest.approx(min(totals) - before, abs=1e-9)
-            least[pixel] = min(totals) if last == 0 else min(least[pixel], min(totals))
+            least[pixel] = min(totals) if last == 0 else min(least[pixel], *totals)
 
 
 def test_lines_run_in_four_directions_and_pay_less_at_edges():

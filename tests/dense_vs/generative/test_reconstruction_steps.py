@@ -1,5 +1,6 @@
 """The steps from pixels to poses, each by itself on exact cases, before any adjustment could mend them."""
 
+from itertools import pairwise
 from types import SimpleNamespace
 
 import numpy as np
@@ -144,7 +145,7 @@ def test_the_minima_told_are_weighted_errors_and_the_best_is_the_truth(noise):
     np.testing.assert_allclose(best.axes, AXES, atol=1e-6 + 1.5 * noise)
     np.testing.assert_allclose(best.home, HOME, atol=1e-6 + noise)
     assert [one.rms for one in minima] == sorted(one.rms for one in minima)
-    for one, following in zip(minima, minima[1:], strict=False):
+    for one, following in pairwise(minima):
         assert following.rms > 1.001 * one.rms  # each is told once
     for one in minima:
         error = angles(rotations, chain(one.axes, one.home, joints))
@@ -211,7 +212,7 @@ def test_points_of_axes_are_the_weighted_least_squares_solution():
     """No small change of any point or of the home place explains noisy places better."""
     rng = np.random.default_rng(9)
     joints = rng.uniform(-1, 1, (25, 2))
-    places = rng.normal(size=(25, 3)) + [3.0, -2.0, 5.0]
+    places = rng.normal(size=(25, 3)) + np.array([3.0, -2.0, 5.0])
     weights = rng.uniform(0.1, 3.0, 25)
     points, home = fit_axis_points(joints, AXES, places, weights, cutoff=1e-12)
 
@@ -237,7 +238,7 @@ def test_points_of_axes_are_the_weighted_least_squares_solution():
 def test_rays_are_weighted_by_depth_and_by_what_they_are_told():
     """The second pass minimizes errors in the image: each equation over the depth, times the weights."""
     rng = np.random.default_rng(10)
-    rotation, shift = turns(rng, 4, 0.2), rng.normal(0, 0.3, (4, 3)) + [0, 0, 4.0]
+    rotation, shift = turns(rng, 4, 0.2), rng.normal(0, 0.3, (4, 3)) + np.array([0, 0, 4.0])
     shift[0, 2] += 8.0
     point = np.array([0.2, -0.3, 0.4])
     here = rotation @ point + shift
@@ -283,7 +284,7 @@ def test_a_rigid_motion_is_the_weighted_best(planar):
 def test_the_second_extent_of_points():
     square = np.array([[0, 0, 0], [2, 0, 0], [0, 1, 0], [2, 1, 0], [np.nan] * 3], float)
     masks = np.array([[1, 1, 1, 1, 0], [1, 1, 0, 0, 0], [1, 1, 1, 0, 0], [0, 0, 0, 0, 0]], bool)
-    found = spread(square + [5.0, -3.0, 9.0], masks)
+    found = spread(square + np.array([5.0, -3.0, 9.0]), masks)
     assert found[0] == pytest.approx(0.5)  # along the shorter side, standard deviation
     third = np.linalg.eigvalsh(np.cov(square[:3].T, bias=True))[1]
     np.testing.assert_allclose(found[1:], [0.0, np.sqrt(third), 0.0], atol=1e-9)
@@ -361,7 +362,7 @@ def test_structure_is_of_single_samples_or_of_the_motion(viewed):
 
 
 def matches(rng, noise=0.0):
-    points = rng.normal(size=(40, 3)) + [0, 0, 5.0]
+    points = rng.normal(size=(40, 3)) + np.array([0, 0, 5.0])
     rotation, shift = Rotation.from_rotvec([0.1, 0.4, -0.2]).as_matrix(), np.array([0.8, -0.2, 0.3])
     other = points @ rotation.T + shift
     first, second = points[:, :2] / points[:, 2:], other[:, :2] / other[:, 2:]
@@ -402,7 +403,7 @@ def test_a_refined_pose_is_the_truth_and_its_cost_is_robust():
     first, second, rotation, shift = matches(rng)
     second[:6] += 0.5
     begun = Rotation.from_rotvec([0.03, -0.02, 0.04]).as_matrix() @ rotation
-    cost, found, direction = relative_pose._refined(begun, shift + [0.05, 0.05, -0.1], first, second, 600.0)
+    cost, found, direction = relative_pose._refined(begun, shift + np.array([0.05, 0.05, -0.1]), first, second, 600.0)
     np.testing.assert_allclose(found, rotation, atol=1e-3)
     np.testing.assert_allclose(direction, shift, atol=1e-3)
     distance = 600.0 * relative_pose._sampson(relative_pose._essential(rotation, shift), first, second)

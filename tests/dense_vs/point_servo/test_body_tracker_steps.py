@@ -113,7 +113,7 @@ def test_the_point_is_off_by_what_features_around_it_are_off(count):
     assert tracker.seen == count
     if count < 3:
         assert (tracker.unseen, tracker._spread) == (5, 9.0)
-        np.testing.assert_allclose(tracker.point, expected + [0.5, -0.5])
+        np.testing.assert_allclose(tracker.point, expected + np.array([0.5, -0.5]))
         return
     mean, spread = reference_offset(there[1 : count + 1], expected, off[1 : count + 1])
     assert tracker.unseen == 0
@@ -138,21 +138,23 @@ def test_its_own_look_corrects_a_point_whose_depth_is_known():
     asked = []
     tracker = bare(Features(at, np.zeros_like(at)), [1, 2, 3], at[1:] + off)
     tracker.on_link.depth = PointDepth(1.0, 0.1)
-    tracker._by_look = lambda q, gray, place, spread: asked.append((place, spread)) or place + [3.0, 4.0]
+    tracker._by_look = lambda q, gray, place, spread: asked.append((place, spread)) or place + np.array([3.0, 4.0])
     tracker._correct(np.zeros(1), 1, GRAY)
     mean, spread = reference_offset(at[1:], at[0], off)
     ((place, aside),) = asked
     np.testing.assert_allclose(place, at[0] + mean)
     assert aside == pytest.approx(0.3 + spread / np.sqrt(3))
-    np.testing.assert_allclose(tracker.point, place + [3.0, 4.0])
+    np.testing.assert_allclose(tracker.point, place + np.array([3.0, 4.0]))
 
 
 def looking(found, turned):
     """A tracker at (10, 20) whose look is found at (16, 12), and turned at (10, 24), with these correlations."""
     asked = []
     look = SimpleNamespace(
-        found=lambda gray, place, affine, covariance: asked.append((affine, covariance)) or (place + [6, -8], found),
-        turned=lambda gray, place, affine: (place + [0, 4], turned),
+        found=lambda gray, place, affine, covariance: (
+            asked.append((affine, covariance)) or (place + np.array([6, -8]), found)
+        ),
+        turned=lambda gray, place, affine: (place + np.array([0, 4]), turned),
         drift=lambda correlation: 10 * (1 - correlation),
     )
     views = (np.zeros((1, 2)), np.array([[[1.0, 2.0], [3.0, 4.0]]]), np.array([[30.0, 40.0]]))
@@ -250,7 +252,7 @@ def test_a_feature_that_leaves_its_link_is_given_up(monkeypatch, away, kept):
     assert before is GRAY
     assert now is later
     np.testing.assert_array_equal(places, at[1:])
-    np.testing.assert_allclose(expected, at[1:] + [2, 1])
+    np.testing.assert_allclose(expected, at[1:] + np.array([2, 1]))
     assert tracker._live.tolist() == [1, 2, 3] + [4] * kept + [6, 7, 8]
     np.testing.assert_allclose(tracker._places, (expected + off)[tracker._live - 1])
     assert corrected == [(1.0, 1)]

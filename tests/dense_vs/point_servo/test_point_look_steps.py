@@ -121,7 +121,7 @@ def test_it_is_sought_as_far_as_three_deviations(deviation, scale, radius):
 
     def at(steps):
         """The image in which it is so many px of the look to the right of where it is expected."""
-        matrix = np.column_stack([affine, POINT + [steps * scale, 0] - affine @ POINT])
+        matrix = np.column_stack([affine, POINT + np.array([steps * scale, 0]) - affine @ POINT])
         return cv2.warpAffine(gray, matrix, SIZE[::-1], flags=cv2.INTER_LINEAR, borderMode=cv2.BORDER_REFLECT)
 
     place, alike = look.found(at(radius), POINT, affine, 1e3 * thin if deviation == 10.0 else thin)
@@ -156,7 +156,7 @@ def test_the_expectation_decides_among_places_that_are_alike_by_chance():
         place, told = look.found(later, np.array([x, y], float), np.eye(2), covariance)
         assert told == pytest.approx(alike[row, column], abs=1e-3)
         np.testing.assert_allclose(
-            place, np.array([x, y]) + [column - radius, row - radius] + _peak(score, row, column), atol=0.05
+            place, np.array([x, y]) + np.array([column - radius, row - radius]) + _peak(score, row, column), atol=0.05
         )
 
 
