@@ -4,7 +4,8 @@ Comparisons turned round or moved to the border, conditions negated, answers of 
 arithmetic swapped, signs dropped, extremes exchanged, flags and small numbers changed, limits and counts one off.
 Texts, messages, annotations, progress, drawings and declarations of arguments are left out: no figure depends on them.
 So are guards against rounding, numbers below :data:`ROUNDING`: ten times as large, or with or without the border, they
-do the same; and what fills an array without elements.
+do the same; so are ``strict`` of a zip, which tells a programmer's mistake alone, and what fills an array without
+elements.
 """
 
 import ast
@@ -130,6 +131,8 @@ def _nodes(tree: ast.Module) -> list[tuple[ast.expr, str]]:
         if isinstance(node, ast.Expr) and isinstance(node.value, ast.Constant):
             return
         if isinstance(node, ast.Call) and ast.unparse(node.func).startswith(LEFT_OUT_CALLS):
+            return
+        if isinstance(node, ast.keyword) and node.arg == "strict":
             return
         if isinstance(node, ast.If) and "TYPE_CHECKING" in ast.unparse(node.test):
             return

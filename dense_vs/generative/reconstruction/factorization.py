@@ -117,7 +117,7 @@ def _affine(flat: np.ndarray, rng: np.random.Generator) -> tuple[np.ndarray, np.
     best_cost = np.inf
     for _ in range(STARTS):
         structure = rng.normal(size=(flat.shape[1], 3))
-        frames = np.zeros((len(flat), 2, 4))
+        frames = np.empty((len(flat), 2, 4))
         for t, seen in enumerate(problem.seen):
             design = np.column_stack([structure[seen], np.ones(seen.sum())])
             frames[t] = np.linalg.lstsq(design, flat[t][seen] / size, rcond=1e-2)[0].T
