@@ -1,114 +1,24 @@
-"""Parts of a model from exact pixels: DH parameters, one part relearned, what stays open, samples posed one by one."""
+"""One part of a model from a few samples, and what observations leave open, from exact pixels of an arm."""
 
 from dataclasses import replace
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from exact_arm import SIZES, carried, exact_arm, project
+from exact_arm import SIZES, exact_arm, project
 from scipy.spatial.transform import Rotation
 
 from dense_vs.errors import DenseVSError
 from dense_vs.generative import Observations
-from dense_vs.generative.kinematics.denavit_hartenberg import DHProblem, from_lines, to_lines, transforms, with_dh
 from dense_vs.generative.kinematics.placement import place_cameras, place_features
 from dense_vs.generative.learning import fitting, relearning
 from dense_vs.generative.learning.relearning import relearn
 from dense_vs.generative.least_squares.observability import describe_unobservable
 from dense_vs.generative.least_squares.pixel_problem import Free, PixelProblem, PixelState
-from dense_vs.generative.reconstruction.factorization import factorize
-from dense_vs.generative.reconstruction.sample_alignment import align_samples
 
 
 @pytest.fixture(scope="module")
 def arm():
     return exact_arm()
-
-
-# Denavit and Hartenberg's parameters.
-
-
-def test_a_transform_is_four_plain_motions():
-    """Turn about z, shift along it, shift along x, turn about x."""
-    omega, d, a, alpha, q = 0.3, 0.2, -0.4, 0.7, np.array([0.5, -1.1])
-    for angle, found in zip(q, transforms(np.array([omega, d, a, alpha]), q), strict=True):
-        turn = Rotation.from_euler("z", omega + angle).as_matrix()
-        expected = np.eye(4)
-        expected[:3, :3] = turn @ Rotation.from_euler("x", alpha).as_matrix()
-        expected[:3, 3] = turn @ [a, 0, 0] + [0, 0, d]
-        np.testing.assert_allclose(found, expected, atol=1e-12)
-
-
-@pytest.mark.parametrize("kind", ["skew", "parallel", "same line", "crossing"])
-def test_lines_become_parameters_and_lines_again(kind):
-    """Also where two axes are parallel, where d is not determined and taken as 0."""
-    axes = np.array([[0.0, 0.0, 1.0], [0.8, 0.6, 0.0], [0.0, 0.6, 0.8]])
-    points = np.array([[0.05, 0.0, 0.0], [0.0, 0.1, 0.2], [0.1, 0.0, 0.4]])
-    if kind == "parallel":
-        axes[1] = axes[0]
-    elif kind == "same line":
-        axes[1], points[1] = axes[0], points[0] + [0, 0, 0.7]
-    elif kind == "crossing":
-        points[1] = points[0] + 0.3 * axes[0]
-    home = np.array([0.2, -0.5, 0.9])
-    dh = from_lines(axes, points, home)
-    near = np.array([0.3, -0.2, 0.6])
-    found, at = to_lines(dh, home, near)
-    np.testing.assert_allclose(found, axes, atol=1e-9)
-    np.testing.assert_allclose(np.cross(at - points, axes), 0.0, atol=1e-9)
-    np.testing.assert_allclose(np.einsum("ni,ni->n", at - near, axes), 0.0, atol=1e-9)
-    if kind in ("parallel", "same line"):
-        assert dh.table[0, 1] == 0.0
-    # The links move as turns about the lines say.
-    q = home + np.array([0.4, -0.3, 0.2])
-    before, after = dh.frames(home[None])[0], dh.frames(q[None])[0]
-    none = {"base_rotation": np.eye(3), "base_translation": np.zeros(3)}
-    arm = SimpleNamespace(axes=axes, points=points, home=home, **none)
-    for link in range(4):
-        inside = np.linalg.inv(before[link]) @ [0.1, 0.2, 0.3, 1.0]
-        np.testing.assert_allclose((after[link] @ inside)[:3], carried(arm, q, link, [0.1, 0.2, 0.3]), atol=1e-9)
-
-
-@pytest.mark.parametrize("local", ["none", "joints"])
-def test_the_gradient_in_these_parameters_is_that_of_the_cost(arm, local):
-    p = arm.parameters
-    rng = np.random.default_rng(1)
-    cameras = np.array([False, True])
-    free = Free(kinematics=True, features=True, cameras=cameras, intrinsics=cameras)
-    problem = PixelProblem(arm.pixels + rng.normal(size=arm.pixels.shape), p.links, 3, free, local)
-    dh = DHProblem(problem)
-    state = with_dh(PixelState(p.copy(), arm.joints.copy()), from_lines(p.axes, p.points, p.home))
-    equations = dh.linearize(state)
-    assert equations.cost == pytest.approx(dh.cost(state))
-    count = len(equations.shared_gradient)
-    assert (dh.lines, dh.own) == (12, 14)
-    assert count == 14 + problem.count - 12
-    blocks = None if equations.local is None else np.zeros((len(arm.joints), equations.local.shape[1]))
-
-    def residual(step):
-        return problem.residuals(dh.move(state, step, blocks)).ravel().copy()
-
-    J = np.stack([(residual(1e-6 * d) - residual(-1e-6 * d)) / 2e-6 for d in np.eye(count)], axis=1)
-    here = residual(np.zeros(count))
-    scale = np.sqrt((J**2).sum(axis=0))
-    np.testing.assert_allclose(equations.shared_gradient / scale, J.T @ here / scale, atol=1e-2)
-    np.testing.assert_allclose(equations.shared / np.outer(scale, scale), J.T @ J / np.outer(scale, scale), atol=1e-5)
-    if local == "joints":
-        for t, n in ((0, 0), (5, 2)):
-            own = np.zeros_like(blocks)
-            own[t, n] = 1e-6
-            still = np.zeros(count)
-            up, down = (problem.residuals(dh.move(state, still, s * own)).ravel().copy() for s in (1, -1))
-            column = (up - down) / 2e-6
-            np.testing.assert_allclose(equations.coupling[t, n] / scale, column @ J / scale, rtol=1e-4, atol=1e-2)
-
-
-def test_kinematics_that_are_known_have_no_such_parameters(arm):
-    with pytest.raises(ValueError, match="not free"):
-        DHProblem(PixelProblem(arm.pixels, arm.parameters.links, 3, Free(features=True)))
-
-
-# One part from a few samples.
 
 
 def turned(vector):
@@ -264,9 +174,6 @@ def test_features_and_cameras_are_placed_through_the_chain(arm):
         assert np.isfinite(placed.camera_translation[1]).all() == (count == 4)
 
 
-# What observations leave open.
-
-
 def opened(arm, free=None, weights=None, offsets=False, still=(), local="none"):
     p = arm.parameters
     free = free or Free(kinematics=True, features=True, cameras=np.array([False, True]), intrinsics=False)
@@ -311,111 +218,6 @@ def test_a_camera_that_sees_too_little_is_named(arm):
     assert not any("feature" in word for word in words)
     lens = Free(cameras=np.array([False, True]), intrinsics=np.array([False, True]), kinematics=True, features=True)
     assert "intrinsics of camera 1 is not determined by these observations" in opened(arm, lens, weights)
-
-
-# Samples posed one by one, and from one camera.
-
-
-def rays_of(arm):
-    center, focal = arm.parameters.intrinsics[:, None, 2:4], arm.parameters.intrinsics[:, None, :2]
-    return (arm.pixels[:, :, :8] - center) / focal
-
-
-def apart(one, other, structure, truth):
-    """Largest distance of the posed structures, each after the rigid motion of the hand's axes to the true ones."""
-    middle, goal = structure.mean(axis=0), truth.mean(axis=0)
-    turn, _ = Rotation.align_vectors(truth - goal, structure - middle)
-    assert np.abs(turn.apply(structure - middle) + goal - truth).max() < 1e-3
-    return np.abs(one - other).max()
-
-
-@pytest.mark.parametrize("hidden", ["nothing", "one camera in some samples", "single features", "gross"])
-def test_every_sample_is_posed_by_what_the_cameras_see(arm, hidden):
-    p, flat = arm.parameters, rays_of(arm)
-    seen = np.ones(flat.shape[:3], bool)
-    if hidden == "one camera in some samples":
-        seen[3:9, 1] = False  # these are resected
-    elif hidden == "single features":
-        seen[:, 0, 6], seen[2:5, :, 1] = False, False
-    elif hidden == "gross":
-        flat = flat.copy()
-        flat[5, 0, 2] += 0.05
-    rotation, shift, structure, posed = align_samples(
-        flat, seen, np.ones(2, bool), p.camera_rotation, p.camera_translation
-    )
-    assert posed.all()
-    true = np.array([[carried(p, q, 3, feature) for feature in p.features[:8]] for q in arm.joints])
-    found = np.einsum("tij,mj->tmi", rotation, structure) + shift[:, None]
-    assert apart(found, true, structure, p.features[:8]) < (0.02 if hidden == "gross" else 1e-3)
-
-
-def test_samples_without_three_features_off_a_line_cannot_be_aligned(arm):
-    p, flat = arm.parameters, rays_of(arm)
-    seen = np.zeros(flat.shape[:3], bool)
-    seen[:, :, :2] = True
-    with pytest.raises(DenseVSError, match="three features, off a line"):
-        align_samples(flat, seen, np.ones(2, bool), p.camera_rotation, p.camera_translation)
-    seen[4, :, :4] = True  # one sample is enough, for itself
-    _, _, structure, posed = align_samples(flat, seen, np.ones(2, bool), p.camera_rotation, p.camera_translation)
-    assert posed.tolist() == [t == 4 for t in range(14)]
-    assert np.isfinite(structure[:, 0]).tolist() == [True] * 4 + [False] * 4
-
-
-def far_arm(times=30, **changes):
-    """The hand so far away that its picture is nearly a scaled orthographic one."""
-    arm = exact_arm(**changes)
-    p = replace(arm.parameters, camera_translation=arm.parameters.camera_translation + np.array([0, 0, 2.0 * times]))
-    p.intrinsics[:, :2] *= times
-    arm.parameters, arm.pixels = p, project(p, arm.joints)
-    return arm
-
-
-@pytest.mark.parametrize("hidden", [False, True])
-def test_one_camera_tells_structure_and_motion_up_to_size_and_depth_reversal(hidden):
-    arm = far_arm(samples=12)
-    pixels = arm.pixels[:, :, :8].copy()
-    if hidden:
-        pixels[::3, 0, 5] = np.nan
-        pixels[4, 0, 4:] = np.nan  # four are enough for a frame,
-        pixels[7, 0, 3:] = np.nan  # three are not
-    found = factorize(pixels, arm.parameters.intrinsics, 0, np.random.default_rng(0))
-    truth = arm.parameters.features[:8] - arm.parameters.features[:8].mean(axis=0)
-    off = []
-    for one in found:
-        assert one.posed.tolist() == [not (hidden and t == 7) for t in range(12)]
-        assert one.placed_cameras.tolist() == [True, False]
-        structure = one.structure - one.structure.mean(axis=0)
-        structure = structure * np.linalg.norm(truth) / np.linalg.norm(structure)
-        turn, _ = Rotation.align_vectors(truth, structure)
-        off.append(np.abs(turn.apply(structure) - truth).max())
-        here = np.einsum("tij,mj->tmi", one.rotation, one.structure) + one.translation[:, None]
-        seen = np.isfinite(pixels[:, 0, :, 0]) & one.posed[:, None]
-        picture = arm.parameters.intrinsics[0, :2] * here[..., :2] / here[..., 2:] + arm.parameters.intrinsics[0, 2:4]
-        assert np.abs(picture - pixels[:, 0])[seen].max() < 8.0  # of a picture of some 300 px
-    assert min(off) < 0.02  # of 0.5
-    assert max(off) > 0.02  # the other one is its mirror image
-
-
-@pytest.mark.parametrize(("frames", "features", "enough"), [(2, 8, False), (12, 3, False), (12, 4, True)])
-def test_one_camera_needs_three_frames_of_four_features(frames, features, enough):
-    arm = far_arm(samples=12)
-    pixels = np.full_like(arm.pixels[:, :, :8], np.nan)
-    pixels[:frames, :, :features] = arm.pixels[:frames, :, :features]
-    if enough:
-        assert len(factorize(pixels, arm.parameters.intrinsics, 0, np.random.default_rng(0))) == 2
-    else:
-        with pytest.raises(DenseVSError, match="structure and motion from one camera"):
-            factorize(pixels, arm.parameters.intrinsics, 0, np.random.default_rng(0))
-
-
-def test_features_in_a_plane_are_refused():
-    arm = far_arm(3000, samples=12)
-    p = replace(arm.parameters, features=arm.parameters.features * [1, 1, 0] + [0, 0, 0.5])
-    with pytest.raises(DenseVSError, match="plane or line"):
-        factorize(project(p, arm.joints)[:, :, :8], p.intrinsics, 0, np.random.default_rng(0))
-
-
-# Rejection, figures and unknown features of a fit.
 
 
 def test_mistaken_detections_lose_all_weight_and_the_others_get_theirs_back(arm):
