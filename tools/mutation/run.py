@@ -33,16 +33,12 @@ from mutation.trials import Trial, run_trials
 ROOT = Path(__file__).resolve().parents[2]
 CONTROL = 20
 PRELOADED = (
-    "anyio.pytest_plugin",
-    "hypothesis",
     "matplotlib.figure",
     "mujoco_warp",
     "pytest",
-    "pytest_cov.plugin",
     "scipy.optimize",
     "scipy.spatial.transform",
     "sklearn.ensemble",
-    "xdist.plugin",
 )
 
 
