@@ -102,7 +102,7 @@ class AxesProblem:
 
     def moments_for(self, axes: np.ndarray) -> np.ndarray:
         """Points ``(N, 3)`` of lines with the given directions that fit best where all depths are 1."""
-        points = np.zeros_like(axes)
+        points = np.empty_like(axes)
         for n, axis in enumerate(axes):
             across = tangents(axis[None])[0]
             columns = (self.shift @ np.cross(across, axis).T) * self.root[:, n, None, None]

@@ -89,7 +89,7 @@ class FollowedDepth:
 def _window(depth: np.ndarray, place: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Pixels around a place whose depth is known: offsets from it ``(K, 2)`` [px] and depths ``(K,)`` [m]."""
     height, width = depth.shape
-    x, y = np.clip(np.rint(place), -REACH, (width + REACH, height + REACH)).astype(int)
+    x, y = np.clip(np.rint(place), -REACH - 1, (width + REACH, height + REACH)).astype(int)
     rows = slice(max(y - REACH, 0), max(y + REACH + 1, 0))
     columns = slice(max(x - REACH, 0), max(x + REACH + 1, 0))
     found = depth[rows, columns].astype(np.float64)

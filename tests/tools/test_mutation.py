@@ -186,6 +186,10 @@ def test_a_run_that_is_stopped_leaves_what_it_has(project):
         ("print(a - b)", []),
         ("x = a > 1e-6", ["a <= 1e-06"]),
         ("x = max(a, 1e-9 * b)", ["min(a, 1e-09 * b)", "1e-09 / b"]),
+        ("x = np.zeros((0, 3))", []),
+        ("x = np.zeros(0, int)", []),
+        ("x = np.zeros((n, 3))", ["np.ones((n, 3))"]),
+        ("f(zip(a, b, strict=True))", []),
     ],
 )
 def test_wrong_steps(source, after):
@@ -217,6 +221,17 @@ def test_where_the_share_of_all_lies(killed, total, low, high):
 )
 def test_borders_that_no_run_meets(before, after, same):
     assert at_continuous_border(before, after) == same
+
+
+def test_reasons_are_of_mutations_that_there_are():
+    """A reason for what no longer stands in the code would hide nothing, but mislead."""
+    known = json.loads((TOOLS / "mutation" / "reasons.json").read_text())
+    for name, reason in known.items():
+        place, _, change = name.partition(": ")
+        file, _, function = place.partition(" ")
+        found = mutants((TOOLS.parent / file).read_text())
+        assert change in {f"{one.before} -> {one.after}" for one in found if one.function == function}, name
+        assert len(reason) > 20
 
 
 def test_a_sample_takes_every_mutation_alike_and_the_groups_in_turn(tmp_path):

@@ -4,7 +4,8 @@ Comparisons turned round or moved to the border, conditions negated, answers of 
 arithmetic swapped, signs dropped, extremes exchanged, flags and small numbers changed, limits and counts one off.
 Texts, messages, annotations, progress, drawings and declarations of arguments are left out: no figure depends on them.
 So are guards against rounding, numbers below :data:`ROUNDING`: ten times as large, or with or without the border, they
-do the same.
+do the same; so are ``strict`` of a zip, which tells a programmer's mistake alone, and what fills an array without
+elements.
 """
 
 import ast
@@ -131,6 +132,8 @@ def _nodes(tree: ast.Module) -> list[tuple[ast.expr, str]]:
             return
         if isinstance(node, ast.Call) and ast.unparse(node.func).startswith(LEFT_OUT_CALLS):
             return
+        if isinstance(node, ast.keyword) and node.arg == "strict":
+            return
         if isinstance(node, ast.If) and "TYPE_CHECKING" in ast.unparse(node.test):
             return
         if isinstance(node, ast.expr):
@@ -198,10 +201,19 @@ def _calls(node: ast.Call) -> Iterator[ast.expr]:
         if function.id in ("max", "min", "any", "all"):
             yield ast.Call(function, node.args, node.keywords)
     elif isinstance(function, ast.Attribute) and function.attr in SWAPPED_CALLS:
+        if _is_empty(node):
+            return
         function.attr = SWAPPED_CALLS[function.attr]
         yield ast.Call(function, node.args, node.keywords)
     elif node.args and ast.unparse(function) in ("abs", "np.abs"):
         yield node.args[0]
+
+
+def _is_empty(node: ast.Call) -> bool:
+    """Whether an array of a shape that begins with 0 is made: it has no elements."""
+    shape = node.args[0] if node.args and ast.unparse(node.func).endswith(".zeros") else None
+    first = shape.elts[0] if isinstance(shape, ast.Tuple) and shape.elts else shape
+    return isinstance(first, ast.Constant) and type(first.value) is int and first.value == 0
 
 
 def _text(node: ast.BinOp) -> bool:

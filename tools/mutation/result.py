@@ -137,7 +137,8 @@ class Result:
 
     def _same(self, survivor: dict[str, Any]) -> str:
         """Why a mutation does the same as what it stands for; empty where it does not."""
-        known = self._reasons.get(f"{survivor['file']}: {survivor['before']} -> {survivor['after']}", "")
+        place = " ".join(part for part in (survivor["file"], survivor["function"]) if part)
+        known = self._reasons.get(f"{place}: {survivor['before']} -> {survivor['after']}", "")
         border = survivor["tests"] and at_continuous_border(survivor["before"], survivor["after"])
         return known or (CONTINUOUS if border else "")
 

@@ -88,7 +88,7 @@ def fit_rotations(
         active[refused[damping[refused] > 1e10]] = False
     minima: list[RotationMinimum] = []
     for trial in np.argsort(cost):
-        rms = float(np.sqrt(2 * max(cost[trial], 0.0) / weights.sum()))
+        rms = float(np.sqrt(max(cost[trial], 0.0) / weights.sum()))
         if not minima or rms > minima[-1].rms * (1 + DISTINCT) + 1e-9:
             minima.append(RotationMinimum(axes[trial], home[trial], rms))
     return minima
@@ -127,7 +127,10 @@ def rotation_errors(joints: np.ndarray, rotations: np.ndarray, axes: np.ndarray,
 def _equations(
     chain: RotationChain, axes: np.ndarray, across: np.ndarray, home: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Half squared errors (k,), descent directions (k, u) and Gauss-Newton matrices (k, u, u)."""
+    """Half squared Frobenius distances (k,), descent directions (k, u) and Gauss-Newton matrices (k, u, u).
+
+    Half the squared distance of two rotations is the square of a small angle between them.
+    """
     cost, errors, turns = chain.evaluate(axes, across, home)
     flat = turns.reshape(len(turns), -1, turns.shape[-1])
     transposed = flat.transpose(0, 2, 1)

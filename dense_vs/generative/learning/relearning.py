@@ -159,7 +159,7 @@ def _structure(
 def _base(parameters: ModelParameters, obs: Observations) -> tuple[ModelParameters, Solution, PixelProblem]:
     hand = parameters.links == parameters.joint_count
     rotation, translation, rms = infer_poses(parameters, obs.pixels, hand)
-    posed = np.flatnonzero(np.isfinite(rms) & (rms < 5 * np.nanmedian(rms) + 1.0))
+    posed = np.flatnonzero(_soundly_posed(rms))
     if len(posed) == 0:
         raise DenseVSError("no sample shows 4 features of the hand to a camera; expected at least one to find the base")
     unmoved = replace(parameters, base_rotation=np.eye(3), base_translation=np.zeros(3))
@@ -184,7 +184,7 @@ def _kinematics(
 ) -> tuple[ModelParameters, Solution, PixelProblem]:
     hand = parameters.links == parameters.joint_count
     rotation, translation, rms = infer_poses(parameters, obs.pixels, hand)
-    posed = np.isfinite(rms) & (rms < 5 * np.nanmedian(rms) + 1.0)
+    posed = _soundly_posed(rms)
     needed = -(-(4 * parameters.joint_count + 6) // 6)
     if posed.sum() < needed:
         raise DenseVSError(
@@ -213,6 +213,12 @@ def _kinematics(
     p = replace(solution.state.parameters, links=parameters.links)
     p = replace(p, features=np.where(at_end[:, None], p.features, np.nan))
     return place_features(p, obs.pixels, obs.joints), solution, problem
+
+
+def _soundly_posed(rms: np.ndarray) -> np.ndarray:
+    """Samples whose pose is known and about as good as the others', from errors ``(T,)`` [px], NaN without a pose."""
+    known = np.isfinite(rms)
+    return known & (rms < 5 * np.median(rms[known]) + 1.0) if known.any() else known
 
 
 def _hand_points(parameters: ModelParameters, joints: np.ndarray, points: np.ndarray) -> np.ndarray:

@@ -19,6 +19,7 @@ from dense_vs.generative.reconstruction.triangulation import rays
 
 FRAME_FEATURES = 4  # of a frame that takes part
 STARTS = 6
+FLAT = 1e-3  # share of the widest extent in the images: features without as much in a third direction lie in a plane
 
 
 def factorize(
@@ -46,15 +47,16 @@ def factorize(
         )
     part = flat[frames][:, features]
     frame_axes, shifts, structure = _affine(part, rng)
-    upgrade = _metric(frame_axes)
-    axes = frame_axes @ upgrade
-    structure = structure @ np.linalg.inv(upgrade).T
-    spread = np.linalg.svd(structure - structure.mean(axis=0), compute_uv=False)
-    if spread[2] < 1e-3 * spread[0]:
+    # The structure comes with the same extent in every direction: what it lacks, the frames do not show.
+    spread = np.linalg.svd(frame_axes.reshape(-1, 3), compute_uv=False)
+    if spread[2] < FLAT * spread[0]:
         raise DenseVSError(
             f"the features that camera {camera} saw lie in a plane or line (spread {np.round(spread / spread[0], 4)}); "
             "expected features in three dimensions"
         )
+    upgrade = _metric(frame_axes)
+    axes = frame_axes @ upgrade
+    structure = structure @ np.linalg.inv(upgrade).T
     return [
         _assemble(axes, shifts, structure, mirror, frames, features, pixels.shape, camera) for mirror in (1.0, -1.0)
     ]
@@ -115,7 +117,7 @@ def _affine(flat: np.ndarray, rng: np.random.Generator) -> tuple[np.ndarray, np.
     best_cost = np.inf
     for _ in range(STARTS):
         structure = rng.normal(size=(flat.shape[1], 3))
-        frames = np.zeros((len(flat), 2, 4))
+        frames = np.empty((len(flat), 2, 4))
         for t, seen in enumerate(problem.seen):
             design = np.column_stack([structure[seen], np.ones(seen.sum())])
             frames[t] = np.linalg.lstsq(design, flat[t][seen] / size, rcond=1e-2)[0].T

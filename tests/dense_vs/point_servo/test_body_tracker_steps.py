@@ -1,0 +1,166 @@
+"""The body tracker's place of its point, each step by itself, on features whose places follow by plain sums."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from counted_features import DROPPED, GRAY, KNOWN, YOUNG, Features, bare
+
+from dense_vs.point_servo.point_depth import PointDepth
+
+
+def test_features_are_expected_where_the_chain_takes_them_and_young_ones_with_those_around():
+    rate = [[0, 0], [1, -5], [2, -3], [6, -4], [50, 9], [70, 8], [0, 0], [0, 0], [2e4, 0]]
+    at = [[0, 0], [0, 0], [10, 0], [20, 0], [100, 0], [200, 0], [12, 0], [170, 1], [400, 0]]
+    states = [KNOWN] * 6 + [YOUNG, DROPPED, KNOWN]
+    features = Features(at, rate, states)
+    places = np.array(at[1:]) + 0.25
+    tracker = bare(features, range(1, 9), places, _positions=np.array([3.0]))
+    step = tracker._expected(np.array([4.0])) - places
+    np.testing.assert_allclose(step[:5], rate[1:6])
+    np.testing.assert_allclose(step[5], [2, -4])  # medians of the three that are nearest: 10, 0 and 20
+    np.testing.assert_allclose(step[6], [50, 8])  # 200, 100, 20
+    np.testing.assert_array_equal(step[7], 0.0)  # one of the places is behind the camera: 20,000 px say nothing
+    features.states[:] = YOUNG
+    np.testing.assert_array_equal(tracker._expected(np.array([4.0])), places)
+
+
+def test_motion_since_the_last_keyframe_is_that_of_the_feature_that_moves_most():
+    features = Features(np.zeros((4, 2)), [[0, 0], [1, 0], [-3, 4], [0, 2]])
+    tracker = bare(features, _kept_at=np.array([1.0]))
+    assert tracker._moved(np.array([1, 2, 3]), np.array([3.0])) == pytest.approx(10.0)
+    assert tracker._moved(np.array([1, 3]), np.array([3.0])) == pytest.approx(4.0)
+
+
+def reference_offset(there, expected, off):
+    """A weighted mean, then once more with weights that fall for features unlike it; and the spread about that."""
+    weights = np.array([np.exp(-(np.hypot(*(place - expected)) ** 2) / (2 * 28.0**2)) + 1e-3 for place in there])
+    mean = sum(w * o for w, o in zip(weights, off, strict=True)) / weights.sum()
+    weights = np.array([w / (1 + np.hypot(*(o - mean)) ** 2) for w, o in zip(weights, off, strict=True)])
+    mean = sum(w * o for w, o in zip(weights, off, strict=True)) / weights.sum()
+    squared = sum(w * np.hypot(*(o - mean)) ** 2 for w, o in zip(weights, off, strict=True))
+    return mean, np.sqrt(squared / weights.sum())
+
+
+@pytest.mark.parametrize("count", [2, 3, 6])
+def test_the_point_is_off_by_what_features_around_it_are_off(count):
+    """From three features on; fewer leave the offset as it was, and the link counts as unseen."""
+    rng = np.random.default_rng(count)
+    at = np.vstack([[40.0, 30.0], rng.uniform(0, 120, (count, 2)), [[40, 31], [41, 30]]])
+    features = Features(at, rng.normal(0, 20, at.shape), links=[1] * (count + 1) + [0, 1])
+    features.states[-1] = YOUNG
+    q = np.array([0.3])
+    live = np.array([0, *range(1, count + 3)])  # the point itself, one of another link and a young one do not count
+    off = rng.normal(0, 2, (len(live), 2))
+    there = features.project(live, q)
+    tracker = bare(features, live, there + off, unseen=4, _offset=np.array([0.5, -0.5]), _spread=9.0)
+    tracker._correct(q, 1, GRAY)
+    expected = there[0]
+    assert tracker.seen == count
+    if count < 3:
+        assert (tracker.unseen, tracker._spread) == (5, 9.0)
+        np.testing.assert_allclose(tracker.point, expected + np.array([0.5, -0.5]))
+        return
+    mean, spread = reference_offset(there[1 : count + 1], expected, off[1 : count + 1])
+    assert tracker.unseen == 0
+    np.testing.assert_allclose(tracker._offset, mean)
+    assert tracker._spread == pytest.approx(spread)
+    np.testing.assert_allclose(tracker.point, expected + mean)
+
+
+@pytest.mark.parametrize(("place", "taken"), [(0.99e5, True), (1.01e5, False), (-1.01e5, False), (np.nan, False)])
+def test_a_place_far_outside_leaves_the_point_and_counts_as_unseen(place, taken):
+    at = np.array([[40.0, place], [40, 30], [41, 30], [42, 30]])
+    tracker = bare(Features(at, np.zeros_like(at)), [1, 2, 3], at[1:])
+    tracker._correct(np.zeros(1), 1, GRAY)
+    assert tracker.unseen == (0 if taken else 1)
+    np.testing.assert_array_equal(tracker.point, [40.0, place] if taken else [7.0, 7.0])
+
+
+def test_its_own_look_corrects_a_point_whose_depth_is_known():
+    """Three links' features in sight: what else may be off is 0.3 px and their spread over the root of three."""
+    at = np.array([[40.0, 30.0], [40, 30], [50, 30], [40, 40]])
+    off = np.array([[1.0, 0.0], [1.0, 0.0], [1.0, 3.0]])
+    asked = []
+    tracker = bare(Features(at, np.zeros_like(at)), [1, 2, 3], at[1:] + off)
+    tracker.on_link.depth = PointDepth(1.0, 0.1)
+    tracker._by_look = lambda q, gray, place, spread: asked.append((place, spread)) or place + np.array([3.0, 4.0])
+    tracker._correct(np.zeros(1), 1, GRAY)
+    mean, spread = reference_offset(at[1:], at[0], off)
+    ((place, aside),) = asked
+    np.testing.assert_allclose(place, at[0] + mean)
+    assert aside == pytest.approx(0.3 + spread / np.sqrt(3))
+    np.testing.assert_allclose(tracker.point, place + np.array([3.0, 4.0]))
+
+
+def looking(found, turned):
+    """A tracker at (10, 20) whose look is found at (16, 12), and turned at (10, 24), with these correlations."""
+    asked = []
+    look = SimpleNamespace(
+        found=lambda gray, place, affine, covariance: (
+            asked.append((affine, covariance)) or (place + np.array([6, -8]), found)
+        ),
+        turned=lambda gray, place, affine: (place + np.array([0, 4]), turned),
+        drift=lambda correlation: 10 * (1 - correlation),
+    )
+    views = (np.zeros((1, 2)), np.array([[[1.0, 2.0], [3.0, 4.0]]]), np.array([[30.0, 40.0]]))
+    on_link = SimpleNamespace(view=lambda postures: views, depth=PointDepth(1.0, 0.1), link=1)
+    return bare(Features(np.zeros((1, 2)), np.zeros((1, 2))), _look=look, on_link=on_link), asked
+
+
+@pytest.mark.parametrize(
+    ("found", "turned", "place", "own", "sighting", "correlation"),
+    [
+        (0.99, 0.0, [16, 12], 0.5, [16, 12], 0.99),  # 0.7 of a drift of 0.1 px, but half a pixel at least
+        (0.88, 0.0, [16, 12], 0.84, [16, 12], 0.88),
+        (0.835, 0.0, [13, 16], np.inf, [16, 12], 0.835),  # halfway between 0.8 and 0.87
+        (0.80, 0.99, [10, 20], np.inf, None, 0.80),  # as expected, but hardly
+        (0.79, 0.99, [10, 24], 0.5, None, 0.99),  # turned otherwise: its place counts, but tells no depth
+        (0.79, -1.0, [10, 20], np.inf, None, 0.79),
+        (0.79, 0.835, [10, 22], np.inf, None, 0.835),
+    ],
+)
+def test_the_own_look_counts_by_how_alike_it_is(found, turned, place, own, sighting, correlation):
+    tracker, asked = looking(found, turned)
+    corrected = tracker._by_look(np.zeros(1), GRAY, np.array([10.0, 20.0]), 0.5)
+    np.testing.assert_allclose(corrected, place, atol=1e-9)
+    assert tracker._by_own == pytest.approx(own)
+    np.testing.assert_equal(tracker._sighting, None if sighting is None else np.array(sighting, float))
+    assert tracker.correlation[0] == np.float32(correlation)
+    ((affine, covariance),) = asked
+    np.testing.assert_array_equal(affine, [[1, 2], [3, 4]])
+    # 1.5 deviations of 0.1 along (30, 40), half a pixel beside it.
+    np.testing.assert_allclose(covariance, np.outer([4.5, 6.0], [4.5, 6.0]) + 0.25 * np.eye(2))
+
+
+@pytest.mark.parametrize(("deviation", "left_open"), [(0.1, 0.15), (0.04, 0.06), (0.02, 0.05), (0.001, 0.05)])
+def test_a_search_leaves_some_depth_open(deviation, left_open):
+    tracker, _ = looking(0.0, 0.0)
+    tracker.on_link.depth = PointDepth(1.0, deviation)
+    covariance = tracker._covariance(np.array([10.0, -20.0]), 2.0)
+    off = left_open * np.array([10.0, -20.0])
+    np.testing.assert_allclose(covariance, np.outer(off, off) + 4 * np.eye(2))
+
+
+def test_uncertainty_is_of_the_depth_or_of_the_own_look_and_of_the_features_around():
+    tracker, _ = looking(0.0, 0.0)
+    tracker.on_link.depth = PointDepth(1.0, 0.01)
+    tracker.seen, tracker._spread, tracker._by_own = 4, 0.8, np.inf
+    assert tracker._uncertainty(np.zeros(1)) == pytest.approx(np.hypot(4 * 0.01 * 50, 0.3 + 0.8 / 2))
+    tracker._by_own = 0.5
+    assert tracker._uncertainty(np.zeros(1)) == pytest.approx(np.hypot(0.5, 0.3 + 0.8 / 2))
+    tracker.seen = 0
+    assert tracker._uncertainty(np.zeros(1)) == pytest.approx(np.hypot(0.5, 0.3 + 0.8))
+    tracker.on_link.depth = None
+    assert tracker._uncertainty(np.zeros(1)) == np.inf
+
+
+@pytest.mark.parametrize(
+    ("unseen", "uncertainty", "certain", "lost"),
+    [(0, 0.8, True, False), (0, 0.81, False, False), (1, 0.1, False, False), (4, 0.1, False, False),
+     (5, 0.1, False, True), (6, 9.0, False, True)],
+)  # fmt: skip
+def test_certain_and_lost(unseen, uncertainty, certain, lost):
+    tracker = bare(Features(np.zeros((1, 2)), np.zeros((1, 2))), unseen=unseen, uncertainty=uncertainty)
+    assert tracker.certain == certain
+    assert tracker.lost.tolist() == [lost]

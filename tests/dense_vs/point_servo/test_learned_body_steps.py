@@ -1,0 +1,233 @@
+"""What a loop does to learn its body, on stand-ins for model, flow and estimator: when, with what, and when not."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from dense_vs.errors import DenseVSError
+from dense_vs.point_servo import learned_body
+from dense_vs.point_servo.learned_body import LearnedBody, explained_share, thinned
+
+POSTURE = np.array([0.1, 0.2])
+
+
+def gray(value=0):
+    return np.full((20, 30), value % 256, np.uint8)
+
+
+def pipeline(joints=2):
+    options = SimpleNamespace(height=20, width=30, joints=joints)
+    return SimpleNamespace(estimator=SimpleNamespace(options=options), flow="the flow", prior=None)
+
+
+def body(given=True, units=("rad", "rad")):
+    return LearnedBody(pipeline(len(units)), SimpleNamespace(units=units), given)
+
+
+def frame(image, measured=True):
+    return SimpleNamespace(gray=image, positions=POSTURE, measured=object() if measured else None)
+
+
+@pytest.fixture
+def drawn(monkeypatch):
+    """Priors that are made, and how the estimator is drawn to them."""
+    made = []
+
+    class Prior:
+        def __init__(self, known, *, share, least_agreement):
+            self.given, self.begun, self.agrees = (known, share, least_agreement), [], True
+            made.append(self)
+
+        def begin(self, *given):
+            self.begun.append(given)
+
+    monkeypatch.setattr(learned_body, "BodyPrior", Prior)
+    return made
+
+
+def model(**changes):
+    return SimpleNamespace(**{"joint_count": 2, "size": (20, 30), "known": "known", "error": 0.5, **changes})
+
+
+@pytest.mark.parametrize(
+    ("given", "units", "learns"),
+    [(True, ("rad", "rad"), True), (False, ("rad", "rad"), False), (True, ("rad", "m"), False)],
+)
+def test_a_model_is_learned_where_asked_and_where_all_joints_turn(drawn, given, units, learns):
+    one = body(given, units)
+    assert one.wanted == learns
+    if learns:
+        one.use(model(), None)
+        assert not one.wanted
+        drawn[0].agrees = False  # it no longer explains what moves
+        assert one.wanted
+        drawn[0].agrees, one._pipeline.prior = True, None
+        assert one.wanted
+
+
+def test_images_are_kept_that_j_was_corrected_by_each_once():
+    one = body()
+    first, second = gray(1), gray(2)
+    for image, measured in ((first, False), (first, True), (first, True), (second, True), (first, True)):
+        one.see(frame(image, measured))
+    assert [image is known for (image, _), known in zip(one._history, (first, second, first), strict=True)] == [
+        True
+    ] * 3
+    for _ in range(400):
+        one.see(frame(gray()))
+    assert len(one._history) == 300
+    one.forget_images()
+    assert not one._history
+
+
+@pytest.fixture
+def learning(monkeypatch, drawn):
+    """A body whose fits give a model, and the calls of the fit."""
+    calls = []
+    result = {"model": model(), "explained": 0.6}
+
+    def fit(images, joints, *, track_options):
+        calls.append((images, joints, track_options.stride))
+        if isinstance(result["model"], Exception):
+            raise result["model"]
+        return result["model"]
+
+    monkeypatch.setattr(learned_body, "BodyModel", type("Stand", (), {"fit": staticmethod(fit)}))
+    monkeypatch.setattr(learned_body, "explained_share", lambda *given: calls.append(given) or result["explained"])
+    one = body()
+    for k in range(200):
+        one.see(frame(gray(k)))
+    return one, calls, result, drawn
+
+
+def test_a_model_is_fitted_to_some_of_the_images_and_j_is_drawn_to_it(learning):
+    one, calls, result, drawn = learning
+    assert one.learn(POSTURE)
+    images, joints, stride = calls[0]
+    assert (len(images), len(joints), stride) == (150, 150, 1)
+    assert images[-1] is one._history[-1][0]
+    judged, flow, history = calls[1]
+    assert judged is result["model"] is one.model
+    assert flow == "the flow"
+    assert len(history) == 200
+    (prior,) = drawn
+    assert one._pipeline.prior is prior
+    known, share, agreement = prior.given
+    assert (known, share) == ("known", 0.1)
+    assert agreement == pytest.approx(min(learned_body.CHAIN_AGREEMENT, 0.7 * 0.6))
+    assert prior.begun == [(one._pipeline.estimator, POSTURE, 0.7)]
+
+
+def test_the_agreement_asked_is_at_most_the_usual(drawn):
+    one = body()
+    one.use(model(), None)
+    assert drawn[0].given[2] == pytest.approx(min(learned_body.CHAIN_AGREEMENT, 0.7))
+    assert drawn[0].begun == []  # before the first frame there is no posture
+    one.use(model(), POSTURE, 0.1)
+    assert drawn[1].given[2] == pytest.approx(0.07)
+    given = LearnedBody(pipeline(), SimpleNamespace(units=("rad", "rad")), False)
+    assert given.model is None
+    assert not given.wanted
+
+
+@pytest.mark.parametrize(
+    ("changes", "explained", "learned"),
+    [({"error": 0.99}, 0.46, True), ({"error": 1.01}, 0.9, False), ({"error": 1.0}, 0.45, True), ({}, 0.44, False)],
+)
+def test_a_model_is_believed_by_its_tracks_and_the_motion_it_explains(learning, changes, explained, learned):
+    one, _, result, drawn = learning
+    result.update(model=model(**changes), explained=explained)
+    assert one.learn(POSTURE) == learned
+    assert (one.model is not None) == learned == bool(drawn)
+
+
+def test_no_model_without_enough_images_or_joints_or_a_fit(learning):
+    one, calls, result, _ = learning
+    assert not one.learn(np.zeros(1))
+    one.forget_images()
+    for k in range(40):
+        if k == 39:
+            assert not one.learn(POSTURE)
+        one.see(frame(gray(k)))
+    assert calls == []
+    result["model"] = DenseVSError("nothing moves")
+    assert not one.learn(POSTURE)
+    assert len(calls) == 1
+    result["model"] = model()
+    assert one.learn(POSTURE)
+
+
+@pytest.mark.parametrize("wrong", [{"joint_count": 3}, {"size": (20, 31)}, {"size": (30, 20)}])
+def test_a_model_of_another_robot_or_camera_is_refused(drawn, wrong):
+    one = body()
+    with pytest.raises(DenseVSError, match=r"expected 2 and \(20, 30\)"):
+        one.use(model(**wrong), POSTURE)
+    assert one.model is None
+    assert drawn == []
+
+
+@pytest.mark.parametrize("known", [True, False])
+@pytest.mark.parametrize("seen_already", [True, False])
+def test_a_point_is_followed_on_the_model_s_outline_and_two_pixels_beside(monkeypatch, drawn, known, seen_already):
+    outline = np.zeros((20, 30), bool)
+    outline[8:12, 10:15] = True
+    asked = []
+
+    def tracker(*given, **options):
+        asked.append((given, options))
+        return SimpleNamespace(known=known)
+
+    monkeypatch.setattr(learned_body, "BodyTracker", tracker)
+    monkeypatch.setattr(learned_body, "same_surface", lambda estimator, point: ("same", tuple(point)))
+    one = body()
+    now = frame(gray(9))
+    point = np.array([12.0, 9.0])
+    assert one.tracker(point, now, window=21, lost_after=7) is None  # no model
+    one.use(model(chain="chain", focal_length=300.0, center=(15.0, 10.0), learned="learned",
+                  image=lambda q: SimpleNamespace(body=outline)), None)  # fmt: skip
+    for k in range(100):
+        one.see(frame(gray(k)))
+    if seen_already:
+        one.see(now)
+    found = one.tracker(point, now, window=21, lost_after=7)
+    assert (found is not None) == known
+    ((chain, focal, center, learned, history, at, near), options) = asked[0]
+    assert (chain, focal, center.tolist(), learned) == ("chain", 300.0, [15.0, 10.0], "learned")
+    assert len(history) == 60
+    assert history[-1][0] is now.gray
+    assert history[-2][0] is not now.gray
+    assert at is point
+    expected = np.zeros((20, 30), bool)
+    expected[6:14, 8:17] = True
+    np.testing.assert_array_equal(near, expected)
+    assert options == {"same": ("same", (12.0, 9.0)), "window": 21, "lost_after": 7}
+    one.forget_images()
+    one.tracker(point, now, window=21, lost_after=7)
+    assert len(asked[1][0][4]) == 1  # the present image alone
+
+
+def test_the_share_explained_is_of_absolute_motion_where_the_model_expects_some():
+    expected = np.zeros((2, 3, 2))
+    expected[0] = [[3.0, 4.0], [0.6, 0.0], [0.4, 0.0]]  # the last moves too little to count
+    expected[1] = [[1.0, 0.0], [2.0, 0.0], [0.0, 0.0]]
+    measured = np.zeros((2, 3, 2))
+    measured[0] = [[3.0, 1.0], [0.0, 0.0], [9.0, 9.0]]
+    measured[1] = [[6.0, 0.0], [np.nan, 0.0], [9.0, 9.0]]
+    asked = []
+    one = SimpleNamespace(flow=lambda q, dq: asked.append((q[0], dq[0])) or expected)
+    history = [(gray(k), np.array([float(k * k)])) for k in range(30)]
+    pairs = []
+    found = explained_share(one, lambda before, now: pairs.append((before[0, 0], now[0, 0])) or measured, history)
+    # Off by 3, 0.6 and 5 px, of 5, 0.6 and 6 px: each time the longer one of both.
+    assert found == pytest.approx(1 - 8.6 / 11.6)
+    assert pairs == [(k, k + 1) for k in range(17, 29)]  # the twelve latest
+    assert asked[-1] == (29.0**2, 29.0**2 - 28.0**2)
+    assert explained_share(one, lambda *_: measured, history[:1]) == 0.0
+    still = SimpleNamespace(flow=lambda q, dq: np.zeros((2, 3, 2)))
+    assert explained_share(still, lambda *_: measured, history) == 0.0
+
+
+@pytest.mark.parametrize(("count", "most", "kept"), [(5, 9, [0, 1, 2, 3, 4]), (9, 3, [0, 4, 8])])
+def test_images_are_thinned_evenly(count, most, kept):
+    assert thinned(list(range(count)), most) == kept

@@ -1,0 +1,299 @@
+"""A reach on a loop that only counts: when a way is planned, when a point is looked for, when it ends and how."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from dense_vs.point_servo import following
+from dense_vs.point_servo.body_tracker import BodyTracker
+from dense_vs.point_servo.reach import ReachEnd
+from dense_vs.point_servo.reaching import Reaching
+from dense_vs.point_servo.tracker import PointTracker
+
+WIDTH = 200
+
+
+class Loop:
+    """The point goes toward its target by ``speed`` px a step; steps are kept with what chose them."""
+
+    def __init__(self, away=50.0, speed=1.0, tracker=None):
+        self.estimator = SimpleNamespace(options=SimpleNamespace(width=WIDTH))
+        self.target, self.point = np.array([0.0, 0.0]), np.array([away, 0.0])
+        self.speed, self.tracker = speed, tracker or point_tracker()
+        self.certain = True
+        self.aim = SimpleNamespace(distance=lambda point: float(np.hypot(*point)), certain=lambda tracker: self.certain)
+        self.joints = SimpleNamespace(newest=np.zeros(2), watch=SimpleNamespace(stuck=np.array([False, True])))
+        self.group = SimpleNamespace(limits="limits", clip_step=lambda step, q: np.clip(step, -0.5, 0.5))
+        self.servo = SimpleNamespace(options=SimpleNamespace(max_step=0.03))
+        self.frame = SimpleNamespace(positions=np.zeros(2))
+        self.faults, self.memory, self.steps, self.found = [], None, [], []
+
+    def servo_step(self):
+        return "servo"
+
+    def when_due(self, choose):
+        return choose()
+
+    def step(self, command):
+        self.steps.append(command)
+        self.point = np.maximum(self.point - [self.speed, 0.0], 0.0)
+        if not isinstance(command, str):
+            self.joints.newest = self.joints.newest + command
+            self.frame.positions = self.joints.newest
+
+    def find_again(self):
+        self.found.append(len(self.steps))
+        return False
+
+
+class Arrival:
+    """Settled after so many frames within a distance."""
+
+    def __init__(self, within=2.0, frames=3):
+        self.within, self.frames, self.seen, self.settled = within, frames, 0, False
+        self.given = []
+
+    def observe(self, distance, *, blind):
+        self.given.append((distance, blind))
+        self.seen = self.seen + 1 if distance <= self.within and not blind else 0
+        self.settled = self.seen >= self.frames
+
+
+def point_tracker(lost=False):
+    tracker = object.__new__(PointTracker)
+    tracker.tracks = SimpleNamespace(lost=SimpleNamespace(numpy=lambda: np.array([[tracker.gone]])))
+    tracker._batched, tracker.device, tracker.gone = False, SimpleNamespace(is_cpu=True), lost
+    return tracker
+
+
+def body_tracker(postures=()):
+    tracker = object.__new__(BodyTracker)
+    tracker.unseen, asked, postures = 0, [], list(postures)
+
+    def posture_for(target, positions, limits, *, held, start):
+        asked.append((target, positions.copy(), limits, held, start))
+        return postures.pop(0) if postures else None
+
+    tracker.on_link = SimpleNamespace(posture_for=posture_for)
+    return tracker, asked
+
+
+def test_a_reach_ends_when_the_point_has_settled():
+    loop, arrival = Loop(away=10.0), Arrival()
+    reach = Reaching(loop, arrival, 100).run()
+    assert (reach.end, reach.frames, reach.target, reach.error_px) == (ReachEnd.REACHED, 10, (0.0, 0.0), 0.0)
+    assert loop.steps == ["servo"] * 10
+    assert arrival.given[:2] == [(9.0, False), (8.0, False)]
+
+
+@pytest.mark.parametrize(("frames", "end"), [(9, ReachEnd.MISSED), (10, ReachEnd.REACHED)])
+def test_a_reach_has_so_many_frames(frames, end):
+    reach = Reaching(Loop(away=10.0), Arrival(), frames).run()
+    assert (reach.end, reach.frames) == (end, frames)
+    assert reach.error_px == 10 - frames
+
+
+def test_a_place_that_is_not_certain_is_waited_for_and_then_called_lost():
+    loop = Loop(away=10.0)
+    loop.certain = False
+    reach = Reaching(loop, Arrival(), 400).run()
+    assert reach.end is ReachEnd.LOST
+    assert reach.frames == 9 + 45  # settled with the tenth, and then waited for
+
+
+def test_faults_are_told_and_frames_with_those_that_stop_do_not_count():
+    loop, arrival = Loop(away=4.0), Arrival()
+    old, new = SimpleNamespace(kind="late", stops=False, n=1), SimpleNamespace(kind="late", stops=False, n=2)
+    stopped = SimpleNamespace(kind="frozen", stops=True)
+    given = iter([[old], [new, stopped], [stopped], [], [], []])
+    usual = loop.step
+
+    def step(command):
+        usual(command)
+        loop.faults = next(given)
+
+    loop.step = step
+    reach = Reaching(loop, arrival, 100).run()
+    assert [blind for _, blind in arrival.given] == [False, True, True, False, False, False]
+    assert reach.faults == (new, stopped)  # the latest of a kind
+
+
+@pytest.mark.parametrize(("away", "planned"), [(15.9, False), (16.1, True)])
+def test_a_way_of_more_than_eight_percent_of_the_width_is_planned(away, planned):
+    tracker, asked = body_tracker([np.array([0.3, 0.0])])
+    loop = Loop(away=away, tracker=tracker)
+    Reaching(loop, Arrival(), 1).run()
+    assert len(asked) == planned
+    if planned:
+        target, positions, limits, held, start = asked[0]
+        assert target is loop.target
+        assert (positions.tolist(), limits, held.tolist(), start) == ([0.0, 0.0], "limits", [False, True], None)
+        np.testing.assert_allclose(loop.steps[0], [0.03, 0.0])
+
+
+def test_targets_with_depth_are_not_planned():
+    tracker, asked = body_tracker()
+    loop = Loop(away=90.0, tracker=tracker)
+    loop.target, loop.point = np.zeros(3), np.array([90.0, 0.0])
+    Reaching(loop, Arrival(), 2).run()
+    assert asked == []
+
+
+def test_the_servo_takes_over_near_the_target_and_keeps_the_way():
+    """At 2.5 % of the width, here 5 px; a point that moves off again is not planned for in the same reach."""
+    tracker, asked = body_tracker([np.array([9.0, 0.0])] * 9)
+    loop = Loop(away=20.0, tracker=tracker)
+    arrival = Arrival(frames=100)
+    usual = loop.step
+
+    def step(command):
+        usual(command)
+        if len(loop.steps) == 18:
+            loop.point = np.array([60.0, 0.0])
+
+    loop.step = step
+    Reaching(loop, arrival, 30).run()
+    way = [isinstance(command, str) for command in loop.steps]
+    assert way == [False] * 15 + [True] * 15
+    assert len(asked) == 1
+
+
+def test_a_posture_is_planned_anew_every_fifteen_frames_from_the_last_one():
+    postures = [np.array([9.0, 0.0]), np.array([0.0, -9.0]), None]
+    tracker, asked = body_tracker(postures)
+    loop = Loop(away=100.0, tracker=tracker)
+    Reaching(loop, Arrival(), 40).run()
+    assert [one[4] if one[4] is None else one[4].tolist() for one in asked] == [None, [9.0, 0.0], [0.0, -9.0]]
+    np.testing.assert_allclose(loop.steps[:15], [[0.03, 0.0]] * 15)
+    second = np.array(loop.steps[15:30])
+    np.testing.assert_allclose(second[:, 1], -0.03)
+    assert loop.steps[30:] == ["servo"] * 10  # none was found
+
+
+@pytest.mark.parametrize(("off", "taken"), [(0.019, False), (0.021, True)])
+def test_a_posture_that_is_reached_leaves_the_rest_to_the_servo(off, taken):
+    tracker, _ = body_tracker([np.array([0.001, -off])])
+    loop = Loop(away=100.0, tracker=tracker)
+    Reaching(loop, Arrival(), 1).run()
+    assert isinstance(loop.steps[0], str) != taken
+    if taken:
+        np.testing.assert_allclose(loop.steps[0], [0.001, -off])  # no longer than the way
+
+
+def test_without_a_chain_a_far_way_is_the_servo_s():
+    loop = Loop(away=100.0)
+    Reaching(loop, Arrival(), 3).run()
+    assert loop.steps == ["servo"] * 3
+
+
+def test_a_step_toward_a_posture_is_straight_and_as_long_as_the_servo_s():
+    loop = Loop()
+    loop.joints.newest = np.array([0.1, 0.0])
+    one = Reaching(loop, Arrival(), 1)
+    np.testing.assert_allclose(one._toward(np.array([-0.2, 0.15])), [-0.03, 0.015])
+    np.testing.assert_allclose(one._toward(np.array([0.11, -0.02])), [0.01, -0.02])
+    np.testing.assert_array_equal(one._toward(np.array([0.1, 0.0])), 0.0)
+    loop.servo.options.max_step = 9.0
+    np.testing.assert_allclose(one._toward(np.array([9.1, -9.0])), [0.5, -0.5])  # what the joints' limits leave
+
+
+def test_a_lost_point_is_looked_for_five_frames_where_it_was_defined_once():
+    loop = Loop(away=100.0, speed=0.0, tracker=point_tracker(lost=True))
+    loop.memory = SimpleNamespace(positions=np.array([0.3, -0.3]))
+    reach = Reaching(loop, Arrival(), 100).run()
+    assert reach.end is ReachEnd.MISSED  # the aim is certain, here
+    assert loop.found == [10, 11, 12, 13, 14]  # from the tenth step of 0.03 rad on it is there
+    assert reach.frames == 14
+
+
+def test_without_a_memory_a_lost_point_ends_the_reach():
+    loop = Loop(away=100.0, tracker=point_tracker(lost=True))
+    assert Reaching(loop, Arrival(), 100).run().frames == 0
+    assert loop.steps == []
+
+
+@pytest.mark.parametrize(("off", "there"), [(0.009, True), (0.011, False)])
+def test_it_is_looked_for_within_a_hundredth_of_a_radian_and_not_in_frames_with_faults(off, there):
+    loop = Loop(away=100.0, speed=0.0, tracker=point_tracker(lost=True))
+    loop.memory = SimpleNamespace(positions=np.zeros(2))
+    loop.group.clip_step = lambda step, q: np.zeros(2)
+    loop.frame.positions = loop.joints.newest = np.array([0.0, -off])
+    Reaching(loop, Arrival(), 7).run()
+    assert len(loop.found) == (5 if there else 0)
+    loop.faults = [SimpleNamespace(kind="black", stops=True)]
+    loop.found.clear()
+    Reaching(loop, Arrival(), 7).run()
+    assert loop.found == []
+
+
+def test_a_point_that_is_found_goes_on_to_its_target():
+    tracker = point_tracker(lost=True)
+    loop = Loop(away=30.0, speed=1.0, tracker=tracker)
+    loop.memory = SimpleNamespace(positions=np.zeros(2))
+
+    def find_again():
+        tracker.gone = False
+        return True
+
+    loop.find_again = find_again
+    reach = Reaching(loop, Arrival(), 100).run()
+    assert reach.end is ReachEnd.REACHED
+    assert not isinstance(loop.steps[0], str)
+    assert loop.steps[1:] == ["servo"] * (reach.frames - 1)
+    tracker.gone, loop.point = True, np.array([30.0, 0.0])
+    loop.find_again = lambda: setattr(tracker, "gone", True) or True  # seen, and lost again at once
+    again = Reaching(loop, Arrival(), 100).run()
+    assert again.frames == 1  # it is looked for once in a reach
+
+
+@pytest.mark.parametrize(("unseen", "gone"), [(44, False), (45, True)])
+def test_a_link_that_is_unseen_for_long_is_gone(unseen, gone):
+    tracker, _ = body_tracker()
+    tracker.unseen = unseen
+    assert Reaching(Loop(tracker=tracker), Arrival(), 1)._gone() == gone
+    assert Reaching(Loop(tracker=point_tracker(lost=gone)), Arrival(), 1)._gone() == gone
+
+
+@pytest.mark.parametrize(
+    ("point", "covered", "seen"),
+    [([0, 0], False, True), ([199, 99], False, True), ([199.5, 50], False, False), ([50, 99.5], False, False),
+     ([-0.5, 50], False, False), ([50, -0.5], False, False), ([50, 50], True, False)],
+)  # fmt: skip
+def test_a_point_is_in_sight_inside_the_image_where_nothing_covers_it(point, covered, seen):
+    options = SimpleNamespace(width=200, height=100)
+    line = SimpleNamespace(estimator=SimpleNamespace(options=options), hidden_at=lambda at: covered)
+    assert following.in_sight(np.array(point, float), line) == seen
+    tracker = object.__new__(BodyTracker)
+    tracker.point, tracker.unseen, tracker.uncertainty = np.array(point, float), 0, 1.26
+    why = following._why_unseen(tracker, line)
+    if seen:
+        assert why == ""
+    else:
+        assert "it is known to 1.3 px" in why
+        assert ("something covers it" in why) == covered
+        assert ("is out of the image" in why) != covered
+    tracker.unseen = 1
+    assert following._why_unseen(tracker, line).startswith("too few features")
+
+
+def test_j_of_a_point_out_of_sight_is_of_the_chain():
+    tracker = object.__new__(BodyTracker)
+    tracker.point = np.array([-3.0, 5.0])
+
+    def project(numbers, q):
+        return np.array([[numbers[0] + 100 * q[0] ** 2 + 7 * q[1], 50 * q[0] * q[1]]])
+
+    tracker.features = SimpleNamespace(project=project, learned=np.array([True, True, False]))
+    seen = []
+    estimator = SimpleNamespace(
+        options=SimpleNamespace(width=200, height=100), at=lambda point: seen.append(point) or np.ones((1, 2, 3))
+    )
+    line = SimpleNamespace(estimator=estimator, hidden_at=lambda at: False)
+    q = np.array([0.2, -0.4, 0.1])
+    np.testing.assert_allclose(following.point_jacobian(tracker, line, q), [[40, 7, 0], [-20, 10, 0]], atol=1e-6)
+    assert seen == []
+    tracker.point = np.array([3.0, 5.0])
+    np.testing.assert_array_equal(following.point_jacobian(tracker, line, q), np.ones((2, 3)))
+    other = SimpleNamespace(points=np.array([[-3.0, 5.0]]))
+    np.testing.assert_array_equal(following.point_jacobian(other, line, q), np.ones((2, 3)))

@@ -1,0 +1,60 @@
+"""Features of a body whose places follow from the joints by plain sums, and a tracker made of its parts alone."""
+
+from types import SimpleNamespace
+
+import numpy as np
+
+from dense_vs.point_servo.body_features import FeatureState
+from dense_vs.point_servo.body_tracker import BodyTracker
+
+KNOWN, YOUNG, DROPPED = FeatureState.KNOWN, FeatureState.YOUNG, FeatureState.DROPPED
+GRAY = np.zeros((60, 80), np.uint8)
+
+
+class Features:
+    """Feature k is seen at ``at[k] + rate[k] q[0]``; index 0 is the point."""
+
+    def __init__(self, at, rate, states=None, links=None):
+        self.at, self.rate = np.array(at, float), np.array(rate, float)
+        self.states = np.full(len(self.at), KNOWN) if states is None else np.array(states)
+        self.links = np.ones(len(self.at), int) if links is None else np.array(links)
+        self.learned = np.array([True, True, False])
+        self.keyframes, self.assigned, self.refined = [], [], []
+
+    def __len__(self):
+        return len(self.at)
+
+    def project(self, numbers, q):
+        return self.at[numbers] + self.rate[numbers] * q[0]
+
+    def seen_on(self, link, numbers):
+        return (self.states[numbers] == KNOWN) & (self.links[numbers] == link)
+
+    def assign(self, numbers):
+        self.assigned.append(list(numbers))
+
+    def refine(self, preferred, kept):
+        self.refined.append((list(preferred), list(kept)))
+
+    def keep(self, keyframe):
+        self.keyframes.append(keyframe)
+
+    def added(self, count):
+        first = len(self.at)
+        self.at, self.rate = np.vstack([self.at, np.zeros((count, 2))]), np.vstack([self.rate, np.zeros((count, 2))])
+        self.states = np.append(self.states, np.full(count, YOUNG))
+        self.links = np.append(self.links, np.full(count, -1))
+        return np.arange(first, first + count)
+
+
+def bare(features, live=(), places=(), **given):
+    """A tracker with some of its parts, without the images that it is made from."""
+    tracker = object.__new__(BodyTracker)
+    tracker.__dict__.update(
+        features=features, _live=np.array(live, int), _places=np.array(places, float).reshape(-1, 2),
+        on_link=SimpleNamespace(link=1, depth=None), _offset=np.zeros(2), _spread=1.0, seen=0, unseen=0,
+        point=np.array([7.0, 7.0]), _positions=np.zeros(1), _kept_at=np.zeros(1), _by_own=np.inf, _sighting=None,
+        _gray=GRAY, _lost_after=5, uncertainty=0.0, correlation=np.ones(1, np.float32),
+    )  # fmt: skip
+    tracker.__dict__.update(given)
+    return tracker
