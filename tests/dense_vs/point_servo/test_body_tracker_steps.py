@@ -94,28 +94,39 @@ def test_its_own_look_corrects_a_point_whose_depth_is_known():
 
 
 def looking(found, turned):
-    """A tracker at (10, 20) whose look is found at (16, 12), and turned at (10, 24), with these correlations."""
+    """A tracker at (10, 20) whose look is found 1 px away, and turned at (10, 24), with these correlations."""
     asked = []
     look = SimpleNamespace(
         found=lambda gray, place, affine, covariance: (
-            asked.append((affine, covariance)) or (place + np.array([6, -8]), found)
+            asked.append((affine, covariance)) or (place + np.array([0.6, -0.8]), found)
         ),
         turned=lambda gray, place, affine: (place + np.array([0, 4]), turned),
         drift=lambda correlation: 10 * (1 - correlation),
     )
     views = (np.zeros((1, 2)), np.array([[[1.0, 2.0], [3.0, 4.0]]]), np.array([[30.0, 40.0]]))
-    on_link = SimpleNamespace(view=lambda postures: views, depth=PointDepth(1.0, 0.1), link=1)
-    return bare(Features(np.zeros((1, 2)), np.zeros((1, 2))), _look=look, on_link=on_link), asked
+    on_link = SimpleNamespace(
+        view=lambda postures: views, depth=PointDepth(1.0, 0.1), link=1, defined_at=np.array([0.5, 0.5])
+    )
+    features = Features(np.zeros((1, 2)), np.zeros((1, 2)))
+    features.chain = SimpleNamespace(moved_by=np.array([[True, False], [False, True], [False, False]]))
+    return bare(features, _look=look, on_link=on_link), asked
 
 
 @pytest.mark.parametrize(
     ("found", "turned", "place", "own", "sighting", "correlation"),
     [
-        (0.99, 0.0, [16, 12], 0.5, [16, 12], 0.99),  # 0.7 of a drift of 0.1 px, but half a pixel at least
-        (0.88, 0.0, [16, 12], 0.84, [16, 12], 0.88),
-        (0.835, 0.0, [13, 16], np.inf, [16, 12], 0.835),  # halfway between 0.8 and 0.87
+        (0.99, 0.0, [10.6, 19.2], 0.5, [10.6, 19.2], 0.99),  # 0.7 of a drift of 0.1 px, but half a pixel at least
+        (0.88, 0.0, [10.6, 19.2], 0.84, [10.6, 19.2], 0.88),
+        (0.835, 0.0, [10.3, 19.6], np.inf, [10.6, 19.2], 0.835),  # halfway between 0.8 and 0.87
         (0.80, 0.99, [10, 20], np.inf, None, 0.80),  # as expected, but hardly
-        (0.79, 0.99, [10, 24], 0.5, None, 0.99),  # turned otherwise: its place counts, but tells no depth
+        (
+            0.79,
+            0.99,
+            [10, 24],
+            1.6,
+            None,
+            0.99,
+        ),  # turned otherwise: its place counts, but tells no depth, and is 4 px off
         (0.79, -1.0, [10, 20], np.inf, None, 0.79),
         (0.79, 0.835, [10, 22], np.inf, None, 0.835),
     ],
@@ -142,17 +153,22 @@ def test_a_search_leaves_some_depth_open(deviation, left_open):
     np.testing.assert_allclose(covariance, np.outer(off, off) + 4 * np.eye(2))
 
 
-def test_uncertainty_is_of_the_depth_or_of_the_own_look_and_of_the_features_around():
+def test_uncertainty_is_of_depth_and_chain_or_of_the_own_look_and_of_the_features_around():
+    """1.5 px for each rad that a joint of its link has turned since the point was defined: joint 1, at 0.5 rad."""
     tracker, _ = looking(0.0, 0.0)
     tracker.on_link.depth = PointDepth(1.0, 0.01)
     tracker.seen, tracker._spread, tracker._by_own = 4, 0.8, np.inf
-    assert tracker._uncertainty(np.zeros(1)) == pytest.approx(np.hypot(4 * 0.01 * 50, 0.3 + 0.8 / 2))
+    around = 0.3 + 0.8 / 2
+    for other in (0.5, 3.0):  # a joint that does not move the link
+        assert tracker._uncertainty(np.array([other, 0.5])) == pytest.approx(np.hypot(4 * 0.01 * 50, around))
+        far = np.sqrt((4 * 0.01 * 50) ** 2 + (1.5 * 1.2) ** 2 + around**2)
+        assert tracker._uncertainty(np.array([other, 1.7])) == pytest.approx(far)
     tracker._by_own = 0.5
-    assert tracker._uncertainty(np.zeros(1)) == pytest.approx(np.hypot(0.5, 0.3 + 0.8 / 2))
+    assert tracker._uncertainty(np.array([0.5, 1.7])) == pytest.approx(np.hypot(0.5, around))
     tracker.seen = 0
-    assert tracker._uncertainty(np.zeros(1)) == pytest.approx(np.hypot(0.5, 0.3 + 0.8))
+    assert tracker._uncertainty(np.array([0.5, 1.7])) == pytest.approx(np.hypot(0.5, 0.3 + 0.8))
     tracker.on_link.depth = None
-    assert tracker._uncertainty(np.zeros(1)) == np.inf
+    assert tracker._uncertainty(np.zeros(2)) == np.inf
 
 
 @pytest.mark.parametrize(

@@ -18,7 +18,7 @@ def gray(value=0):
 
 def pipeline(joints=2):
     options = SimpleNamespace(height=20, width=30, joints=joints)
-    return SimpleNamespace(estimator=SimpleNamespace(options=options), flow="the flow", prior=None)
+    return SimpleNamespace(estimator=SimpleNamespace(options=options), flow="the flow", prior=None, body=None)
 
 
 def body(given=True, units=("rad", "rad")):
@@ -87,8 +87,9 @@ def learning(monkeypatch, drawn):
     calls = []
     result = {"model": model(), "explained": 0.6}
 
-    def fit(images, joints, *, track_options):
+    def fit(images, joints, *, track_options, dense):
         calls.append((images, joints, track_options.stride))
+        result["dense"] = dense
         if isinstance(result["model"], Exception):
             raise result["model"]
         return result["model"]
@@ -117,6 +118,30 @@ def test_a_model_is_fitted_to_some_of_the_images_and_j_is_drawn_to_it(learning):
     assert (known, share) == ("known", 0.1)
     assert agreement == pytest.approx(min(learned_body.CHAIN_AGREEMENT, 0.7 * 0.6))
     assert prior.begun == [(one._pipeline.estimator, POSTURE, 0.7)]
+
+
+@pytest.mark.parametrize(("rows", "taken"), [(20, 520), (10, 208), (9, 0)])
+def test_j_of_the_body_s_pixels_helps_the_fit_where_there_are_enough(learning, rows, taken):
+    """Of 20 rows of 30 pixels the first are the body's, less two at each of its edges; 200 are asked."""
+    one, _, result, _ = learning
+    assert one.learn(POSTURE)
+    assert result["dense"] is None  # nothing says what the body is
+    labels = np.zeros((20, 30), bool)
+    labels[:rows, :28] = True
+    jacobian = np.arange(20 * 30 * 4, dtype=np.float32).reshape(20, 30, 2, 2)
+    one._pipeline.body = object()
+    one._pipeline.labels = lambda: labels
+    one._pipeline.estimator.to_numpy = lambda: jacobian
+    assert one.learn(POSTURE)
+    dense = result["dense"]
+    if not taken:
+        assert dense is None
+        return
+    assert len(dense.pixels) == taken
+    np.testing.assert_array_equal(dense.posture, POSTURE)
+    x, y = dense.pixels.astype(int).T
+    np.testing.assert_array_equal(dense.jacobians, jacobian[y, x])
+    assert (x < 26).all()
 
 
 def test_the_agreement_asked_is_at_most_the_usual(drawn):
