@@ -14,7 +14,6 @@ import warp as wp
 
 from dense_vs.jacobian.options import JacobianOptions
 from dense_vs.kernels.image.flow_field import count_bad_flow
-from dense_vs.kernels.image.row_taps import RowTaps
 from dense_vs.kernels.image.tiles import tile_launch
 from dense_vs.kernels.jacobian.covariance import (
     fixed_gain,
@@ -303,10 +302,11 @@ class JacobianFilter:
         by_model = options.prediction in ("model", "nearest")
         or_flow = options.prediction == "nearest"
         iterations = options.prediction_iterations if by_model else {"flow": 1, "none": 0}[options.prediction]
+        # One iteration moves a pixel by its own J dq alone, which the correction then finds itself.
+        own_shift = options.covariance == "diagonal" and (not by_model or iterations == 1)
         limits = [options.rest, options.max_innovation or 0.0]
         spans = self.measured is not self.regressor
-        taps = RowTaps.empty(options.height, options.width, self.device)
-        moved_by = [self.model_flow if by_model else self.flow, iterations, *taps.arrays]
+        moved_by = [self.model_flow if by_model else self.flow, iterations]
         flows = [self.flow, self.model_flow]
         noises = [options.process_noise, options.drift_noise, options.measurement_noise, options.max_variance]
 
@@ -332,6 +332,8 @@ class JacobianFilter:
                 kernel = kernels.update_shared_once(by_model, iterations, or_flow, spans)
                 arguments = [state, regressor, self.flow, measured, *limits, gain, next_state]
                 self.correct.append(tile_launch(kernel, self.shape, arguments, self.device))
+            elif own_shift:
+                self.predict.append(_nothing)
             else:
                 self.predict.append(self._pixels(kernels.predicted_flow, [state, regressor, self.model_flow]))
             if not self._once and options.covariance in ("shared", "fixed"):
@@ -348,11 +350,15 @@ class JacobianFilter:
                 self.update_gain.append(self._worlds(fixed_gain, [self.dq, *weights, self.gain]))
             else:
                 self.update_gain.append(_nothing)  # each pixel has its own gain
-            if not self._once and options.covariance in ("diagonal", "full"):
-                move = [int(options.move_variance)] if options.covariance == "diagonal" else []
-                kernel = kernels.update_diagonal if options.covariance == "diagonal" else kernels.update_full
-                inputs = [state, covariance, *moved_by, *move, *flows, dq, *noises]
-                self.correct.append(self._pixels(kernel, [*inputs, next_state, next_covariance]))
+            if not self._once and options.covariance == "diagonal":
+                shift, finds_shift = moved_by[0], int(own_shift and by_model)
+                inputs = [state, covariance, shift, finds_shift, iterations, int(options.move_variance), self.flow, dq]
+                self.correct.append(
+                    self._pixels(kernels.update_diagonal, [*inputs, *noises, next_state, next_covariance])
+                )
+            if options.covariance == "full":
+                inputs = [state, covariance, *moved_by, *flows, dq, *noises]
+                self.correct.append(self._pixels(kernels.update_full, [*inputs, next_state, next_covariance]))
 
     def _regress(self, span: wp.array, displacement: wp.array, row: wp.array) -> Callable[[], None]:
         return self._worlds(regressors, [self.dq, span, displacement, row], self.kernels.columns)
