@@ -48,7 +48,10 @@ def step(before, now, flow, sigma, weight, most):
         for axis in (1, 0)
     )
     change = warped - now
-    window = lambda image: gaussian_filter(image, sigma, mode="mirror", truncate=4.0)  # noqa: E731
+
+    def window(image):
+        return gaussian_filter(image, sigma, mode="mirror", truncate=4.0)
+
     xx, xy, yy = window(gx * gx) + weight, window(gx * gy), window(gy * gy) + weight
     bx, by = window(gx * change), window(gy * change)
     found = np.stack([yy * bx - xy * by, xx * by - xy * bx], axis=-1) / (xx * yy - xy * xy)[..., None]
