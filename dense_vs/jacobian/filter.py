@@ -51,6 +51,7 @@ class JacobianFilter:
         flow: (B, H, W) of vec2, of the frame that :meth:`advance` takes [px].
         dq: (B, N) float32, its joint step [rad].
         span: (B, N) float32, joint displacement that the flow spans [rad]; ``dq`` itself without ``spans``.
+        version: another number for every state there was.
         bad: (B, H) int32, pixels of each row whose flow is not finite.
     """
 
@@ -70,6 +71,7 @@ class JacobianFilter:
         self.kernels = jacobian_kernels(options.joints, options.order, self.layout)
         self.shape = (options.worlds, options.height, options.width)
         self._present: Any = None
+        self.version, self._present_version = 0, -1
         self._allocate(flow, spans)
         self._record()
         self.reset()
@@ -77,7 +79,7 @@ class JacobianFilter:
     def reset(self) -> None:
         """J = 0 and H = 0 with their initial variances, at the present posture."""
         self.now = 0
-        self._present_known = False
+        self.version += 1
         self.state[0].zero_()
         self.displacement[0].zero_()
         self.bad.zero_()
@@ -106,7 +108,7 @@ class JacobianFilter:
         self.state[self.now].assign(np.ascontiguousarray(state))
         self._assign_covariance(covariance)
         self.displacement[self.now].assign(stored["displacement"])
-        self._present_known = False
+        self.version += 1
 
     def _from_planes(self, planes: np.ndarray, group: int) -> np.ndarray:
         """(B, H, W, numbers) of what lies in planes of ``group`` numbers a pixel."""
@@ -167,7 +169,7 @@ class JacobianFilter:
     def swap(self) -> None:
         """Let the two halves of the buffers change roles; for those who replay what they captured."""
         self.now = 1 - self.now
-        self._present_known = False
+        self.version += 1
 
     def forget(self, where: wp.array) -> None:
         """J = 0 and H = 0 with their initial variances in the worlds where ``where`` (B,) int is not 0; for a
@@ -188,7 +190,7 @@ class JacobianFilter:
             outputs=[self.covariance[now], self.displacement[now]],
             device=self.device,
         )
-        self._present_known = False
+        self.version += 1
 
     def present(self) -> wp.array:
         """J at the present posture, (B, H, W) of (2, N); computed when first asked for where the state is another."""
@@ -200,9 +202,9 @@ class JacobianFilter:
                 self._pixels(self.kernels.read_jacobian, [self.state[now], self.displacement[now], self._present])
                 for now in range(2)
             ]
-        if not self._present_known:
+        if self._present_version != self.version:
             self._read[self.now]()
-            self._present_known = True
+            self._present_version = self.version
         return self._present
 
     def predicted_flow(self, joint_step: np.ndarray) -> wp.array:
