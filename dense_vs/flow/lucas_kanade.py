@@ -49,13 +49,14 @@ class LucasKanade:
 
     def __init__(self, threads: int | None = None):
         self._threads = resolve_threads(threads)
-        self._sizes: dict[tuple[int, ...], _Levels] = {}
+        self._sizes: dict[tuple[int, int], _Levels] = {}
 
     def __call__(self, previous: np.ndarray, present: np.ndarray) -> np.ndarray:
         """Flow (H, W, 2) float32 [px] of uint8 images (H, W), stored at the pixels of the present one."""
-        if present.shape not in self._sizes:
-            self._sizes[present.shape] = _Levels(*present.shape, self._threads)
-        return self._sizes[present.shape].flow(previous, present)
+        height, width = present.shape
+        if (height, width) not in self._sizes:
+            self._sizes[height, width] = _Levels(height, width, self._threads)
+        return self._sizes[height, width].flow(previous, present)
 
 
 class _Levels:
