@@ -95,7 +95,7 @@ def stage_times(
     with clock.installed():
         clock.wrap(dense_vs.pipeline.frame_pipeline, "to_gray", "gray")
         clock.wrap(loop.pipeline, "flow", "flow")
-        clock.wrap(loop, "_tracking_flow", "flow")
+        clock.wrap(loop, "_point_flow", "flow")
         clock.wrap(loop.robot, "joints", "joint step")
         clock.wrap(loop.joints, "read", "joint step")
         clock.wrap(loop.joints, "at", "joint step")

@@ -13,7 +13,7 @@ from pathlib import Path
 from readme_experiments import experiment_lines, few_experiment_lines, summary_lines
 from readme_live import live_lines
 from readme_real_robot import few_real_robot_lines, real_robot_lines
-from results_file import RESULTS, Result
+from results_file import RESULTS, Result, in_words
 from surface_table import few_surface_lines, surface_lines
 
 ROOT = Path(__file__).parent.parent
@@ -159,7 +159,8 @@ def _accuracy() -> list[str]:
 def _speed() -> list[str]:
     peers, cold = Result("peers"), Result("peers_cold")
     lines = [
-        "Speed with 4 joints at 320x240, all implementations in turn in one run, medians (`profiling/peers.py`; "
+        "Speed with 4 joints at 320x240, all implementations in turn in one run, medians, and the range over several "
+        "runs (`profiling/peers.py`; "
         f"{peers.origin()}; with emptied caches {cold.when()}). Predict and update is the paper's diagonal form on "
         "every side:",
         "",
@@ -168,9 +169,11 @@ def _speed() -> list[str]:
     ]
     for name, text in PEERS.items():
         if name in peers.values:
-            lines.append(f"| {text} | {peers[name]:.1f} | {cold[name]:.1f} |")
+            lines.append(f"| {text} | {peers.ranged(name)} | {cold.ranged(name)} |")
     lines += ["", "| whole frame: times as fast as | |", "|---|---|"]
-    lines += [f"| {text} | {peers[name]:.1f} |" for name, text in FRAME_PEERS.items() if name in peers.values]
+    lines += [f"| {text} | {peers.ranged(name)} |" for name, text in FRAME_PEERS.items() if name in peers.values]
+    if "machine_facts" in peers.content:
+        lines += ["", f"Of that machine: {in_words(peers.content['machine_facts'])}."]
     lines += ["", f"`profiling/frame_budget.py`; {Result('frame_budget').origin()}:", "", "| | |", "|---|---|"]
     return lines + [f"| {text} | {Result(file)[name]:.{digits}f} |" for file, name, text, digits in FRAME]
 

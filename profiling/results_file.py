@@ -22,6 +22,11 @@ class Result:
     def __getitem__(self, name: str) -> float:
         return self.values[name]
 
+    def ranged(self, name: str) -> str:
+        """A value and the range of several runs, where it was measured in several."""
+        least, _, most = self.content.get("ranges", {}).get(name, (0.0, 0.0, 0.0))
+        return f"{self[name]:.1f} ({least:.1f}-{most:.1f})" if most else f"{self[name]:.1f}"
+
     def origin(self) -> str:
         """Machine, date, commit and Warp's version."""
         return origin(self.content)
@@ -47,6 +52,11 @@ def when(content: dict[str, Any]) -> str:
     """Date and commit of a result, as far as its file says."""
     commit = f"commit {content['commit'][:10]}" if content.get("commit") else "commit not noted"
     return f"{content.get('date', 'date not noted')[:10]}, {commit}"
+
+
+def in_words(facts: dict[str, float]) -> str:
+    """The facts in one line."""
+    return ", ".join(f"{name.replace(' [', f' {value:.3g} ').rstrip(']')}" for name, value in facts.items())
 
 
 def runs() -> list[dict[str, Any]]:

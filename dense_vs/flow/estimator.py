@@ -42,8 +42,8 @@ def _dis(preset: int, **settings: int) -> Callable[[], Callable]:
     return make
 
 
-def _lucas_kanade() -> Callable:
-    method = LucasKanade()
+def _lucas_kanade(threads: int | None = None) -> Callable:
+    method = LucasKanade(threads)
 
     def calculate(present: np.ndarray, previous: np.ndarray) -> np.ndarray:
         flow = method(previous, present)  # at the present image's pixels already
@@ -72,6 +72,7 @@ def _learned(classical: str, keep_textured: bool) -> Callable[..., Callable]:
 
 ON_DEVICE = ("farneback-warp", "farneback-paper-warp", "farneback-gaussian-warp")  # as in batch_flow.py
 LEARNED = ("learned", "learned-fast")
+TAKES_THREADS = ("lucas-kanade", *LEARNED)
 METHODS: dict[str, Callable[..., Callable]] = {
     "lucas-kanade": _lucas_kanade,
     # Found by profiling/flow_methods.py --scan, by the error of J after babbling for the time the flow takes.
@@ -110,7 +111,7 @@ class FlowEstimator:
             call's present and the next one's previous.
         height, width: image size [px].
         device, threads: of the methods in Warp; ``"auto"`` is a GPU where there is one. OpenCV's and the network run
-            on the CPU; the network takes ``threads`` too.
+            on the CPU; ``"lucas-kanade"`` and the network take ``threads`` too.
 
     Raises:
         DenseVSError: unknown method or device, a size below 16, or ONNX Runtime is missing for the learned ones.
@@ -130,7 +131,7 @@ class FlowEstimator:
         self.method = method
         self.height = check_whole("height", height, least=16, most=16384)
         self.width = check_whole("width", width, least=16, most=16384)
-        arguments = (device, threads) if method in ON_DEVICE else (threads,) if method in LEARNED else ()
+        arguments = (device, threads) if method in ON_DEVICE else (threads,) if method in TAKES_THREADS else ()
         self._calculate = METHODS[method](*arguments)
 
     @property

@@ -13,10 +13,18 @@ Beside dense inverse search J gets better from it on plain arms with seams and e
 plain; where there is texture all over, search is sharper at outlines.
 """
 
+from collections.abc import Callable
+from itertools import pairwise
 from typing import Any
 
 import cv2
 import numpy as np
+import warp as wp
+
+from dense_vs.device import resolve_threads
+from dense_vs.kernels.flow.lucas_kanade import lucas_kanade_kernel, scratch_floats
+from dense_vs.kernels.launch import PixelLaunch
+from dense_vs.kernels.views import seen_as
 
 PRESMOOTHING = 0.8  # px, standard deviation
 LOCAL_MEAN = 17  # px, side of the square that an image is taken relative to
@@ -24,74 +32,104 @@ COARSEST_SIDE = 60  # px, about: the shorter side of the coarsest level
 MAX_STEP = 2.0  # px, of one solution
 WIDE, WIDE_WEIGHT = 5.0, 0.1  # window [px, standard deviation] and lambda [gray levels^2 / px^2] of every level
 NARROW, NARROW_WEIGHT = 2.5, 10.0  # of the last step
-_DERIVATIVE = np.array([[1, -8, 0, 8, -1]], dtype=np.float32) / 12
+_FEW_PIXELS = 10_000  # of a level that one thread is done with sooner than it is shared out
 
 
 class LucasKanade:
-    """Flow between two images; what depends on their size alone is kept from one call to the next."""
+    """Flow between two images; what depends on their size alone is kept from one call to the next.
 
-    def __init__(self):
-        self._grids: dict[tuple[int, int], tuple[np.ndarray, np.ndarray]] = {}
+    An image that was the last call's present one is not prepared again.
+
+    Args:
+        threads: CPU threads, all allowed cores unless given.
+
+    Raises:
+        DenseVSError: not such a number.
+    """
+
+    def __init__(self, threads: int | None = None):
+        self._threads = resolve_threads(threads)
+        self._sizes: dict[tuple[int, int], _Levels] = {}
 
     def __call__(self, previous: np.ndarray, present: np.ndarray) -> np.ndarray:
         """Flow (H, W, 2) float32 [px] of uint8 images (H, W), stored at the pixels of the present one."""
-        before, now = [_relative(previous)], [_relative(present)]
-        levels = max(0, round(np.log2(min(present.shape) / COARSEST_SIDE)))
-        for _ in range(levels):
-            before.append(cv2.pyrDown(before[-1]))
-            now.append(cv2.pyrDown(now[-1]))
-        flow: Any = np.zeros((*now[-1].shape, 2), dtype=np.float32)
-        slopes = _gradient(now[-1])
-        for level in range(levels, -1, -1):
-            height, width = now[level].shape
-            if flow.shape[:2] != (height, width):
-                before_height, before_width = flow.shape[:2]
-                scale = np.array([width / before_width, height / before_height], dtype=np.float32)
-                flow = cv2.resize(flow, (width, height), interpolation=cv2.INTER_LINEAR) * scale
-                slopes = _gradient(now[level])
-            flow += self._step(before[level], now[level], slopes, flow, WIDE, WIDE_WEIGHT)
-        flow += self._step(before[0], now[0], slopes, flow, NARROW, NARROW_WEIGHT)
-        return flow
-
-    def _step(
-        self,
-        before: np.ndarray,
-        now: np.ndarray,
-        slopes: tuple[np.ndarray, np.ndarray],
-        flow: np.ndarray,
-        window: float,
-        weight: float,
-    ) -> np.ndarray:
-        """What the flow changes by."""
-        x, y = self._grid(*now.shape)
-        warped = cv2.remap(
-            before, x - flow[..., 0], y - flow[..., 1], cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE
-        )
-        gx, gy = (0.5 * (a + b) for a, b in zip(_gradient(warped), slopes, strict=True))
-        change = warped - now
-        xx, xy, yy = (cv2.GaussianBlur(a, (0, 0), window) for a in (gx * gx, gx * gy, gy * gy))
-        bx, by = (cv2.GaussianBlur(a, (0, 0), window) for a in (gx * change, gy * change))
-        xx += np.float32(weight)
-        yy += np.float32(weight)
-        determinant = xx * yy - xy * xy  # at least weight^2, but for rounding
-        np.maximum(determinant, np.float32(0.5 * weight**2), out=determinant)
-        step = np.stack([(yy * bx - xy * by) / determinant, (xx * by - xy * bx) / determinant], axis=-1)
-        return np.clip(step, -MAX_STEP, MAX_STEP, out=step)
-
-    def _grid(self, height: int, width: int) -> tuple[np.ndarray, np.ndarray]:
-        if (height, width) not in self._grids:
-            y, x = np.mgrid[:height, :width].astype(np.float32)
-            self._grids[height, width] = x, y
-        return self._grids[height, width]
+        height, width = present.shape
+        if (height, width) not in self._sizes:
+            self._sizes[height, width] = _Levels(height, width, self._threads)
+        return self._sizes[height, width].flow(previous, present)
 
 
-def _relative(image: np.ndarray) -> np.ndarray:
-    """A smoothed image less its local mean, float32."""
-    levels = image.astype(np.float32)
-    levels -= cv2.blur(levels, (LOCAL_MEAN, LOCAL_MEAN))
-    return cv2.GaussianBlur(levels, (0, 0), PRESMOOTHING)
+class _Levels:
+    """Pyramids of two images that take turns, the flow of every level, and the launches bound to them."""
+
+    def __init__(self, height: int, width: int, threads: int):
+        count = max(0, round(np.log2(min(height, width) / COARSEST_SIDE)))
+        shapes = [(height, width)]
+        for _ in range(count):
+            shapes.append(((shapes[-1][0] + 1) // 2, (shapes[-1][1] + 1) // 2))
+        self._images = [np.empty((height, width), np.uint8) for _ in range(2)]
+        self._smooth = np.empty((height, width), np.float32)
+        self._known = False
+        self._pyramids = [[np.empty(shape, np.float32) for shape in shapes] for _ in range(2)]
+        # The finest level takes two steps, from one array to the other and back.
+        self._flows = [[np.zeros((*shape, 2), np.float32) for _ in range(2)] for shape in shapes]
+        self._now = 0
+        self._steps = [self._recorded(now, threads) for now in range(2)]
+
+    def flow(self, previous: np.ndarray, present: np.ndarray) -> np.ndarray:
+        """As of :class:`LucasKanade`."""
+        if not (self._known and np.array_equal(self._images[self._now], previous)):
+            self._prepare(previous, self._now)
+        self._now = 1 - self._now
+        self._known = False  # until this call is through
+        self._prepare(present, self._now)
+        self._flows[-1][0].fill(0.0)
+        for level in range(len(self._flows) - 1, -1, -1):
+            start = self._flows[level][0]
+            if level + 1 < len(self._flows):
+                coarse = self._flows[level + 1][1]
+                for axis in range(2):  # x and y
+                    coarse[..., axis] *= np.float32(start.shape[1 - axis] / coarse.shape[1 - axis])
+                cv2.resize(coarse, start.shape[1::-1], dst=start, interpolation=cv2.INTER_LINEAR)
+            for launch in self._steps[self._now][level]:
+                launch()
+        self._known = True
+        return self._flows[0][0].copy()
+
+    def _prepare(self, image: np.ndarray, which: int) -> None:
+        """An image's pyramid: smoothed, less its local mean."""
+        np.copyto(self._images[which], image)
+        levels, pyramid = image.astype(np.float32), self._pyramids[which]
+        levels -= cv2.blur(levels, (LOCAL_MEAN, LOCAL_MEAN), dst=self._smooth)
+        cv2.GaussianBlur(levels, (0, 0), PRESMOOTHING, dst=pyramid[0])
+        for fine, coarse in pairwise(pyramid):
+            cv2.pyrDown(fine, dst=coarse)
+
+    def _recorded(self, now: int, threads: int) -> list[list[Callable[[], None]]]:
+        """Launches of every level, the finest first, where pyramid ``now`` is the present image's."""
+        steps: list[list[Callable[[], None]]] = []
+        for level, flows in enumerate(self._flows):
+            height, width = flows[0].shape[:2]
+            bands = threads if height * width > _FEW_PIXELS else 1
+            before, present = (
+                seen_as(self._pyramids[which][level], wp.float32, (height, width)) for which in (1 - now, now)
+            )
+            shifts: list[Any] = [seen_as(flow, wp.vec2, (height, width)) for flow in flows]
+            launches: list[Callable[[], None]] = []
+            for sigma, weight in ((WIDE, WIDE_WEIGHT), (NARROW, NARROW_WEIGHT))[: 2 if level == 0 else 1]:
+                shares = _window(sigma)
+                radius = len(shares) // 2
+                scratch = np.zeros((bands, scratch_floats(radius)), np.float32)
+                window, room = (seen_as(array, wp.float32, array.shape) for array in (shares, scratch))
+                arguments = [before, present, shifts[0], window, weight, MAX_STEP, room, shifts[1]]
+                launches.append(PixelLaunch(lucas_kanade_kernel(radius), (1, bands, 1), arguments, "cpu", bands))
+                shifts.reverse()
+            steps.append(launches)
+        return steps
 
 
-def _gradient(image: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Slope along x and along y [gray levels / px]."""
-    return cv2.filter2D(image, -1, _DERIVATIVE), cv2.filter2D(image, -1, _DERIVATIVE.T)
+def _window(sigma: float) -> np.ndarray:
+    """Gaussian weights up to four standard deviations."""
+    places = np.arange(-round(4 * sigma), round(4 * sigma) + 1)
+    weights = np.exp(-0.5 * (places / sigma) ** 2)
+    return (weights / weights.sum()).astype(np.float32)

@@ -14,7 +14,6 @@ import warp as wp
 
 from dense_vs.jacobian.options import JacobianOptions
 from dense_vs.kernels.image.flow_field import count_bad_flow
-from dense_vs.kernels.image.row_taps import RowTaps
 from dense_vs.kernels.image.tiles import tile_launch
 from dense_vs.kernels.jacobian.covariance import (
     fixed_gain,
@@ -52,6 +51,7 @@ class JacobianFilter:
         flow: (B, H, W) of vec2, of the frame that :meth:`advance` takes [px].
         dq: (B, N) float32, its joint step [rad].
         span: (B, N) float32, joint displacement that the flow spans [rad]; ``dq`` itself without ``spans``.
+        version: another number for every state there was.
         bad: (B, H) int32, pixels of each row whose flow is not finite.
     """
 
@@ -71,6 +71,7 @@ class JacobianFilter:
         self.kernels = jacobian_kernels(options.joints, options.order, self.layout)
         self.shape = (options.worlds, options.height, options.width)
         self._present: Any = None
+        self.version, self._present_version = 0, -1
         self._allocate(flow, spans)
         self._record()
         self.reset()
@@ -78,7 +79,7 @@ class JacobianFilter:
     def reset(self) -> None:
         """J = 0 and H = 0 with their initial variances, at the present posture."""
         self.now = 0
-        self._present_known = False
+        self.version += 1
         self.state[0].zero_()
         self.displacement[0].zero_()
         self.bad.zero_()
@@ -107,7 +108,7 @@ class JacobianFilter:
         self.state[self.now].assign(np.ascontiguousarray(state))
         self._assign_covariance(covariance)
         self.displacement[self.now].assign(stored["displacement"])
-        self._present_known = False
+        self.version += 1
 
     def _from_planes(self, planes: np.ndarray, group: int) -> np.ndarray:
         """(B, H, W, numbers) of what lies in planes of ``group`` numbers a pixel."""
@@ -168,7 +169,7 @@ class JacobianFilter:
     def swap(self) -> None:
         """Let the two halves of the buffers change roles; for those who replay what they captured."""
         self.now = 1 - self.now
-        self._present_known = False
+        self.version += 1
 
     def forget(self, where: wp.array) -> None:
         """J = 0 and H = 0 with their initial variances in the worlds where ``where`` (B,) int is not 0; for a
@@ -189,7 +190,7 @@ class JacobianFilter:
             outputs=[self.covariance[now], self.displacement[now]],
             device=self.device,
         )
-        self._present_known = False
+        self.version += 1
 
     def present(self) -> wp.array:
         """J at the present posture, (B, H, W) of (2, N); computed when first asked for where the state is another."""
@@ -201,9 +202,9 @@ class JacobianFilter:
                 self._pixels(self.kernels.read_jacobian, [self.state[now], self.displacement[now], self._present])
                 for now in range(2)
             ]
-        if not self._present_known:
+        if self._present_version != self.version:
             self._read[self.now]()
-            self._present_known = True
+            self._present_version = self.version
         return self._present
 
     def predicted_flow(self, joint_step: np.ndarray) -> wp.array:
@@ -303,10 +304,11 @@ class JacobianFilter:
         by_model = options.prediction in ("model", "nearest")
         or_flow = options.prediction == "nearest"
         iterations = options.prediction_iterations if by_model else {"flow": 1, "none": 0}[options.prediction]
+        # One iteration moves a pixel by its own J dq alone, which the correction then finds itself.
+        own_shift = options.covariance == "diagonal" and (not by_model or iterations == 1)
         limits = [options.rest, options.max_innovation or 0.0]
         spans = self.measured is not self.regressor
-        taps = RowTaps.empty(options.height, options.width, self.device)
-        moved_by = [self.model_flow if by_model else self.flow, iterations, *taps.arrays]
+        moved_by = [self.model_flow if by_model else self.flow, iterations]
         flows = [self.flow, self.model_flow]
         noises = [options.process_noise, options.drift_noise, options.measurement_noise, options.max_variance]
 
@@ -332,6 +334,8 @@ class JacobianFilter:
                 kernel = kernels.update_shared_once(by_model, iterations, or_flow, spans)
                 arguments = [state, regressor, self.flow, measured, *limits, gain, next_state]
                 self.correct.append(tile_launch(kernel, self.shape, arguments, self.device))
+            elif own_shift:
+                self.predict.append(_nothing)
             else:
                 self.predict.append(self._pixels(kernels.predicted_flow, [state, regressor, self.model_flow]))
             if not self._once and options.covariance in ("shared", "fixed"):
@@ -348,11 +352,15 @@ class JacobianFilter:
                 self.update_gain.append(self._worlds(fixed_gain, [self.dq, *weights, self.gain]))
             else:
                 self.update_gain.append(_nothing)  # each pixel has its own gain
-            if not self._once and options.covariance in ("diagonal", "full"):
-                move = [int(options.move_variance)] if options.covariance == "diagonal" else []
-                kernel = kernels.update_diagonal if options.covariance == "diagonal" else kernels.update_full
-                inputs = [state, covariance, *moved_by, *move, *flows, dq, *noises]
-                self.correct.append(self._pixels(kernel, [*inputs, next_state, next_covariance]))
+            if not self._once and options.covariance == "diagonal":
+                shift, finds_shift = moved_by[0], int(own_shift and by_model)
+                inputs = [state, covariance, shift, finds_shift, iterations, int(options.move_variance), self.flow, dq]
+                self.correct.append(
+                    self._pixels(kernels.update_diagonal, [*inputs, *noises, next_state, next_covariance])
+                )
+            if options.covariance == "full":
+                inputs = [state, covariance, *moved_by, *flows, dq, *noises]
+                self.correct.append(self._pixels(kernels.update_full, [*inputs, next_state, next_covariance]))
 
     def _regress(self, span: wp.array, displacement: wp.array, row: wp.array) -> Callable[[], None]:
         return self._worlds(regressors, [self.dq, span, displacement, row], self.kernels.columns)

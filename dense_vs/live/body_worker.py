@@ -19,12 +19,11 @@ import numpy as np
 import warp as wp
 
 from dense_vs.body_model import BodyModel
-from dense_vs.flow.estimator import FlowEstimator
 from dense_vs.jacobian.estimator import DenseJacobian
 from dense_vs.live.seen_point import SeenPoint
 from dense_vs.pipeline.frame_pipeline import FramePipeline, ProcessedFrame
 from dense_vs.point_servo.body_tracker import BodyTracker
-from dense_vs.point_servo.following import follow
+from dense_vs.point_servo.following import PointFlow, follow
 from dense_vs.point_servo.learned_body import LearnedBody
 from dense_vs.robot.joint_group import JointGroup
 
@@ -45,8 +44,8 @@ class BodyWorker:
         height, width = size
         joints = len(group.names)
         estimator = DenseJacobian(height=height, width=width, joints=joints, device="cpu", threads=1)
-        self._flow = FlowEstimator(height=height, width=width)
-        self._pipeline = FramePipeline(estimator, self._flow)
+        self._pipeline = FramePipeline(estimator)
+        self._point_flow = PointFlow(height, width)
         self._group, self._say = group, say
         self._points: dict[int, BodyTracker] = {}
         self.forget()
@@ -74,7 +73,7 @@ class BodyWorker:
         shown = shown_frame(gray, positions, measured)
         if self._points and newest:
             for tracker in self._points.values():
-                follow(tracker, self._pipeline, self._flow, shown, shown, None)
+                follow(tracker, self._pipeline, self._point_flow, shown, shown, None)
             self._tell(number)
         self._body.see(shown)
 

@@ -137,6 +137,7 @@ class FramePipeline:
         self._span_frames = 0  # since then
         y, x = np.mgrid[_GRID_STEP // 2 : size[0] : _GRID_STEP, _GRID_STEP // 2 : size[1] : _GRID_STEP]
         self._grid = np.stack([x.ravel(), y.ravel()], axis=1).astype(np.float32)
+        self._known: tuple[int, np.ndarray] | None = None  # J there, and of which state
         self.estimator = estimator
         self.flow = flow or FlowEstimator(height=size[0], width=size[1])
         if (self.flow.height, self.flow.width) != size:
@@ -234,9 +235,16 @@ class FramePipeline:
 
     def motion(self, joint_step: np.ndarray) -> float:
         """How fast a joint step ``(N,)`` moves the robot in the image: 95 % of what moves by J dq is slower [px]."""
-        moved = np.abs(self.estimator.at(self._grid) @ joint_step).max(axis=1)
+        moved = np.abs(self._on_grid() @ joint_step).max(axis=1)
         moving = moved[moved > _MOVING * moved.max(initial=0.0)]
         return float(np.quantile(moving, 0.95)) if moving.size else 0.0
+
+    def _on_grid(self) -> np.ndarray:
+        """J at the points that image motion is looked at, asked once for a state."""
+        version = self.estimator.filter.version
+        if self._known is None or self._known[0] != version:
+            self._known = version, self.estimator.at(self._grid)
+        return self._known[1]
 
     def _moved(self, joint_step: np.ndarray) -> float:
         """How far a joint step moves the robot in the image, guessed where J says nothing yet [px]."""
@@ -272,7 +280,7 @@ class FramePipeline:
         fault = None
         if self.check is not None and spans and self.estimator.updates > LEARNED_UPDATES:
             columns, rows = self._grid.astype(int).T
-            fault = self.check.judge(flow[rows, columns], self.estimator.at(self._grid), span, first.time, shown.time)
+            fault = self.check.judge(flow[rows, columns], self._on_grid(), span, first.time, shown.time)
         if fault is not None:
             self.estimator.predict(step, shown.depth)
             if self.prior is not None:
@@ -317,7 +325,7 @@ class FramePipeline:
         if self.camera_sway is None:
             return None
         columns, rows = self._grid.astype(int).T
-        motion = self.camera_sway.observe(self._grid, flow[rows, columns], self.estimator.at(self._grid), span)
+        motion = self.camera_sway.observe(self._grid, flow[rows, columns], self._on_grid(), span)
         if motion is not None:
             self.camera_sway.carry(motion, self.estimator)
         return motion

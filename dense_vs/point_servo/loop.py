@@ -21,7 +21,7 @@ from dense_vs.pipeline.frame_pipeline import FramePipeline, ProcessedFrame
 from dense_vs.point_servo.aim import Aim
 from dense_vs.point_servo.body_tracker import BodyTracker
 from dense_vs.point_servo.command_pace import CommandPace
-from dense_vs.point_servo.following import follow, found_again, new_tracker, pacing_flow, point_jacobian, tracking_flow
+from dense_vs.point_servo.following import PointFlow, follow, found_again, new_tracker, pacing_flow, point_jacobian
 from dense_vs.point_servo.joint_stream import JointStream
 from dense_vs.point_servo.law import VisualServo
 from dense_vs.point_servo.learned_body import LearnedBody
@@ -117,7 +117,7 @@ class ServoLoop:
         self.gate = CommandGate(robot, self.group, max_step=max(steps) if max_step is None else max_step)
         watch = JointWatch(self.group.names, self.gate.max_step, max_speed)
         self.pipeline = FramePipeline(estimator, flow, scale=scale, body=body, watched=True, sway=sway)
-        self._tracking_flow = tracking_flow(self.pipeline)
+        self._point_flow = PointFlow(estimator.options.height, estimator.options.width)
         self.tracker: PointTracker | BodyTracker | None = None
         self.memory: PointMemory | None = None
         self.aim = Aim(estimator)
@@ -394,7 +394,7 @@ class ServoLoop:
     def _follow_point(self, tracker: PointTracker | BodyTracker, frame: ProcessedFrame) -> None:
         """Take the tracked point along from the last frame that it was followed in, and say where it is not seen."""
         last, self._followed = self._followed, frame
-        unseen = follow(tracker, self.pipeline, self._tracking_flow, last, frame, self.renew_patch)
+        unseen = follow(tracker, self.pipeline, self._point_flow, last, frame, self.renew_patch)
         self.aim.update(self.point, frame.positions - last.positions, frame.depth)
         if unseen:
             self._say(Fault(FaultKind.POINT, unseen, stops=False, holds=False))

@@ -5,7 +5,6 @@ from types import SimpleNamespace
 import warp as wp
 
 from dense_vs.kernels.image.flow_field import is_flow
-from dense_vs.kernels.image.row_taps import find_row_taps
 from dense_vs.kernels.jacobian.moved_pixels import innovation, moved_taps
 
 wp.set_module_options({"enable_backward": False})
@@ -26,8 +25,6 @@ def full_update_kernel(types: SimpleNamespace) -> wp.Kernel:
         covariance_in: wp.array3d(dtype=Covariance),
         shift_in: wp.array3d(dtype=wp.vec2),  # u of DIJE (13) or J dq of DIJE (14) [px]
         iterations: int,
-        places: wp.array3d(dtype=wp.int32),
-        fractions: wp.array3d(dtype=wp.float32),
         flow_in: wp.array3d(dtype=wp.vec2),
         model_flow_in: wp.array3d(dtype=wp.vec2),
         dq_in: wp.array(dtype=JointVector),
@@ -45,10 +42,8 @@ def full_update_kernel(types: SimpleNamespace) -> wp.Kernel:
         width = jacobian_in.shape[2]
         dq = dq_in[world]
         growth = process_noise * wp.dot(dq, dq) + drift_noise
-        if column_step == 1:
-            find_row_taps(shift_in, world, y, iterations, row_begin, places, fractions)
         for x in range(column, width, column_step):
-            taps = moved_taps(shift_in, world, x, y, iterations, row_begin, column_step, places, fractions)
+            taps = moved_taps(shift_in, world, x, y, iterations)
             prior = sample_state(jacobian_in, world, taps)
             covariance = covariance_in[world, y, x]
             scale = JointVector()

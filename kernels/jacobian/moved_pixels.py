@@ -9,7 +9,6 @@ import warp as wp
 
 from dense_vs.kernels.image.bilinear import Taps, bilinear, bilinear_taps
 from dense_vs.kernels.image.flow_field import finite, is_flow
-from dense_vs.kernels.image.row_taps import row_taps
 
 wp.set_module_options({"enable_backward": False})
 
@@ -34,20 +33,8 @@ def pixel_shift(
 
 
 @wp.func
-def moved_taps(
-    image: wp.array3d(dtype=wp.vec2),
-    world: int,
-    x: int,
-    y: int,
-    iterations: int,
-    band: int,
-    column_step: int,
-    places: wp.array3d(dtype=wp.int32),
-    fractions: wp.array3d(dtype=wp.float32),
-) -> Taps:
-    """Taps for where the point now at (x, y) was: found for the row where a thread walks one, else here."""
-    if column_step == 1:
-        return row_taps(band, x, places, fractions)
+def moved_taps(image: wp.array3d(dtype=wp.vec2), world: int, x: int, y: int, iterations: int) -> Taps:
+    """Taps for where the point now at (x, y) was."""
     width = image.shape[2]
     height = image.shape[1]
     return bilinear_taps(x, y, pixel_shift(image, world, x, y, iterations, width, height), width, height)

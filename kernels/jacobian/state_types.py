@@ -23,6 +23,7 @@ def state_types(joints: int, order: int, layout: Layout) -> SimpleNamespace:
     return SimpleNamespace(
         joints=joints,
         order=order,
+        layout=layout,
         columns=columns,
         State=State,
         StateRow=wp.types.vector(columns, wp.float32),

@@ -110,7 +110,7 @@ def test_a_point_is_taken_along_by_flow_or_by_j(monkeypatch, correlation, lost, 
         SimpleNamespace(positions=np.array([0.1]), gray="g0"),
         SimpleNamespace(positions=np.array([0.3]), gray="g1"),
     )
-    said = following.follow(tracker, line, lambda a, b: (a, b), before, now, renew)
-    assert events[0] == (("by J", pytest.approx(0.2)) if far else ("g0", "g1"))
+    said = following.follow(tracker, line, lambda a, b, at: (a, b, at.tolist()), before, now, renew)
+    assert events[0] == (("by J", pytest.approx(0.2)) if far else ("g0", "g1", [0.0, 0.0]))
     assert events[1:] == (["renewed"] if renewed else [])
     assert said == why
