@@ -31,6 +31,7 @@ class Learning:
 
     def __init__(self, explained: ExplainedMotion, time: float):
         self._explained, self._begin = explained, time
+        self._useful = False
 
     def verdict(self, time: float, sureness: np.ndarray, images_missing: int = 0) -> tuple[bool, str] | None:
         """Whether J is good enough, and in words; None while it is to go on.
@@ -47,7 +48,9 @@ class Learning:
         before = self._explained.explained(time - 2 * WINDOW, time - WINDOW)
         unsure = np.flatnonzero(sureness < SURE) + 1
         share = f"J explains {100 * now:.0f} % of the motion" if np.isfinite(now) else "nothing moved in the image"
-        if images_missing and now >= USEFUL and not unsure.size and seconds < MOST_FOR_BODY:
+        # Few images a second make E uncertain: what it was once is enough to wait for more.
+        self._useful |= now >= USEFUL and not unsure.size
+        if images_missing and self._useful and seconds < MOST_FOR_BODY:
             return None
         if now >= GOOD and not unsure.size:
             return True, f"{share} after {seconds:.0f} s"
