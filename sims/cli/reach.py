@@ -3,7 +3,7 @@
 import argparse
 import sys
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from contextlib import nullcontext
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, get_args
@@ -140,12 +140,13 @@ def run(arguments: argparse.Namespace) -> None:
     checkpoint = None if arguments.checkpoint is None else Checkpoint(arguments.checkpoint, world.joint_names)
     estimator, learned_before = _estimator(arguments, checkpoint, world, size)
     babble = arguments.babble if not learned_before else max(arguments.babble - learned_before, AGAIN)
-    total = round(babble / FRAME_SECONDS) + 30 * arguments.targets
     writer = nullcontext() if arguments.no_video else VideoWriter(out / "reach.mp4", 1 / FRAME_SECONDS)
-    with writer as video, progress("babble", total) as bar:
+    count: Callable[[], None] | None = None  # a frame of babbling; how many a reach takes nobody knows
+    with writer as video:
 
         def after_frame(experiment: ReachingExperiment) -> None:
-            bar.update()
+            if count is not None:
+                count()
             if checkpoint is not None:
                 checkpoint.keep(experiment.loop.pipeline, learned_before + len(experiment.trace.times) * FRAME_SECONDS)
             if video is not None:
@@ -163,13 +164,17 @@ def run(arguments: argparse.Namespace) -> None:
             servo=_servo(arguments, world),
             flow=FlowEstimator(arguments.flow, *size),
         )
-        learned = experiment.learn()
+        with progress("babble", round(babble / FRAME_SECONDS)) as bar:
+            count = bar.update
+            learned = experiment.learn()
+            count = None
         experiment.choose(**tracker)
         targets = experiment.targets(arguments.targets, share_of_range=arguments.range, depth=arguments.depth)
         measured = []
-        for number, target in enumerate(targets):
-            bar.set_description(f"target {number + 1} of {len(targets)}")
-            measured.append(experiment.reach(target, max_frames=arguments.max_frames))
+        with progress("reach", len(targets), "target") as bar:
+            for target in targets:
+                measured.append(experiment.reach(target, max_frames=arguments.max_frames))
+                bar.update()
     if checkpoint is not None:
         checkpoint.end()
     seconds = time.perf_counter() - started
