@@ -10,7 +10,7 @@ from dense_vs.body_model.chain import Chain, tree_order
 from dense_vs.body_model.precision import Precision
 from dense_vs.body_model.surface import Surface
 from dense_vs.errors import DenseVSError
-from dense_vs.files import atomic_write, read_arrays
+from dense_vs.files import atomic_write, read_format
 
 FORMAT = "dense-vs body model"
 FORMAT_VERSION = 1
@@ -76,11 +76,7 @@ def read_body(path: str | os.PathLike[str]) -> ModelContent:
     Raises:
         DenseVSError: not such a file, another version of it, or damaged.
     """
-    arrays = read_arrays(path, "a saved body model")
-    if str(arrays.get("format")) != FORMAT:
-        raise DenseVSError(f"{path} is not a saved body model; expected a file that BodyModel.save wrote")
-    if str(arrays.get("format_version")) != str(FORMAT_VERSION):
-        raise DenseVSError(f"{path} has format version {arrays.get('format_version')}; expected {FORMAT_VERSION}")
+    arrays = read_format(path, "a saved body model", FORMAT, (FORMAT_VERSION,), writer="BodyModel.save")
     try:
         _check(arrays, str(path))
         chain = Chain(*(arrays[name] for name in ("axes", "points", "home", "parents")))
