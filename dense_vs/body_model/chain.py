@@ -74,6 +74,22 @@ class Chain:
         points = np.einsum("nij,nj->ni", rotation[0, :-1], self.points) + translation[0, :-1]
         return axes, np.cross(points, axes)
 
+    def velocities(self, joints: np.ndarray, positions: np.ndarray, links: np.ndarray) -> np.ndarray:
+        """Velocities ``(P, N, 3)`` [unit/rad] of points on links by each joint, by its screw.
+
+        Args:
+            joints: ``(N,)`` posture [rad].
+            positions: ``(P, 3)`` of the points in this posture, camera frame.
+            links: ``(P,)`` that they are on.
+        """
+        axes, moments = self.screws(joints)
+        # w x X for all joints by one product: X' [-w]x.
+        cross = np.zeros((3, self.joint_count, 3))
+        for n, (wx, wy, wz) in enumerate(axes):
+            cross[:, n] = [[0, wz, -wy], [-wz, 0, wx], [wy, -wx, 0]]
+        velocity = (positions @ cross.reshape(3, -1)).reshape(len(positions), self.joint_count, 3) + moments
+        return velocity * self.moved_by[links][:, :, None]
+
     def moved(self, step: np.ndarray) -> "Chain":
         """Each line turned about its point and shifted, by ``(N, 4)`` along two tangents each."""
         across = tangents(self.axes)
