@@ -123,11 +123,7 @@ def run(arguments: argparse.Namespace) -> None:
     from dense_vs.sims.engine.world import FRAME_SECONDS
     from dense_vs.sims.papers.dije.reaching import ReachingExperiment
 
-    if arguments.targets < 1 or arguments.max_frames < 1:
-        raise DenseVSError("--targets and --max-frames are whole numbers of at least 1")
-    check_number("--babble", arguments.babble, above=0, most=LONGEST)
-    check_number("--gain", arguments.gain, above=0)
-    check_number("--range", arguments.range, above=0, most=1)
+    _check_numbers(arguments)
     tracker = _tracker_options(arguments)
     point = _point(arguments.point)
     started = time.perf_counter()
@@ -193,15 +189,23 @@ def run(arguments: argparse.Namespace) -> None:
     }
     write_json(out / "summary.json", summary)
     print(_targets_table(measured))
-    close = sum(m.true_error_px < REACHED_PX for m in measured)
     print(
         f"J error after {learned_before + babble:.4g} s of babbling: {learned.median:.3f} (median over robot pixels), "
         f"{learned.inner_median:.3f} at pixels 3 px inside the outline"
     )
+    close = sum(m.true_error_px < REACHED_PX for m in measured)
     print(
         f"{close} of {len(measured)} targets within {REACHED_PX:g} px (true error); "
         f"{len(experiment.trace.times)} frames in {seconds:.1f} s, simulation included; results in {out}"
     )
+
+
+def _check_numbers(arguments: argparse.Namespace) -> None:
+    if arguments.targets < 1 or arguments.max_frames < 1:
+        raise DenseVSError("--targets and --max-frames are whole numbers of at least 1")
+    check_number("--babble", arguments.babble, above=0, most=LONGEST)
+    check_number("--gain", arguments.gain, above=0)
+    check_number("--range", arguments.range, above=0, most=1)
 
 
 def _depth_camera(arguments: argparse.Namespace, world: "SimWorld") -> "SimDepthCamera | None":
