@@ -6,6 +6,7 @@
    field of view a body and its reflection in depth have almost the same J.
 3. Bundle adjustment of the candidates on a part of the tracks; the one with the least robust error stays.
 4. In turns: every track to the link that explains it best (``link_assignment``), bundle adjustment of all.
+5. All joints turned so far; those that slide explain more as slides (``joint_kinds``).
 """
 
 from dataclasses import dataclass, replace
@@ -14,6 +15,7 @@ import numpy as np
 
 from dense_vs.body_model.axes_from_jacobian import AxesState, axes_from_jacobian, with_median_one
 from dense_vs.body_model.chain import BACKGROUND, Chain, ancestors
+from dense_vs.body_model.joint_kinds import with_slides
 from dense_vs.body_model.joint_tree import joint_parents
 from dense_vs.body_model.link_assignment import Placed, place_points
 from dense_vs.body_model.solver import solve
@@ -27,6 +29,7 @@ MOVING = 1.5  # px from its mean place that a point must get, or it is taken for
 _WELL_SEEN = 12  # images of a track that takes part in finding the start
 _LEAST_TRACKS = 12
 _HELD = 0.03  # deviation of the logarithm of the focal length while a start is sought
+_GLANCED = 3  # every so many images, for a short adjustment
 _GROSS = 3.0  # times the usual error: weights fall beyond
 
 
@@ -116,12 +119,24 @@ def fit_body(tracks: PointTracks, options: BodyFitOptions | None = None) -> Body
     parents, learned = _parents(measured, used, options)
     links = _first_links(measured, parents, learned)
     turn = _Turns(used, center, learned, options)
-    candidates, chosen = _start(used, measured, links, parents, focal, center, options)
-    begun = [turn.take(turn.begin(state, chosen, measured.places), (focal, _HELD)) for state in candidates]
-    begun = [turn.take(one, (focal, _HELD)) for one in sorted(begun, key=lambda one: one.cost)[:2]]
-    found = min(begun, key=lambda one: one.cost)
-    for _ in range(options.rounds):
-        found = turn.take(found, prior)
+
+    def whole(slides: np.ndarray) -> _Turn:
+        candidates, chosen = _start(used, measured, links, slides, parents, focal, center, options)
+        begun = [turn.take(turn.begin(state, chosen, measured.places), (focal, _HELD)) for state in candidates]
+        begun = [turn.take(one, (focal, _HELD)) for one in sorted(begun, key=lambda one: one.cost)[:2]]
+        found = min(begun, key=lambda one: one.cost)
+        for _ in range(options.rounds):
+            found = turn.take(found, prior)
+        return found
+
+    found = with_slides(
+        whole(np.zeros(len(parents), bool)),
+        learned,
+        1.1774 * float(np.median(measured.noise[np.isfinite(measured.noise)])),
+        take=lambda one: turn.take(one, prior),
+        glance=turn.glance,
+        restart=whole,
+    )
     state = _in_units(replace(found.state, points=found.points[found.believed]))
     all_links = np.full(tracks.pixels.shape[1], UNKNOWN)
     all_links[~moving & (seen >= LEAST_SEEN)] = BACKGROUND
@@ -208,6 +223,16 @@ class _Turns:
         points[believed] = state.points
         return _Turn(state, points, links, costs, believed, error)
 
+    def glance(self, turn: _Turn) -> float:
+        """The mean robust error of the believed tracks after a short adjustment, in some of the images."""
+        if turn.believed.sum() < _LEAST_TRACKS:
+            return np.inf
+        some, rows = self.tracks.select(turn.believed), slice(None, None, _GLANCED)
+        state = replace(turn.state, points=turn.points[turn.believed])
+        links, noise = turn.links[turn.believed], self.options.noise
+        prior = state.focal, _HELD
+        return adjust(state, some.joints[rows], some.pixels[rows], links, self.center, prior, noise, 2, 8)[1]
+
 
 def adjust(
     state: BodyState,
@@ -293,6 +318,7 @@ def _start(
     tracks: PointTracks,
     measured: TrackJacobians,
     links: np.ndarray,
+    slides: np.ndarray,
     parents: np.ndarray,
     focal: float,
     center: tuple[float, float],
@@ -313,8 +339,9 @@ def _start(
         },
     )
     found = axes_from_jacobian(
-        part, ancestors(parents)[links[chosen]], parents, focal, center, starts=options.starts, seed=options.seed
-    )
+        part, ancestors(parents)[links[chosen]], parents, focal, center, slides=slides, starts=options.starts,
+        seed=options.seed,
+    )  # fmt: skip
     rays = np.column_stack([(part.places - center) / focal, np.ones(len(chosen))])
     trials = []
     for axes in _distinct(found):
@@ -338,7 +365,9 @@ def _distinct(found: list[tuple[float, AxesState]], most: int = 6) -> list[AxesS
     """The first few of the candidates that differ, at unit median depth."""
     kept: list[AxesState] = []
     for _, state in found:
-        near = any(np.abs(np.sum(state.chain.axes * other.chain.axes, axis=1)).min() > 0.97 for other in kept)
+        near = any(
+            np.abs(np.sum(state.chain.directions * other.chain.directions, axis=1)).min() > 0.97 for other in kept
+        )
         if not near and len(kept) < most:
             kept.append(with_median_one(state))
     return kept
@@ -352,7 +381,9 @@ def reflected(state: AxesState) -> AxesState:
     chain = state.chain
     flip = np.array([1.0, 1.0, -1.0])
     depth = np.clip(2 - 1 / state.inverse_depths, 0.4, None)
-    mirrored = Chain(-chain.axes * flip, chain.points * flip + [0, 0, 2], chain.home, chain.parents)
+    mirrored = Chain(
+        -chain.axes * flip, chain.points * flip + [0, 0, 2], chain.home, chain.parents, chain.travel * flip
+    )
     return AxesState(mirrored, 1 / depth)
 
 

@@ -47,14 +47,14 @@ class BodyWorker:
         estimator = DenseJacobian(height=height, width=width, joints=joints, device="cpu", threads=1)
         self._flow = FlowEstimator(height=height, width=width)
         self._pipeline = FramePipeline(estimator, self._flow)
-        self._group, self._say = group, say
+        self._say = say
         self._points: dict[int, BodyTracker] = {}
         self.forget()
 
     def forget(self) -> None:
         """Know no body, no images and no points."""
         self._pipeline.prior = None
-        self._body = LearnedBody(self._pipeline, self._group, True)
+        self._body = LearnedBody(self._pipeline, True)
         self._points.clear()
 
     def forget_images(self) -> None:

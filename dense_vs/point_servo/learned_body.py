@@ -14,7 +14,6 @@ from dense_vs.pipeline.body_prior import CHAIN_AGREEMENT, BodyPrior
 from dense_vs.pipeline.frame_pipeline import FramePipeline, ProcessedFrame
 from dense_vs.point_servo.body_tracker import BodyTracker
 from dense_vs.point_servo.same_surface import same_surface
-from dense_vs.robot.joint_group import JointGroup
 
 HISTORY = 300  # images that J was corrected by, that are kept
 FITTED, LOOKED_BACK = 150, 60  # of these, that a body is fitted to, and that a point's features are followed through
@@ -33,7 +32,6 @@ class LearnedBody:
 
     Args:
         pipeline: whose J the model is the prior of.
-        group: the robot's joints; a model is learned where all of them turn.
         given: a model, or whether one is to be learned.
 
     Attributes:
@@ -43,9 +41,9 @@ class LearnedBody:
         DenseVSError: a model of another number of joints or image size.
     """
 
-    def __init__(self, pipeline: FramePipeline, group: JointGroup, given: BodyModel | bool):
+    def __init__(self, pipeline: FramePipeline, given: BodyModel | bool):
         self._pipeline = pipeline
-        self._learns = given is True and all(unit == "rad" for unit in group.units)
+        self._learns = given is True
         self._history: deque[tuple[np.ndarray, np.ndarray]] = deque(maxlen=HISTORY)
         self.model: BodyModel | None = None
         if isinstance(given, BodyModel):

@@ -122,7 +122,7 @@ class ServoLoop:
         self.memory: PointMemory | None = None
         self.aim = Aim(estimator)
         self._learns_body = body_model is not False
-        self._body = LearnedBody(self.pipeline, self.group, body_model)
+        self._body = LearnedBody(self.pipeline, body_model)
         self.on_frame = on_frame
         delay = None if joint_delay is None else check_number("joint_delay", joint_delay)
         self.joints = JointStream(robot, self.group, watch, delay)
@@ -253,7 +253,7 @@ class ServoLoop:
         """Forget J and the body, as after the camera was moved, and begin with the next image. Points stay."""
         self.pipeline.restart(forget=True)
         self.pipeline.prior = None
-        self._body = LearnedBody(self.pipeline, self.group, self._learns_body)
+        self._body = LearnedBody(self.pipeline, self._learns_body)
 
     def learn_body(self) -> bool:
         """Learn the body model from the images so far, as :meth:`babble` does, in some seconds; whether it can be."""
