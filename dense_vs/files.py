@@ -158,6 +158,35 @@ def read_arrays(path: str | os.PathLike[str], what: str, names: Collection[str] 
         raise DenseVSError(f"cannot read {path} as {what}: {error or type(error).__name__}") from error
 
 
+def read_format(
+    path: str | os.PathLike[str],
+    what: str,
+    form: str,
+    versions: Collection[int],
+    *,
+    writer: str,
+    names: Collection[str] | None = None,
+) -> dict[str, np.ndarray]:
+    """The arrays of an ``.npz`` file that says by ``format`` and ``format_version`` what it is.
+
+    Args:
+        path, what, names: as of :func:`read_arrays`; ``names`` among them these two.
+        form: its format, as written.
+        versions: of the format that can be read.
+        writer: what writes such files, for the error.
+
+    Raises:
+        DenseVSError: another file, another version, or as :func:`read_arrays`.
+    """
+    arrays = read_arrays(path, what, names)
+    if str(arrays.get("format")) != form:
+        raise DenseVSError(f"{path} is not {what}; expected a file that {writer} wrote")
+    if str(arrays.get("format_version")) not in {str(version) for version in versions}:
+        expected = " or ".join(str(version) for version in versions)
+        raise DenseVSError(f"{path} has format version {arrays.get('format_version')}; expected {expected}")
+    return arrays
+
+
 def stored_format(path: str | os.PathLike[str], what: str) -> str:
     """What an ``.npz`` file says that it is; empty if it does not say.
 

@@ -6,10 +6,10 @@ x, y the point's normalized image coordinates, r = (x, y, 1) and rho = 1 / Z its
     J_n = f (A w_n + rho B m_n),   B = [[1, 0, -x], [0, 1, -y]],   A = [[-x y, 1 + x^2, -y], [-1 - y^2, x y, x]],
 
 the interaction matrix of a point, its sign turned as the point moves and not the camera. |w| = 1 as the joint's angle
-is known, and rho is shared by all of the point's columns: with known w and m every rho follows from a linear equation,
-with known rho every (w, m) does. Scaling all moments by s and all rho by 1 / s changes nothing, the one thing that
-stays open. The problem is solved by Levenberg-Marquardt over lines, with the inverse depths eliminated, from many
-random directions.
+is known; of a slide w is zero and m is its shift. rho is shared by all of the point's columns: with known w and m every
+rho follows from a linear equation, with known rho every (w, m) does. Scaling all moments by s and all rho by 1 / s
+changes nothing, the one thing that stays open. The problem is solved by Levenberg-Marquardt over lines, with the
+inverse depths eliminated, from many random directions.
 """
 
 from dataclasses import dataclass, replace
@@ -55,7 +55,7 @@ class AxesProblem:
 
     def residuals(self, state: AxesState) -> np.ndarray:
         """``(M, 2, N)``, weighted."""
-        moments = np.cross(state.chain.points, state.chain.axes)
+        moments = np.cross(state.chain.points, state.chain.axes) + state.chain.travel
         model = self.turn @ state.chain.axes.T + state.inverse_depths[:, None, None] * (self.shift @ moments.T)
         return (model - self.target) * self.root[:, None, :]
 
@@ -75,10 +75,13 @@ class AxesProblem:
         chain, rho = state.chain, state.inverse_depths
         residual = self.residuals(state)
         joints, points = chain.joint_count, len(rho)
-        across = tangents(chain.axes)
-        moments = np.cross(chain.points, chain.axes)
+        across, slides = chain.across, chain.slides
+        moments = np.cross(chain.points, chain.axes) + chain.travel
         shared = np.zeros((points, 2, joints, 4 * joints))
         for n in range(joints):
+            if slides[n]:
+                shared[:, :, n, 4 * n : 4 * n + 3] = rho[:, None, None] * self.shift * self.root[:, None, n, None]
+                continue
             for k in range(2):
                 by_axis = np.cross(across[n, k], chain.axes[n])
                 turned = self.turn @ by_axis + rho[:, None] * (self.shift @ np.cross(chain.points[n], by_axis))
@@ -100,16 +103,17 @@ class AxesProblem:
         rho = state.inverse_depths + (0.0 if local is None else local[:, 0])
         return AxesState(state.chain.moved(shared.reshape(-1, 4)), np.clip(rho, _NEAR, _FAR))
 
-    def moments_for(self, axes: np.ndarray) -> np.ndarray:
-        """Points ``(N, 3)`` of lines with the given directions that fit best where all depths are 1."""
-        points = np.empty_like(axes)
+    def chain_for(self, axes: np.ndarray, home: np.ndarray, parents: np.ndarray) -> Chain:
+        """Lines with the given directions ``(N, 3)``, and shifts where these are zero, that fit best at the depth 1."""
+        points, travel = np.zeros_like(axes), np.zeros_like(axes)
         for n, axis in enumerate(axes):
-            across = tangents(axis[None])[0]
-            columns = (self.shift @ np.cross(across, axis).T) * self.root[:, n, None, None]
+            across = tangents(axis[None])[0] if axis.any() else np.eye(3)
+            moments = np.cross(across, axis) if axis.any() else across
+            columns = (self.shift @ moments.T) * self.root[:, n, None, None]
             right = (self.target[:, :, n] - self.turn @ axis) * self.root[:, n, None]
-            found = np.linalg.lstsq(columns.reshape(-1, 2), right.ravel(), rcond=None)[0]
-            points[n] = found @ across
-        return points
+            found = np.linalg.lstsq(columns.reshape(-1, len(across)), right.ravel(), rcond=None)[0]
+            (points if axis.any() else travel)[n] = found @ across
+        return Chain(axes, points, home, parents, travel)
 
 
 def axes_from_jacobian(
@@ -119,6 +123,7 @@ def axes_from_jacobian(
     focal: float,
     center: tuple[float, float],
     *,
+    slides: np.ndarray | None = None,
     starts: int = 30,
     keep: int = 10,
     seed: int = 0,
@@ -131,6 +136,7 @@ def axes_from_jacobian(
         parents: ``(N,)`` of the joints.
         focal: focal length [px].
         center: principal point [px].
+        slides: bool ``(N,)``, the joints that slide; all turn unless given.
         starts: random directions tried.
         keep: solutions to return.
         seed: of those.
@@ -147,7 +153,9 @@ def axes_from_jacobian(
     for _ in range(starts):
         axes = rng.normal(size=(joints, 3))
         axes /= np.linalg.norm(axes, axis=1, keepdims=True)
-        chain = Chain(axes, problem.moments_for(axes), measured.posture, parents)
+        if slides is not None:
+            axes[slides] = 0.0
+        chain = problem.chain_for(axes, measured.posture, parents)
         state, cost = solve(problem, AxesState(chain, np.ones(len(normal))), 15, 1e-4)
         found.append((cost, state))
     found.sort(key=lambda one: one[0])

@@ -1,12 +1,13 @@
-"""The joints of a body as lines before the camera: a tree of screws, and where it takes points.
+"""The joints of a body before the camera, hinges and slides: a tree of screws, and where it takes points.
 
 Product of exponentials as in Gothoskar's appendix to (6), with two differences: the camera's frame is the world, for
-one camera can tell no other, and joints form a tree, so that a humanoid's arms are branches of their own. A joint is a
-line in the home posture, a unit direction and the point of it that is nearest to the camera; link k is what joint k
-moves last. The unit of length is open, as images leave it.
+one camera can tell no other, and joints form a tree, so that a humanoid's arms are branches of their own. A hinge is a
+line in the home posture, a unit direction and the point of it that is nearest to the camera. A slide has no line, only
+a shift by a unit of its joint, the same wherever a point is. Link k is what joint k moves last. The unit of length is
+open, as images leave it.
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -18,19 +19,37 @@ BACKGROUND = -1  # link of what no joint moves
 
 @dataclass(frozen=True)
 class Chain:
-    """N revolute joints.
+    """N joints, hinges and slides.
 
     Attributes:
-        axes: ``(N, 3)`` unit directions in the home posture, camera frame.
-        points: ``(N, 3)`` a point of each joint's line.
-        home: ``(N,)`` home posture [rad].
+        axes: ``(N, 3)`` unit directions in the home posture, camera frame; zero for a slide.
+        points: ``(N, 3)`` a point of each hinge's line; no matter for a slide.
+        home: ``(N,)`` home posture [rad, m].
         parents: ``(N,)`` the joint that carries each joint, always earlier in ``order``; -1 for none.
+        travel: ``(N, 3)`` shift by a unit of each slide in the home posture, camera frame; zero for a hinge.
     """
 
     axes: np.ndarray
     points: np.ndarray
     home: np.ndarray
     parents: np.ndarray
+    travel: np.ndarray = field(default_factory=lambda: np.zeros((0, 3)))
+
+    def __post_init__(self):
+        if not len(self.travel):
+            object.__setattr__(self, "travel", np.zeros_like(self.axes))
+
+    @property
+    def slides(self) -> np.ndarray:
+        """Bool ``(N,)``: the joints that slide; the others turn."""
+        return ~np.any(self.axes, axis=1)
+
+    @property
+    def directions(self) -> np.ndarray:
+        """Unit vectors ``(N, 3)`` in the home posture: of a hinge's line, of a slide's shift."""
+        along = np.where(self.slides[:, None], self.travel, self.axes)
+        length = np.linalg.norm(along, axis=1, keepdims=True)
+        return np.where(length > 0, along / np.maximum(length, 1e-300), [0.0, 0.0, 1.0])
 
     @property
     def joint_count(self) -> int:
@@ -51,13 +70,14 @@ class Chain:
         """Rotation ``(T, N + 1, 3, 3)`` and translation ``(T, N + 1, 3)`` of every link since the home posture.
 
         Args:
-            joints: ``(T, N)`` [rad].
+            joints: ``(T, N)`` [rad, m].
         """
         steps = len(joints)
         rotation = np.tile(np.eye(3), (steps, self.joint_count + 1, 1, 1))
         translation = np.zeros((steps, self.joint_count + 1, 3))
-        turns = rotation_matrices((joints - self.home)[..., None] * self.axes)
-        shifts = self.points - np.einsum("tnij,nj->tni", turns, self.points)
+        since = (joints - self.home)[..., None]
+        turns = rotation_matrices(since * self.axes)
+        shifts = self.points - np.einsum("tnij,nj->tni", turns, self.points) + since * self.travel
         for n in self.order:
             before, offset = rotation[:, self.parents[n]], translation[:, self.parents[n]]
             rotation[:, n] = before @ turns[:, n]
@@ -65,28 +85,53 @@ class Chain:
         return rotation, translation
 
     def screws(self, joints: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Where the joints' lines are at a posture ``(N,)``: directions w ``(N, 3)`` and moments ``(N, 3)``.
+        """Where the joints' lines are at a posture ``(N,)``: directions w ``(N, 3)`` and moments m ``(N, 3)``.
 
-        A point X that the joint moves has the velocity w x X + m.
+        A point X that the joint moves has the velocity w x X + m; of a slide, w is zero and m its shift.
         """
         rotation, translation = self.link_poses(np.asarray(joints, dtype=float)[None])
         axes = np.einsum("nij,nj->ni", rotation[0, :-1], self.axes)
         points = np.einsum("nij,nj->ni", rotation[0, :-1], self.points) + translation[0, :-1]
-        return axes, np.cross(points, axes)
+        return axes, np.cross(points, axes) + np.einsum("nij,nj->ni", rotation[0, :-1], self.travel)
+
+    def velocities(self, joints: np.ndarray, positions: np.ndarray, links: np.ndarray) -> np.ndarray:
+        """Velocities ``(P, N, 3)`` [unit/rad, unit/m] of points on links by each joint, by its screw.
+
+        Args:
+            joints: ``(N,)`` posture [rad].
+            positions: ``(P, 3)`` of the points in this posture, camera frame.
+            links: ``(P,)`` that they are on.
+        """
+        axes, moments = self.screws(joints)
+        # w x X for all joints by one product: X' [-w]x.
+        cross = np.zeros((3, self.joint_count, 3))
+        for n, (wx, wy, wz) in enumerate(axes):
+            cross[:, n] = [[0, wz, -wy], [-wz, 0, wx], [wy, -wx, 0]]
+        velocity = (positions @ cross.reshape(3, -1)).reshape(len(positions), self.joint_count, 3) + moments
+        return velocity * self.moved_by[links][:, :, None]
 
     def moved(self, step: np.ndarray) -> "Chain":
-        """Each line turned about its point and shifted, by ``(N, 4)`` along two tangents each."""
-        across = tangents(self.axes)
+        """The chain a step further, by ``(N, 4)``.
+
+        Each hinge's line is turned about its point and shifted, by two numbers each along :attr:`across`. Each slide's
+        shift is changed by the first three, the fourth says nothing.
+        """
+        across, slides = self.across, self.slides[:, None]
         turn = rotation_matrices(np.einsum("nk,nki->ni", step[:, :2], across))
         axes = np.einsum("nij,nj->ni", turn, self.axes)
-        axes /= np.linalg.norm(axes, axis=1, keepdims=True)
-        points = self.points + np.einsum("nk,nki->ni", step[:, 2:], across)
-        return replace(self, axes=axes, points=points)
+        axes = np.where(slides, 0.0, axes / np.maximum(np.linalg.norm(axes, axis=1, keepdims=True), 1e-300))
+        points = self.points + np.where(slides, 0.0, np.einsum("nk,nki->ni", step[:, 2:], across))
+        return replace(self, axes=axes, points=points, travel=self.travel + np.where(slides, step[:, :3], 0.0))
+
+    @property
+    def across(self) -> np.ndarray:
+        """Two unit vectors across each direction, ``(N, 2, 3)``."""
+        return tangents(self.directions)
 
     def scaled(self, factor: float) -> "Chain":
         """The same in another unit of length, its lines' points put next to the camera."""
         along = np.sum(self.points * self.axes, axis=1, keepdims=True) * self.axes
-        return replace(self, points=factor * (self.points - along))
+        return replace(self, points=factor * (self.points - along), travel=factor * self.travel)
 
 
 def tree_order(parents: np.ndarray) -> list[int]:

@@ -5,6 +5,8 @@
 2. Candidates of lines and depths from the J of those tracks whose link is plainest (``start``).
 3. In turns: every track to the link that explains it best (``link_assignment``), bundle adjustment of all
    (``adjustment``). Many candidates on few tracks and images, fewer on more; the one with the least robust error stays.
+4. Where it is not known which joints slide, all turned so far; those that slide explain more as slides
+   (``joint_kinds``).
 """
 
 from dataclasses import dataclass, replace
@@ -14,6 +16,7 @@ import numpy as np
 from dense_vs.body_model.adjustment import adjust
 from dense_vs.body_model.chain import BACKGROUND
 from dense_vs.body_model.dense_motion import DenseMotion
+from dense_vs.body_model.joint_kinds import with_slides
 from dense_vs.body_model.joint_tree import joint_parents
 from dense_vs.body_model.link_assignment import Placed, place_points
 from dense_vs.body_model.start import FOCAL_HELD, LEAST_TRACKS, WELL_SEEN, Start, find_starts, in_order
@@ -26,6 +29,7 @@ from dense_vs.errors import DenseVSError
 MOVING = 1.5  # px from its mean place that a point must get, or it is taken for background
 # Tracks and images that candidates are tried on, turns, and how many are kept.
 _STAGES = ((80, 12, 1, 16), (160, 20, 2, 5), (260, 40, 1, 3))
+_GLANCED = 3  # every so many images, for a short adjustment
 _DENSE_SHARE = 0.3  # of the error of a filter's J beside that of the tracks, where candidates are compared
 
 
@@ -37,6 +41,7 @@ class BodyFitOptions:
         focal_length: of the camera [px], held if given; else it starts at the image's width and is estimated.
         focal_deviation: standard deviation of the logarithm of a focal length that is not given.
         parents: the joint that carries each joint, -1 for none; found from the tracks if not given.
+        slides: whether each joint slides or turns; found from the tracks if not given.
         noise: standard deviation of a track's pixel [px].
         starts: random directions of the joints that the search begins at.
         rounds: turns of assignment and adjustment.
@@ -49,6 +54,7 @@ class BodyFitOptions:
     focal_length: float | None = None
     focal_deviation: float = 0.15
     parents: tuple[int, ...] | None = None
+    slides: tuple[bool, ...] | None = None
     noise: float = 0.5
     starts: int = 40
     rounds: int = 3
@@ -121,11 +127,26 @@ def fit_body(tracks: PointTracks, options: BodyFitOptions | None = None, dense: 
     trees = [parents]
     if options.parents is None and (parents != in_order(learned)).any():
         trees.append(in_order(learned))
-    starts = find_starts(
-        used, measured, trees, learned, focal, center,
-        noise=options.noise, starts=options.starts, seed=options.seed, dense=dense,
-    )  # fmt: skip
-    found = _Turns(used, center, learned, options).best(starts, measured.places, focal, prior, dense)
+    turns = _Turns(used, center, learned, options)
+
+    def whole(slides: np.ndarray) -> _Turn:
+        starts = find_starts(
+            used, measured, trees, slides, learned, focal, center,
+            noise=options.noise, starts=options.starts, seed=options.seed, dense=dense,
+        )  # fmt: skip
+        return turns.best(starts, measured.places, focal, prior, dense)
+
+    if options.slides is not None:
+        found = whole(np.array(options.slides))
+    else:
+        found = with_slides(
+            whole(np.zeros(len(parents), bool)),
+            learned,
+            1.1774 * float(np.median(measured.noise[np.isfinite(measured.noise)])),
+            take=lambda one: turns.take(one, prior),
+            glance=turns.glance,
+            restart=whole,
+        )
     state = _in_units(replace(found.state, points=found.points[found.believed]))
     all_links = np.full(tracks.pixels.shape[1], UNKNOWN)
     all_links[~moving & (seen >= LEAST_SEEN)] = BACKGROUND
@@ -273,6 +294,16 @@ class _Turns:
         points[believed] = state.points
         return _Turn(state, points, links, costs, believed, error)
 
+    def glance(self, turn: _Turn) -> float:
+        """The mean robust error of the believed tracks after a short adjustment, in some of the images."""
+        if turn.believed.sum() < LEAST_TRACKS:
+            return np.inf
+        some, rows = self.tracks.select(turn.believed), slice(None, None, _GLANCED)
+        state = replace(turn.state, points=turn.points[turn.believed])
+        links, noise = turn.links[turn.believed], self.options.noise
+        prior = state.focal, FOCAL_HELD
+        return adjust(state, some.joints[rows], some.pixels[rows], links, self.center, prior, noise, 2, 8)[1]
+
 
 def assign_links(
     state: BodyState,
@@ -314,6 +345,8 @@ def _parents(measured: TrackJacobians, tracks: PointTracks, options: BodyFitOpti
         if len(options.parents) != joints:
             raise DenseVSError(f"parents are {options.parents}; expected {joints} numbers, one a joint")
         parents = np.asarray(options.parents)
+    if options.slides is not None and len(options.slides) != joints:
+        raise DenseVSError(f"slides are {options.slides}; expected {joints} truth values, one a joint")
     return parents, learned
 
 

@@ -349,14 +349,8 @@ class BodyModel:
         return np.nan_to_num(self.focal_length * positions[:, :2] / depth + self.center, nan=-1e6)
 
     def _point_velocities(self, q: np.ndarray, positions: np.ndarray, links: np.ndarray) -> np.ndarray:
-        """Velocities ``(P, N, 3)`` [unit/rad] of points on links in the camera frame by each joint, by its screw."""
-        axes, moments = self.chain.screws(q)
-        # w x X for all joints by one product: X' [-w]x.
-        cross = np.zeros((3, self.joint_count, 3))
-        for n, (wx, wy, wz) in enumerate(axes):
-            cross[:, n] = [[0, wz, -wy], [-wz, 0, wx], [wy, -wx, 0]]
-        velocity = (positions @ cross.reshape(3, -1)).reshape(len(positions), self.joint_count, 3) + moments
-        return velocity * (self.chain.moved_by[links] & self.learned)[:, :, None]
+        """Velocities ``(P, N, 3)`` [unit/rad] of points on links in the camera frame by each joint that is learned."""
+        return self.chain.velocities(q, positions, links) * self.learned[:, None]
 
     def _point_jacobians(self, q: np.ndarray, positions: np.ndarray, links: np.ndarray) -> np.ndarray:
         """J ``(P, 2, N)`` [px/rad] of points on links in the camera frame, the interaction matrix times the screws."""

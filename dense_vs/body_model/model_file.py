@@ -10,10 +10,10 @@ from dense_vs.body_model.chain import Chain, tree_order
 from dense_vs.body_model.precision import Precision
 from dense_vs.body_model.surface import Surface
 from dense_vs.errors import DenseVSError
-from dense_vs.files import atomic_write, read_arrays
+from dense_vs.files import atomic_write, read_format
 
 FORMAT = "dense-vs body model"
-FORMAT_VERSION = 1
+HINGES_ONLY, WITH_SLIDES = 1, 2  # versions of the format; the first has no travel
 LARGEST_SIDE = 1 << 14  # px
 
 
@@ -41,7 +41,7 @@ def write_body(path: str | os.PathLike[str], content: ModelContent) -> None:
     chain, surface = content.chain, content.surface
     arrays: dict[str, Any] = {
         "format": FORMAT,
-        "format_version": FORMAT_VERSION,
+        "format_version": WITH_SLIDES if chain.slides.any() else HINGES_ONLY,
         "axes": chain.axes,
         "points": chain.points,
         "home": chain.home,
@@ -57,6 +57,8 @@ def write_body(path: str | os.PathLike[str], content: ModelContent) -> None:
         "surface_support": surface.support.astype(np.float32),
         "surface_gray": surface.gray,
     }
+    if chain.slides.any():
+        arrays["travel"] = chain.travel
     if (precision := content.precision) is not None:
         arrays |= {
             "precision_lines": precision.lines,
@@ -76,14 +78,10 @@ def read_body(path: str | os.PathLike[str]) -> ModelContent:
     Raises:
         DenseVSError: not such a file, another version of it, or damaged.
     """
-    arrays = read_arrays(path, "a saved body model")
-    if str(arrays.get("format")) != FORMAT:
-        raise DenseVSError(f"{path} is not a saved body model; expected a file that BodyModel.save wrote")
-    if str(arrays.get("format_version")) != str(FORMAT_VERSION):
-        raise DenseVSError(f"{path} has format version {arrays.get('format_version')}; expected {FORMAT_VERSION}")
+    arrays = read_format(path, "a saved body model", FORMAT, (HINGES_ONLY, WITH_SLIDES), writer="BodyModel.save")
     try:
         _check(arrays, str(path))
-        chain = Chain(*(arrays[name] for name in ("axes", "points", "home", "parents")))
+        chain = Chain(*(arrays[name] for name in ("axes", "points", "home", "parents", "travel") if name in arrays))
         tree_order(chain.parents)
         surface = Surface(
             arrays["surface_points"].astype(np.float64),
@@ -154,6 +152,8 @@ def _check(arrays: dict[str, np.ndarray], path: str) -> None:
         "surface_support": (points,),
         "surface_gray": (points,),
     }
+    if str(arrays["format_version"]) == str(WITH_SLIDES):
+        shapes["travel"] = (joints, 3)
     _check_shapes(arrays, shapes, path)
     links = arrays["surface_links"]
     if points and not (links.min() >= 0 and links.max() < joints):

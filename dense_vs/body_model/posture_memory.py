@@ -33,7 +33,7 @@ from dense_vs.body_model.keyframes import (
 )
 from dense_vs.checks import check_pair
 from dense_vs.errors import DenseVSError
-from dense_vs.files import atomic_write, read_arrays, stored_array
+from dense_vs.files import atomic_write, read_format, stored_array
 
 FORMAT = "dense-vs posture memory"
 FORMAT_VERSION = 1
@@ -203,11 +203,7 @@ class PostureMemory:
         Raises:
             DenseVSError: not such a file, another version of it, or damaged.
         """
-        arrays = read_arrays(path, "a saved posture memory")
-        if str(arrays.get("format")) != FORMAT:
-            raise DenseVSError(f"{path} is not a saved posture memory; expected a file that PostureMemory.save wrote")
-        if str(arrays.get("format_version")) != str(FORMAT_VERSION):
-            raise DenseVSError(f"{path} has format version {arrays.get('format_version')}; expected {FORMAT_VERSION}")
+        arrays = read_format(path, "a saved posture memory", FORMAT, (FORMAT_VERSION,), writer="PostureMemory.save")
         try:
             return _read(arrays)
         except DenseVSError as error:

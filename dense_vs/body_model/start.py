@@ -52,6 +52,7 @@ def find_starts(
     tracks: PointTracks,
     measured: TrackJacobians,
     trees: Sequence[np.ndarray],
+    slides: np.ndarray,
     learned: np.ndarray,
     focal: float,
     center: tuple[float, float],
@@ -67,6 +68,7 @@ def find_starts(
         tracks: M tracks.
         measured: their J.
         trees: the joint that carries each joint ``(N,)``, -1 for none, in one or more ways.
+        slides: bool ``(N,)``, the joints that slide.
         learned: bool ``(N,)``, the joints that are looked for.
         focal: focal length [px].
         center: principal point [px].
@@ -84,13 +86,13 @@ def find_starts(
         chosen, links = core(tracks, measured, parents, learned, noise)
         joints, pixels = tracks.joints[rows], tracks.pixels[rows][:, chosen]
         adjusted = []
-        for begun in _candidates(measured.select(chosen), links, parents, focal, center, starts, seed):
+        for begun in _candidates(measured.select(chosen), links, parents, slides, focal, center, starts, seed):
             state, cost, _ = adjust(begun, joints, pixels, links, center, (focal, FOCAL_HELD), noise, 2, 8)
             adjusted.append((cost, Start(state, chosen)))
         found += [start for _, start in sorted(adjusted, key=lambda one: one[0])[:KEPT]]
         if dense is not None:
             part, links = dense_core(dense, parents, learned, tracks.size[1], seed)
-            for begun in _candidates(part, links, parents, focal, center, starts, seed):
+            for begun in _candidates(part, links, parents, slides, focal, center, starts, seed):
                 found.append(Start(begun, np.zeros(0, int)))
     return found
 
@@ -99,6 +101,7 @@ def _candidates(
     part: TrackJacobians,
     links: np.ndarray,
     parents: np.ndarray,
+    slides: np.ndarray,
     focal: float,
     center: tuple[float, float],
     starts: int,
@@ -107,8 +110,9 @@ def _candidates(
     """Lines and points from J of tracks on given links."""
     rays = np.column_stack([(part.places - center) / focal, np.ones(len(links))])
     found = axes_from_jacobian(
-        part, ancestors(parents)[links], parents, focal, center, starts=starts, keep=CANDIDATES, seed=seed
-    )
+        part, ancestors(parents)[links], parents, focal, center,
+        slides=slides, starts=starts, keep=CANDIDATES, seed=seed,
+    )  # fmt: skip
     pairs = [(one, reflected(one)) for one in distinct([state for _, state in found], DISTINCT)]
     return [
         BodyState(candidate.chain, rays / candidate.inverse_depths[:, None], focal)
@@ -170,7 +174,9 @@ def distinct(states: Sequence[AxesState], most: int) -> list[AxesState]:
     """The first few of some candidates that differ, at unit median depth."""
     kept: list[AxesState] = []
     for state in states:
-        near = any(np.abs(np.sum(state.chain.axes * other.chain.axes, axis=1)).min() > ALIKE for other in kept)
+        near = any(
+            np.abs(np.sum(state.chain.directions * other.chain.directions, axis=1)).min() > ALIKE for other in kept
+        )
         if not near and len(kept) < most:
             kept.append(with_median_one(state))
     return kept
@@ -184,7 +190,9 @@ def reflected(state: AxesState) -> AxesState:
     chain = state.chain
     flip = np.array([1.0, 1.0, -1.0])
     depth = np.clip(2 - 1 / state.inverse_depths, 0.4, None)
-    mirrored = Chain(-chain.axes * flip, chain.points * flip + [0, 0, 2], chain.home, chain.parents)
+    mirrored = Chain(
+        -chain.axes * flip, chain.points * flip + [0, 0, 2], chain.home, chain.parents, chain.travel * flip
+    )
     return AxesState(mirrored, 1 / depth)
 
 

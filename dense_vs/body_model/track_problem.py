@@ -1,8 +1,8 @@
 """Reprojection error of tracks on a chain of unknown lines: its normal equations, with the points to be eliminated.
 
-The loss is Gothoskar (6) for one camera and points on any link. Unknown are the joints' lines, four numbers each, the
-focal length, and every point's place in the home posture, which touches no other point's pixels: ``minimize``
-eliminates the points by the Schur complement.
+The loss is Gothoskar (6) for one camera and points on any link. Unknown are the hinges' lines, four numbers each, the
+slides' shifts, three numbers each, the focal length, and every point's place in the home posture, which touches no
+other point's pixels: ``minimize`` eliminates the points by the Schur complement.
 """
 
 from dataclasses import dataclass, replace
@@ -11,7 +11,6 @@ import numpy as np
 
 from dense_vs.body_model.chain import Chain
 from dense_vs.generative.least_squares.pixel_problem import NormalEquations
-from dense_vs.generative.rotations import tangents
 
 NEAREST = 1e-3  # least depth of a point before the camera, in units of length
 
@@ -87,7 +86,9 @@ class TrackProblem:
         return float(residual @ residual) + self._prior(state)[0]
 
     def linearize(self, state: BodyState) -> NormalEquations:
-        """Normal equations: lines (4 N), logarithm of the focal length, and blocks of 3 for the points."""
+        """Normal equations: joints (4 N) as :meth:`.chain.Chain.moved` has them, logarithm of the focal length, and
+        blocks of 3 for the points.
+        """
         chain, joint_count = state.chain, state.chain.joint_count
         rotation, translation = chain.link_poses(self.joints)
         at = self.image, self.link
@@ -100,13 +101,17 @@ class TrackProblem:
         by_position[:, 0, 0] = by_position[:, 1, 1] = scale
         by_position[:, :, 2] = -normal * scale[:, None]
         shared = np.zeros((len(p), 2, 4 * joint_count + 1))
-        across, moved_by = tangents(chain.axes), chain.moved_by
+        across, moved_by, slides = chain.across, chain.moved_by, chain.slides
         for n in range(joint_count):
             chosen = np.flatnonzero(moved_by[self.link, n])
             if not len(chosen):
                 continue
             image, parent = self.image[chosen], chain.parents[n]
             Ra, Rn = rotation[image, parent], rotation[image, n]
+            if slides[n]:
+                shift = Ra * (self.joints[image, n] - chain.home[n])[:, None, None]
+                shared[chosen, :, 4 * n : 4 * n + 3] = by_position[chosen] @ shift
+                continue
             z = np.einsum("oji,oj->oi", Ra, p[chosen] - translation[image, parent]) - chain.points[n]
             y = np.einsum("oji,oj->oi", Rn, p[chosen] - translation[image, n]) - chain.points[n]
             for k in range(2):

@@ -112,7 +112,7 @@ def run(arguments: argparse.Namespace) -> None:
         write_picture(path, memory_picture(body, seen.last, seen.joints[-1]))
     print(table(["quality", "value"], _rows(seen, learned, body)))
     if isinstance(body, BodyModel):
-        print(table(["joint", "carried by", "surface points"], joint_rows(body, seen.names)))
+        print(table(["joint", "kind", "carried by", "surface points"], joint_rows(body, seen.names)))
         if body.error > POOR:
             print(
                 f"- tracks are {body.error:.2f} px off the model; above {POOR} px links and axes are not to be trusted"
@@ -259,10 +259,11 @@ def _rows(seen: SeenBody, learned: Learned, body: BodyModel | PostureMemory) -> 
 
 
 def joint_rows(model: BodyModel, names: tuple[str, ...]) -> list[list[str]]:
-    """A row a joint: its name, the joint before it, and how many points its link has."""
+    """A row a joint: its name, whether it turns or slides, the joint before it, and how many points its link has."""
     rows = []
     for n, name in enumerate(names):
         parent = model.chain.parents[n]
         carried = "moves too little" if not model.learned[n] else names[parent] if parent >= 0 else "nothing"
-        rows.append([name, carried, str(int((model.surface.links == n).sum()))])
+        kind = "" if not model.learned[n] else "slides" if model.chain.slides[n] else "turns"
+        rows.append([name, kind, carried, str(int((model.surface.links == n).sum()))])
     return rows

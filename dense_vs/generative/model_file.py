@@ -9,7 +9,7 @@ import numpy as np
 
 from dense_vs.checks import check_choice
 from dense_vs.errors import DenseVSError
-from dense_vs.files import atomic_write, read_arrays, stored_array
+from dense_vs.files import atomic_write, read_format, stored_array
 from dense_vs.generative.kinematics.denavit_hartenberg import DenavitHartenberg
 from dense_vs.generative.parameters import ModelParameters
 from dense_vs.generative.report import FitReport
@@ -62,11 +62,8 @@ def read_model(path: str | os.PathLike[str]) -> ModelContent:
     Raises:
         DenseVSError: not such a file, another version of it, or damaged.
     """
-    arrays = read_arrays(path, "a saved generative model", STORED)
-    if str(arrays.get("format")) != FORMAT:
-        raise DenseVSError(f"{path} is not a saved generative model; expected a file that GenerativeModel.save wrote")
-    if str(arrays.get("format_version")) != str(FORMAT_VERSION):
-        raise DenseVSError(f"{path} has format version {arrays.get('format_version')}; expected {FORMAT_VERSION}")
+    what, writer = "a saved generative model", "GenerativeModel.save"
+    arrays = read_format(path, what, FORMAT, (FORMAT_VERSION,), writer=writer, names=STORED)
     try:
         parameters = _parameters(arrays)
         joints, cameras = parameters.joint_count, len(parameters.intrinsics)

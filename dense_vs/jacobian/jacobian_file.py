@@ -9,7 +9,7 @@ import numpy as np
 
 from dense_vs.checks import check_whole
 from dense_vs.errors import DenseVSError
-from dense_vs.files import read_arrays
+from dense_vs.files import read_format
 from dense_vs.jacobian.options import JacobianOptions
 from dense_vs.jacobian.stored_state import DEPTH, STATE, check_stored
 
@@ -30,11 +30,8 @@ def read_jacobian(path: str | os.PathLike[str]) -> tuple[JacobianOptions, int, d
     Raises:
         DenseVSError: not such a file, another version of it, or arrays that do not fit its options.
     """
-    content = read_arrays(path, "a saved Jacobian", STORED)
-    if str(content.get("format")) != FORMAT:
-        raise DenseVSError(f"{path} is not a saved Jacobian; expected a file that DenseJacobian.save wrote")
-    if str(content.get("format_version")) != str(FORMAT_VERSION):
-        raise DenseVSError(f"{path} has format version {content.get('format_version')}; expected {FORMAT_VERSION}")
+    what, writer = "a saved Jacobian", "DenseJacobian.save"
+    content = read_format(path, what, FORMAT, (FORMAT_VERSION,), writer=writer, names=STORED)
     try:
         options = JacobianOptions(**json.loads(str(content["options"])))
         updates = check_whole("updates", content["updates"].item(), least=0)

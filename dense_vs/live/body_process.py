@@ -52,11 +52,12 @@ class BodyProcess:
 
     Attributes:
         state: what is known of the body.
+        images: that it has or will get, and can learn from.
     """
 
     def __init__(self, size: tuple[int, int], group: JointGroup, learned: Callable[[BodyModel | None], None]):
         self._learned = learned
-        self.state = BodyState.UNKNOWN
+        self.state, self.images = BodyState.UNKNOWN, 0
         self._news = threading.Condition()
         self._waiting: deque[tuple[Any, ...]] = deque([(size, group)])
         self._answers: deque[tuple[int, dict[int, SeenPoint]]] = deque(maxlen=4 * MOST_WAITING)
@@ -95,7 +96,8 @@ class BodyProcess:
             if frames and not frame.measured:
                 return
             if len(frames) >= MOST_WAITING:
-                self._waiting.remove(frames[0])
+                self._leave_out(frames[:1])
+            self.images += frame.measured is not None
             self._ask("frame", number, frame.gray, frame.positions, frame.measured is not None)
 
     def learn(self, positions: np.ndarray) -> None:
@@ -121,12 +123,12 @@ class BodyProcess:
 
     def forget_images(self) -> None:
         """Let it begin with new images: the clock of joint readings was found to be another."""
-        self._ask("forget_images")
+        self._forget_images("forget_images")
 
     def forget(self) -> None:
         """Let it forget the body and all points."""
         self.state = BodyState.UNKNOWN
-        self._ask("forget")
+        self._forget_images("forget")
 
     def answers(self) -> list[tuple[int, dict[int, SeenPoint]]]:
         """What was seen since last asked: the frames' numbers, and the points by theirs."""
@@ -149,6 +151,18 @@ class BodyProcess:
             thread.join(timeout=5)
         self._connection.close()
         self._folder.cleanup()
+
+    def _forget_images(self, message: str) -> None:
+        with self._news:
+            self._leave_out([item for item in self._waiting if item[0] == "frame"])
+            self.images = 0
+            self._ask(message)
+
+    def _leave_out(self, frames: list[tuple[Any, ...]]) -> None:
+        """Do not send some of the frames that wait."""
+        for frame in frames:
+            self._waiting.remove(frame)
+            self.images -= frame[-1]
 
     def _ask(self, *message: Any) -> None:
         with self._news:

@@ -5,6 +5,7 @@ from typing import TYPE_CHECKING
 from dense_vs.body_model import BodyModel
 from dense_vs.live.body_process import BodyProcess, BodyState
 from dense_vs.pipeline.frame_pipeline import ProcessedFrame
+from dense_vs.point_servo.learned_body import LEAST_IMAGES
 from dense_vs.point_servo.loop import ServoLoop
 
 if TYPE_CHECKING:
@@ -22,6 +23,7 @@ class BodyTask:
         self._session = session
         loop = session.running_loop()
         self._delay = loop.joint_delay
+        self._images = 0  # that there were when it was last to be learned
         self.process: BodyProcess | None = None
         if session.source.commands and session.options.body and loop.wants_body:
             options = loop.estimator.options
@@ -31,6 +33,24 @@ class BodyTask:
     def state(self) -> BodyState:
         """What is known of the body."""
         return BodyState.UNKNOWN if self.process is None else self.process.state
+
+    @property
+    def wanted(self) -> bool:
+        """Whether one is to be learned: there is none, or one that no longer explains what moves."""
+        return self.process is not None and self.process.alive and self._session.running_loop().wants_body
+
+    @property
+    def images_missing(self) -> int:
+        """Images that are to come before it can be learned; 0 where none is to be learned."""
+        if self.process is None or not self.wanted:
+            return 0
+        return max(LEAST_IMAGES - self.process.images, 0)
+
+    def told(self) -> dict[str, int] | None:
+        """How many images have come, and how many it takes; None where none is to be learned."""
+        if self.process is None or not self.wanted:
+            return None
+        return {"have": min(self.process.images, LEAST_IMAGES), "need": LEAST_IMAGES}
 
     def frame(self, number: int, frame: ProcessedFrame) -> None:
         """Take a frame that was learned from."""
@@ -43,10 +63,10 @@ class BodyTask:
         self.process.frame(number, frame)
 
     def learn(self) -> None:
-        """Have it learned from the images so far, where there is none, or one that no longer explains what moves."""
-        loop = self._session.running_loop()
-        if self.process is not None and self.process.alive and loop.wants_body:
-            self.process.learn(loop.frame.positions)
+        """Have it learned from the images so far, where one is wanted."""
+        if self.process is not None and self.wanted:
+            self._images = self.process.images
+            self.process.learn(self._session.running_loop().frame.positions)
             self._session.board.log("learning the body from what was seen; points go by their own look until then")
 
     def take_over(self, loop: ServoLoop) -> None:
@@ -77,6 +97,9 @@ class BodyTask:
         if model is None:
             if process is not None and not process.alive:
                 session.board.log("the body's process ended; points go by their own look", "error")
+            elif self._images < LEAST_IMAGES:
+                came = f"{self._images} images came, it takes {LEAST_IMAGES}"
+                session.board.log(f"the body was not found: {came}; points go by their own look", "warning")
             else:
                 session.board.log("the body was not found in these images; points go by their own look", "warning")
         elif process is not None and process.knows:

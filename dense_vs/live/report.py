@@ -117,6 +117,7 @@ def state_of(session: "LiveSession", frame: ProcessedFrame) -> dict[str, Any]:
         "error": plain(session.points.worst_error, 2),
         "explained": plain(session.told.explained, 3),
         "body": session.body_state.value,
+        "body_images": None if session.body is None else session.body.told(),
         "recording": session.recorder is not None,
         "object": None if session.objects.known is None else session.objects.known.told(),
         "size": [width, height],

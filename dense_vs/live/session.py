@@ -305,7 +305,8 @@ class LiveSession:
         if self.number % SLOW_EVERY == 0:
             told.sureness = sureness(self.running_loop().estimator)
             told.explained = self.explained.explained(frame.time - WINDOW, frame.time)
-            if self.mode is Mode.LEARNING and (verdict := self._learning.verdict(frame.time, told.sureness)):
+            missing = 0 if self.body is None else self.body.images_missing
+            if self.mode is Mode.LEARNING and (verdict := self._learning.verdict(frame.time, told.sureness, missing)):
                 good, text = verdict
                 self.be_still("learned" if good else "not learned")
                 self.board.log(f"{'learned' if good else 'not learned'}: {text}", "info" if good else "warning")

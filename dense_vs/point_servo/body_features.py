@@ -25,6 +25,7 @@ MOST_ADJUSTED = 160  # features in an adjustment
 KEYFRAMES_ADJUSTED = 80
 LATEST = 8  # keyframes that are always adjusted
 ITERATIONS = 3
+NEAREST = 1e-3  # depth of what is before the camera, in the chain's unit of length
 FOCAL_DEVIATION = 0.02  # of its logarithm, from one adjustment to the next
 
 
@@ -129,8 +130,18 @@ class BodyFeatures:
 
     def pixels(self, positions: np.ndarray) -> np.ndarray:
         """Places ``(K, 2)`` [px] of positions ``(K, 3)`` in the camera frame; far outside behind the camera."""
-        depth = np.where(positions[:, 2:] > 1e-3, positions[:, 2:], np.nan)
+        depth = np.where(positions[:, 2:] > NEAREST, positions[:, 2:], np.nan)
         return np.nan_to_num(self.focal * positions[:, :2] / depth + self.center, nan=-1e6)
+
+    def jacobian(self, feature: int, q: np.ndarray) -> np.ndarray:
+        """J ``(2, N)`` [px/rad] of a feature's place in a posture ``(N,)`` [rad], by the chain; 0 behind the camera."""
+        one, posture = np.array([feature]), np.asarray(q, dtype=np.float64)
+        position = self.positions(one, posture)
+        velocity = self.chain.velocities(posture, position, self.links[one])[0] * self.learned[:, None]
+        x, y, depth = position[0]
+        if depth <= NEAREST:
+            return np.zeros((2, len(self.learned)))
+        return self.focal / depth * (velocity[:, :2] - np.array([x, y]) / depth * velocity[:, 2:]).T
 
     def tracks(self, features: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Postures ``(T, N)`` of the keyframes and places ``(T, K, 2)`` of some features, NaN where not seen."""

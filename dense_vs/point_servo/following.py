@@ -11,7 +11,6 @@ from dense_vs.point_servo.point_on_link import POINT
 from dense_vs.point_servo.same_surface import same_surface
 from dense_vs.point_servo.tracker import PointTracker
 
-SMALL = 1e-4  # rad, for derivatives
 AROUND = 160  # px, side of a point's surroundings that flow is found in; coarse levels bridge a quarter of it
 LEAST_BODY = 0.01  # share of the image that makes the robot's own pixels count as known
 
@@ -120,12 +119,7 @@ def point_jacobian(tracker: PointTracker | BodyTracker, pipeline: FramePipeline,
     point = tracker.points[0]
     if not isinstance(tracker, BodyTracker) or in_sight(point, pipeline):
         return pipeline.estimator.at(point)[0]
-    features, one = tracker.features, np.array([POINT])
-    columns = []
-    for step in SMALL * np.eye(len(positions)):
-        ahead, back = (features.project(one, positions + sign * step)[0] for sign in (1, -1))
-        columns.append((ahead - back) / (2 * SMALL))
-    return np.stack(columns, axis=1) * features.learned
+    return tracker.features.jacobian(POINT, positions)
 
 
 def certain(tracker: PointTracker | BodyTracker) -> bool:

@@ -7,7 +7,7 @@ from itertools import pairwise
 import cv2
 import numpy as np
 
-from dense_vs.body_model import BodyModel, PointTrackOptions
+from dense_vs.body_model import BodyFitOptions, BodyModel, PointTrackOptions
 from dense_vs.body_model.dense_motion import DenseMotion
 from dense_vs.errors import DenseVSError
 from dense_vs.flow.estimator import FlowEstimator
@@ -35,7 +35,7 @@ class LearnedBody:
 
     Args:
         pipeline: whose J the model is the prior of.
-        group: the robot's joints; a model is learned where all of them turn.
+        group: the robot's joints, whose units say which slide.
         given: a model, or whether one is to be learned.
 
     Attributes:
@@ -47,7 +47,8 @@ class LearnedBody:
 
     def __init__(self, pipeline: FramePipeline, group: JointGroup, given: BodyModel | bool):
         self._pipeline = pipeline
-        self._learns = given is True and all(unit == "rad" for unit in group.units)
+        self._slides = tuple(unit != "rad" for unit in group.units)
+        self._learns = given is True
         self._history: deque[tuple[np.ndarray, np.ndarray]] = deque(maxlen=HISTORY)
         self.model: BodyModel | None = None
         if isinstance(given, BodyModel):
@@ -78,7 +79,11 @@ class LearnedBody:
         images, joints = [image for image, _ in chosen], [q for _, q in chosen]
         try:
             model = BodyModel.fit(
-                images, joints, track_options=PointTrackOptions(stride=1), dense=self._dense(positions)
+                images,
+                joints,
+                track_options=PointTrackOptions(stride=1),
+                fit_options=BodyFitOptions(slides=self._slides),
+                dense=self._dense(positions),
             )
         except DenseVSError:
             return False

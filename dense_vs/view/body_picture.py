@@ -63,9 +63,13 @@ def write_picture(path: str | os.PathLike[str], picture: np.ndarray) -> None:
 
 
 def joint_ends(model: BodyModel, q: np.ndarray) -> np.ndarray:
-    """Ends ``(N, 2, 2)`` [px] of a piece of each joint's line, next to the points that it moves."""
+    """Ends ``(N, 2, 2)`` [px] of a piece of each joint's line, next to the points that it moves.
+
+    A slide has no line of its own: it is drawn along its shift, through the middle of its points.
+    """
     axes, moments = model.chain.screws(np.asarray(q, dtype=float))
-    feet = np.cross(axes, moments)  # nearest to the camera
+    feet, slides = np.cross(axes, moments), model.chain.slides  # nearest to the camera
+    axes[slides] = moments[slides] / np.maximum(np.linalg.norm(moments[slides], axis=1, keepdims=True), 1e-300)
     points = model.points(q)
     rays = np.column_stack([(points.pixels - model.center) / model.focal_length, np.ones(len(points.depths))])
     positions = rays * points.depths[:, None]
@@ -74,7 +78,8 @@ def joint_ends(model: BodyModel, q: np.ndarray) -> np.ndarray:
         moved = positions[points.links == n]
         if not len(moved):
             continue
-        middle = feet[n] + axes[n] * ((np.median(moved, axis=0) - feet[n]) @ axes[n])
+        foot = np.median(moved, axis=0) if slides[n] else feet[n]
+        middle = foot + axes[n] * ((np.median(moved, axis=0) - foot) @ axes[n])
         length = HALF_LENGTH * np.linalg.norm(middle)
         for k, sign in enumerate((-1, 1)):
             end = middle + sign * length * axes[n]

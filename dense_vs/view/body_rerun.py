@@ -109,7 +109,9 @@ def _write_links(rerun: Any, stream: Any, model: BodyModel, names: Sequence[str]
             rerun.Points3D(points, colors=shade, radii=radius),
             static=True,
         )
-        axis, foot = model.chain.axes[n], model.chain.points[n]
+        axis, foot = model.chain.directions[n], model.chain.points[n]
+        if model.chain.slides[n] and len(points):  # no line of its own: along its shift, through its points
+            foot = np.median(points, axis=0)
         near = foot + axis * ((np.median(points, axis=0) - foot) @ axis) if len(points) else foot
         half = HALF_LENGTH * float(np.linalg.norm(near)) * axis
         stream.log(

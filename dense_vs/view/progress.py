@@ -30,7 +30,7 @@ def progress(description: str, total: int | None = None, unit: str = "frame") ->
 
     Args:
         description: what is being done.
-        total: number of steps; None or 0 where it is not known.
+        total: number of steps; None or 0 where it is not known. Once more are done, it is not known either.
         unit: what a step is.
     """
     console = Console(stderr=True)
@@ -63,6 +63,9 @@ class _Shown:
 
     def update(self, steps: int = 1) -> None:
         self._shown.advance(self._task, steps)
+        task = next(task for task in self._shown.tasks if task.id == self._task)
+        if task.total is not None and task.completed > task.total:
+            task.total = None
 
     def set_description(self, description: str) -> None:
         self._shown.update(self._task, description=description)
@@ -73,11 +76,13 @@ class _Lines:
 
     def __init__(self, description: str, total: int | None, units: str):
         self._description, self._total, self._units = description, total, units
-        self._done = 0
+        self._done, self._said_done = 0, -1
         self._started = self._said = time.monotonic()
 
     def update(self, steps: int = 1) -> None:
         self._done += steps
+        if self._total is not None and self._done > self._total:
+            self._total = None
         if time.monotonic() - self._said >= EVERY:
             self.end()
 
@@ -85,8 +90,10 @@ class _Lines:
         self._description = description
 
     def end(self) -> None:
-        """Say how far it is."""
-        self._said = time.monotonic()
+        """Say how far it is, once."""
+        if self._done == self._said_done:
+            return
+        self._said, self._said_done = time.monotonic(), self._done
         done = f"{self._done}" if self._total is None else f"{self._done} of {self._total}"
         # Nobody's work ends because nobody reads the log.
         with suppress(OSError):

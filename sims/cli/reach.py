@@ -3,7 +3,7 @@
 import argparse
 import sys
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from contextlib import nullcontext
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, get_args
@@ -123,11 +123,7 @@ def run(arguments: argparse.Namespace) -> None:
     from dense_vs.sims.engine.world import FRAME_SECONDS
     from dense_vs.sims.papers.dije.reaching import ReachingExperiment
 
-    if arguments.targets < 1 or arguments.max_frames < 1:
-        raise DenseVSError("--targets and --max-frames are whole numbers of at least 1")
-    check_number("--babble", arguments.babble, above=0, most=LONGEST)
-    check_number("--gain", arguments.gain, above=0)
-    check_number("--range", arguments.range, above=0, most=1)
+    _check_numbers(arguments)
     tracker = _tracker_options(arguments)
     point = _point(arguments.point)
     started = time.perf_counter()
@@ -140,12 +136,13 @@ def run(arguments: argparse.Namespace) -> None:
     checkpoint = None if arguments.checkpoint is None else Checkpoint(arguments.checkpoint, world.joint_names)
     estimator, learned_before = _estimator(arguments, checkpoint, world, size)
     babble = arguments.babble if not learned_before else max(arguments.babble - learned_before, AGAIN)
-    total = round(babble / FRAME_SECONDS) + 30 * arguments.targets
     writer = nullcontext() if arguments.no_video else VideoWriter(out / "reach.mp4", 1 / FRAME_SECONDS)
-    with writer as video, progress("babble", total) as bar:
+    count: Callable[[], None] | None = None  # a frame of babbling; how many a reach takes nobody knows
+    with writer as video:
 
         def after_frame(experiment: ReachingExperiment) -> None:
-            bar.update()
+            if count is not None:
+                count()
             if checkpoint is not None:
                 checkpoint.keep(experiment.loop.pipeline, learned_before + len(experiment.trace.times) * FRAME_SECONDS)
             if video is not None:
@@ -163,13 +160,17 @@ def run(arguments: argparse.Namespace) -> None:
             servo=_servo(arguments, world),
             flow=FlowEstimator(arguments.flow, *size),
         )
-        learned = experiment.learn()
+        with progress("babble", round(babble / FRAME_SECONDS)) as bar:
+            count = bar.update
+            learned = experiment.learn()
+            count = None
         experiment.choose(**tracker)
         targets = experiment.targets(arguments.targets, share_of_range=arguments.range, depth=arguments.depth)
         measured = []
-        for number, target in enumerate(targets):
-            bar.set_description(f"target {number + 1} of {len(targets)}")
-            measured.append(experiment.reach(target, max_frames=arguments.max_frames))
+        with progress("reach", len(targets), "target") as bar:
+            for target in targets:
+                measured.append(experiment.reach(target, max_frames=arguments.max_frames))
+                bar.update()
     if checkpoint is not None:
         checkpoint.end()
     seconds = time.perf_counter() - started
@@ -188,15 +189,23 @@ def run(arguments: argparse.Namespace) -> None:
     }
     write_json(out / "summary.json", summary)
     print(_targets_table(measured))
-    close = sum(m.true_error_px < REACHED_PX for m in measured)
     print(
         f"J error after {learned_before + babble:.4g} s of babbling: {learned.median:.3f} (median over robot pixels), "
         f"{learned.inner_median:.3f} at pixels 3 px inside the outline"
     )
+    close = sum(m.true_error_px < REACHED_PX for m in measured)
     print(
         f"{close} of {len(measured)} targets within {REACHED_PX:g} px (true error); "
         f"{len(experiment.trace.times)} frames in {seconds:.1f} s, simulation included; results in {out}"
     )
+
+
+def _check_numbers(arguments: argparse.Namespace) -> None:
+    if arguments.targets < 1 or arguments.max_frames < 1:
+        raise DenseVSError("--targets and --max-frames are whole numbers of at least 1")
+    check_number("--babble", arguments.babble, above=0, most=LONGEST)
+    check_number("--gain", arguments.gain, above=0)
+    check_number("--range", arguments.range, above=0, most=1)
 
 
 def _depth_camera(arguments: argparse.Namespace, world: "SimWorld") -> "SimDepthCamera | None":

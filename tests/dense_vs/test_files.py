@@ -10,7 +10,7 @@ import pytest
 
 from dense_vs import DenseJacobian, DenseVSError
 from dense_vs.device import resolve_device, room_for
-from dense_vs.files import atomic_write, check_writable, file_path, read_arrays
+from dense_vs.files import atomic_write, check_writable, file_path, read_arrays, read_format
 
 KILLED = """
 import os, signal, sys
@@ -142,3 +142,42 @@ def test_the_process_goes_on_after_numpys_order():
     two = DenseJacobian(height=8, width=8, joints=2, order=np.int64(2), device="cpu")
     assert type(two.options.order) is int
     assert DenseJacobian(height=8, width=8, joints=2, device="cpu").options.order == 2
+
+
+FORM = {"what": "a saved thing", "form": "dense-vs thing", "writer": "Thing.save"}
+
+
+@pytest.mark.parametrize(
+    ("stored", "versions", "message"),
+    [
+        (
+            {"format": "dense-vs other", "format_version": 1},
+            (1,),
+            "is not a saved thing; expected a file that Thing.save",
+        ),
+        ({"format_version": 1}, (1,), "is not a saved thing"),
+        ({"format": "dense-vs thing", "format_version": 3}, (1, 2), "has format version 3; expected 1 or 2"),
+        ({"format": "dense-vs thing"}, (1,), "has format version None; expected 1"),
+        ({"format": "dense-vs thing", "format_version": [1, 2]}, (1,), r"has format version \[1 2\]; expected 1"),
+    ],
+)
+def test_another_format_and_another_version_are_refused(tmp_path, stored, versions, message):
+    path = tmp_path / "thing.npz"
+    np.savez(path, **stored)
+    with pytest.raises(DenseVSError, match=message):
+        read_format(path, versions=versions, **FORM)
+
+
+@pytest.mark.parametrize("version", [1, 2])
+def test_a_format_of_a_version_that_can_be_read(tmp_path, version):
+    path = tmp_path / "thing.npz"
+    np.savez(path, format="dense-vs thing", format_version=version, value=np.arange(3), other=np.zeros(2))
+    arrays = read_format(path, versions=(1, 2), names=("format", "format_version", "value"), **FORM)
+    assert arrays["value"].tolist() == [0, 1, 2]
+    assert "other" not in arrays
+
+
+def test_what_is_no_archive_has_no_format(tmp_path):
+    (tmp_path / "thing.npz").write_bytes(b"something else")
+    with pytest.raises(DenseVSError, match=r"cannot read .* as a saved thing"):
+        read_format(tmp_path / "thing.npz", versions=(1,), **FORM)

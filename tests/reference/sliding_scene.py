@@ -15,6 +15,11 @@ DISC = (100, 78, 9)  # x, y and radius of a red disc, for joints at zero [px]
 class SlidingRobot:
     """Camera and robot in one, with the faults that real ones have.
 
+    Args:
+        seed: of the board's texture.
+        pace: whether the camera waits between images.
+        fps: images a second by their stamps.
+
     Attributes:
         commands: every step that came, ``(N,)`` each, with the time it came at.
         stalled: while set, the camera gives no image.
@@ -26,7 +31,7 @@ class SlidingRobot:
     joint_names = ("left", "right")
     joint_limits = LIMITS
 
-    def __init__(self, seed: int = 0, pace: bool = True):
+    def __init__(self, seed: int = 0, pace: bool = True, fps: float = FPS):
         noise = np.random.default_rng(seed).uniform(0, 255, (3 * HEIGHT, 3 * WIDTH, 3)).astype(np.float32)
         board = cv2.GaussianBlur(noise, (0, 0), 2.0)
         self._board = cv2.normalize(board, np.empty_like(board), 0, 255, cv2.NORM_MINMAX).astype(np.uint8)
@@ -35,7 +40,7 @@ class SlidingRobot:
         self.time = 0.0
         self.commands: list[tuple[float, np.ndarray]] = []
         self.stalled, self.broken, self.frozen, self.holds = threading.Event(), None, False, 0
-        self._stamp, self._pace = 0.0, pace
+        self._stamp, self._pace, self._fps = 0.0, pace, fps
 
     def place(self, start) -> np.ndarray:
         """Where what is at ``start`` (2,) for joints at zero is now [px]."""
@@ -49,7 +54,7 @@ class SlidingRobot:
             raise error
         if self._pace:
             time.sleep(1 / FPS)
-        self.time += 1 / FPS
+        self.time += 1 / self._fps
         shift = J @ self.q
         map_back = np.array([[1, 0, WIDTH - shift[0]], [0, 1, HEIGHT - shift[1]]])
         image = cv2.warpAffine(self._board, map_back, (WIDTH, HEIGHT), flags=cv2.INTER_CUBIC | cv2.WARP_INVERSE_MAP)

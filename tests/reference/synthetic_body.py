@@ -21,6 +21,7 @@ class SyntheticBody:
     parents: np.ndarray
     points: np.ndarray  # (M, 3) where all joints are 0
     links: np.ndarray  # (M,), -1 for the background
+    slides: tuple[int, ...] = ()  # joints that slide along their axis, by a unit of length for one of the joint
 
     def place(self, q):
         """Positions (M, 3) at a posture, a joint after the other from the last to the first."""
@@ -28,6 +29,10 @@ class SyntheticBody:
         for m, link in enumerate(self.links):
             joint = int(link)
             while joint >= 0:
+                if joint in self.slides:
+                    position[m] += q[joint] * self.axes[joint]
+                    joint = int(self.parents[joint])
+                    continue
                 turn = Rotation.from_rotvec(q[joint] * self.axes[joint]).as_matrix()
                 position[m] = turn @ (position[m] - self.anchors[joint]) + self.anchors[joint]
                 joint = int(self.parents[joint])
@@ -57,7 +62,7 @@ class SyntheticBody:
         return PointTracks(joints, pixels, np.zeros(len(self.links), int), SIZE)
 
 
-def serial_body(joints=3, per_link=30, seed=0):
+def serial_body(joints=3, per_link=30, seed=0, slides=()):
     """Links one behind the other, from the lower left to the upper right of the image."""
     rng = np.random.default_rng(seed)
     axes = rng.normal(size=(joints, 3))
@@ -69,7 +74,7 @@ def serial_body(joints=3, per_link=30, seed=0):
         share = rng.random((per_link, 1))
         points.append(ends[k] * (1 - share) + ends[k + 1] * share + 0.05 * rng.normal(size=(per_link, 3)))
         links += [k] * per_link
-    return SyntheticBody(axes, ends[:joints], np.arange(joints) - 1, np.concatenate(points), np.array(links))
+    return SyntheticBody(axes, ends[:joints], np.arange(joints) - 1, np.concatenate(points), np.array(links), slides)
 
 
 def postures(joints, count=50, reach=0.3, seed=1):

@@ -102,11 +102,17 @@ function hint() {
   if (latest.control === "free") return "Nobody steers. Take control to move the robot.";
   if (picture.tool === "object") return "Drag a box around an object.";
   if (!latest.commands) return "A recording follows no commands; click points to follow them.";
-  if (latest.mode === "learning") return "Learning: the robot moves at random and stops when J is good enough.";
+  if (latest.mode === "learning") return learningHint();
   if (picture.chosen !== null) return `Click where point ${picture.chosen} should go, or drag it.`;
   if (latest.body === "learning the body") return "Learning the body: until then, points go by their own look.";
   const known = latest.joints.every((joint) => (joint.learned ?? 0) > 0.5);
   return known ? "Click a point of the robot." : "Press Learn first: the robot moves every joint a little. Clear the space around it.";
+}
+
+function learningHint() {
+  const begun = "Learning: the robot moves at random and stops when J is good enough";
+  const images = latest.body_images;
+  return images ? `${begun} and the body has its images: ${images.have} of ${images.need}.` : `${begun}.`;
 }
 
 function banner(text, urgent) {

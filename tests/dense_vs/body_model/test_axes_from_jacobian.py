@@ -84,7 +84,7 @@ def test_one_depth_out_of_bounds_costs_infinitely_much_and_a_step_stays_inside(p
 def test_the_line_for_a_direction_is_the_weighted_least_squares_solution(problem_and_state):
     """Moments across each direction, where all depths are 1, by constrained least squares over three unknowns."""
     problem, state, _, moved, _ = problem_and_state
-    found = problem.moments_for(state.chain.axes)
+    found = problem.chain_for(state.chain.axes, state.chain.home, state.chain.parents).points
     for n, axis in enumerate(state.chain.axes):
         weight = problem.root[:, n].repeat(2)
         A = problem.shift.reshape(-1, 3) * weight[:, None]

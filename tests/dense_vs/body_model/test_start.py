@@ -74,7 +74,17 @@ def test_a_candidate_near_the_true_lines_is_among_those_of_tracks_and_of_a_filte
     body, tracks, found = measured
     dense = dense_of(body, found.posture)
     both = find_starts(
-        tracks, found, [body.parents], np.ones(3, bool), FOCAL, CENTER, noise=0.5, starts=16, seed=0, dense=dense
+        tracks,
+        found,
+        [body.parents],
+        np.zeros(3, bool),
+        np.ones(3, bool),
+        FOCAL,
+        CENTER,
+        noise=0.5,
+        starts=16,
+        seed=0,
+        dense=dense,
     )
     true = Chain(body.axes, body.anchors, np.zeros(3), body.parents)
     lines = true.screws(found.posture)[0]

@@ -52,9 +52,9 @@ def model(**changes):
 
 @pytest.mark.parametrize(
     ("given", "units", "learns"),
-    [(True, ("rad", "rad"), True), (False, ("rad", "rad"), False), (True, ("rad", "m"), False)],
+    [(True, ("rad", "rad"), True), (False, ("rad", "rad"), False), (True, ("rad", "m"), True)],
 )
-def test_a_model_is_learned_where_asked_and_where_all_joints_turn(drawn, given, units, learns):
+def test_a_model_is_learned_where_asked_whether_joints_turn_or_slide(drawn, given, units, learns):
     one = body(given, units)
     assert one.wanted == learns
     if learns:
@@ -87,9 +87,9 @@ def learning(monkeypatch, drawn):
     calls = []
     result = {"model": model(), "explained": 0.6}
 
-    def fit(images, joints, *, track_options, dense):
+    def fit(images, joints, *, track_options, fit_options, dense):
         calls.append((images, joints, track_options.stride))
-        result["dense"] = dense
+        result["dense"], result["slides"] = dense, fit_options.slides
         if isinstance(result["model"], Exception):
             raise result["model"]
         return result["model"]
@@ -107,6 +107,7 @@ def test_a_model_is_fitted_to_some_of_the_images_and_j_is_drawn_to_it(learning):
     assert one.learn(POSTURE)
     images, joints, stride = calls[0]
     assert (len(images), len(joints), stride) == (150, 150, 1)
+    assert result["slides"] == (False, False)
     assert images[-1] is one._history[-1][0]
     judged, flow, history = calls[1]
     assert judged is result["model"] is one.model
@@ -118,6 +119,13 @@ def test_a_model_is_fitted_to_some_of_the_images_and_j_is_drawn_to_it(learning):
     assert (known, share) == ("known", 0.1)
     assert agreement == pytest.approx(min(learned_body.CHAIN_AGREEMENT, 0.7 * 0.6))
     assert prior.begun == [(one._pipeline.estimator, POSTURE, 0.7)]
+
+
+def test_the_fit_is_told_which_joints_slide(learning):
+    one, _, result, _ = learning
+    one._slides = body(True, ("m", "rad"))._slides
+    assert one.learn(POSTURE)
+    assert result["slides"] == (True, False)
 
 
 @pytest.mark.parametrize(("rows", "taken"), [(20, 520), (10, 208), (9, 0)])

@@ -1,6 +1,9 @@
 """The commands on a simulated robot, as a user runs them, against the simulator's truth."""
 
 import json
+import re
+from contextlib import redirect_stderr
+from io import StringIO
 
 import cv2
 import numpy as np
@@ -20,7 +23,9 @@ def reached(tmp_path_factory):
     pytest.importorskip("matplotlib", reason="plots need Matplotlib")
     out = tmp_path_factory.mktemp("reach")
     arguments = ["reach", "--robot", "planar", "--targets", "2", "--babble", "5", "--seed", "3", "--device", "cpu"]
-    assert main([*arguments, "--out", str(out)]) == 0
+    with redirect_stderr(StringIO()) as said:
+        assert main([*arguments, "--out", str(out)]) == 0
+    (out / "said.txt").write_text(said.getvalue())
     return out
 
 
@@ -48,6 +53,12 @@ def test_reach_ends_at_the_targets(reached):
         assert abs(target["true_error_px"] - target["estimated_error_px"]) < 0.3
     assert summary["jacobian_error_median"] < 0.12
     assert {"seconds", "fps", "device", "seed", "versions"} <= set(summary)
+
+
+def test_its_progress_counts_what_there_is(reached):
+    counts = re.findall(r"^(\w+): (\d+) of (\d+) (\w+) in", (reached / "said.txt").read_text(), re.MULTILINE)
+    last = {name: (int(done), int(total), unit) for name, done, total, unit in counts}
+    assert last == {"babble": (150, 150, "frames"), "reach": (2, 2, "targets")}
 
 
 def test_reach_leaves_a_video_and_a_plot(reached):
