@@ -68,7 +68,7 @@ _MOVED = """
             && (__builtin_bit_cast(int, uy) & 0x7F800000) < 0x48000000;
     };
     const auto moved_state = [&](const Taps &taps, int k) {
-        const float *later = states + (size_t)(taps.place[2][k] + 2 * width) * numbers;  // beyond the image it is no read
+        const float *later = states + (size_t)(taps.place[2][k] + 2 * width) * numbers;  // no read
         for (int n = 0; n < numbers; n += 16) __builtin_prefetch(later + n);
         State corner[4];
         for (int c = 0; c < 4; ++c) corner[c] = state_at(taps.place[c][k]);
