@@ -2,6 +2,7 @@
 
 import argparse
 import time
+import zlib
 from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
@@ -103,7 +104,9 @@ class ExactFlow:
 def make_world(view: ViewScore, options: argparse.Namespace) -> SimWorld:
     """The view's world; a commercial arm uses its first joints, ours have one camera and all of theirs."""
     realism = False if view.images == "clean" else view.images
-    common = {"seed": view.seed, "realism": realism, "device": options.device}
+    devices = (options.world_device or options.device).split(",")
+    device = devices[zlib.crc32(repr(view.key).encode()) % len(devices)]
+    common = {"seed": view.seed, "realism": realism, "device": device}
     if view.arm in OURS:
         return SimWorld(view.arm, **common)
     names = SimWorld(view.arm, camera=view.camera, device=options.device, height=8, width=8).joint_names

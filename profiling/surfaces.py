@@ -85,6 +85,10 @@ def _arguments() -> argparse.Namespace:
         "--limit", type=float, default=float("inf"), help="seconds after which it stops (default: none)"
     )
     parser.add_argument("--device", default="cpu", help="auto, cpu or cuda:N (default: cpu)")
+    parser.add_argument(
+        "--world-device", default="", help="where the robot and its images are simulated; some by comma share the views"
+        " out (default: --device)"
+    )  # fmt: skip
     parser.add_argument("--no-exact", dest="exact", action="store_false", help="leave J by exact flow out")
     add_report_arguments(parser)
     options = parser.parse_args()

@@ -147,6 +147,9 @@ def fit_body(tracks: PointTracks, options: BodyFitOptions | None = None, dense: 
             glance=turns.glance,
             restart=whole,
         )
+        slides = found.state.chain.slides
+        if slides.any():  # known now, which the search for a start did not
+            found = min(found, whole(slides), key=lambda one: one.cost)
     state = _in_units(replace(found.state, points=found.points[found.believed]))
     all_links = np.full(tracks.pixels.shape[1], UNKNOWN)
     all_links[~moving & (seen >= LEAST_SEEN)] = BACKGROUND
