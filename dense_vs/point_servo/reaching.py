@@ -23,7 +23,7 @@ RETURNS = 1  # times in a reach that a lost point is looked for where it was def
 BACK = 0.01  # rad from the posture in which it was defined
 LOOKED = 5  # frames there in which it is looked for
 GONE = 45  # frames in which nothing is seen of its link
-WAITED = 45  # frames at the target after which a place that is not certain will not become so
+WAITED = 45  # frames at the target, in all, after which a place that is not certain will not become so
 
 
 class Reaching:
@@ -57,7 +57,7 @@ class Reaching:
             far = far and self._distance() > NEAR * loop.estimator.options.width
             self._step(self._way() if far else loop.servo_step)
             self._arrival.observe(self._distance(), blind=any(fault.stops for fault in loop.faults))
-            waited = waited + 1 if self._arrival.settled else 0
+            waited += self._arrival.settled
         end = ReachEnd.REACHED if self._arrival.settled else ReachEnd.MISSED
         if not loop.aim.certain(self._tracker):
             end = ReachEnd.LOST

@@ -102,6 +102,20 @@ def test_a_place_that_is_not_certain_is_waited_for_and_then_called_lost():
     assert reach.frames == 9 + 45  # settled with the tenth, and then waited for
 
 
+def test_frames_at_the_target_count_though_it_is_left_between_them():
+    """A place that noise takes to and fro is waited for no longer than one that rests."""
+
+    class Unsteady(Arrival):
+        def observe(self, distance, *, blind):
+            self.seen += 1
+            self.settled = self.seen % 3 == 0
+
+    loop = Loop(away=0.0)
+    loop.certain = False
+    reach = Reaching(loop, Unsteady(), 400).run()
+    assert (reach.end, reach.frames) == (ReachEnd.LOST, 3 * 45)
+
+
 def test_faults_are_told_and_frames_with_those_that_stop_do_not_count():
     loop, arrival = Loop(away=4.0), Arrival()
     old, new = SimpleNamespace(kind="late", stops=False, n=1), SimpleNamespace(kind="late", stops=False, n=2)
@@ -281,18 +295,18 @@ def test_j_of_a_point_out_of_sight_is_of_the_chain():
     tracker = object.__new__(BodyTracker)
     tracker.point = np.array([-3.0, 5.0])
 
-    def project(numbers, q):
-        return np.array([[numbers[0] + 100 * q[0] ** 2 + 7 * q[1], 50 * q[0] * q[1]]])
-
-    tracker.features = SimpleNamespace(project=project, learned=np.array([True, True, False]))
+    by_chain = np.array([[40.0, 7.0, 0.0], [-20.0, 10.0, 0.0]])
+    asked = []
+    tracker.features = SimpleNamespace(jacobian=lambda number, at: asked.append((number, at)) or by_chain)
     seen = []
     estimator = SimpleNamespace(
         options=SimpleNamespace(width=200, height=100), at=lambda point: seen.append(point) or np.ones((1, 2, 3))
     )
     line = SimpleNamespace(estimator=estimator, hidden_at=lambda at: False)
     q = np.array([0.2, -0.4, 0.1])
-    np.testing.assert_allclose(following.point_jacobian(tracker, line, q), [[40, 7, 0], [-20, 10, 0]], atol=1e-6)
+    np.testing.assert_array_equal(following.point_jacobian(tracker, line, q), by_chain)
     assert seen == []
+    assert [(number, at.tolist()) for number, at in asked] == [(0, q.tolist())]
     tracker.point = np.array([3.0, 5.0])
     np.testing.assert_array_equal(following.point_jacobian(tracker, line, q), np.ones((2, 3)))
     other = SimpleNamespace(points=np.array([[-3.0, 5.0]]))
