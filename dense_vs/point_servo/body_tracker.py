@@ -14,7 +14,7 @@ import cv2
 import numpy as np
 
 from dense_vs.body_model.chain import Chain
-from dense_vs.point_servo.body_features import BodyFeatures, FeatureState, Keyframe
+from dense_vs.point_servo.body_features import NOISE, BodyFeatures, FeatureState, Keyframe
 from dense_vs.point_servo.feature_flow import carried, new_features
 from dense_vs.point_servo.look_back import followed_back
 from dense_vs.point_servo.point_look import PointLook
@@ -40,7 +40,7 @@ DOUBT = 1.5  # times the depth's standard deviation: places of features around s
 DEPTH_ALONE = 4.0  # times it, for a place that the point's own look does not confirm
 OWN_SHARE = 0.7  # of :meth:`PointLook.drift`, found on recordings of six views
 OFF_SHARE = 0.4  # of how far the own look is seen from where the chain has the point: one of the two is wrong
-CHAIN_DRIFT = 1.5  # px/rad, of a place by the chain alone, as features renewed on the way hide what it is off
+CHAIN_DRIFT = 2.0  # times the model's error, by rad: of a place by the chain, whose faults renewed features hide
 BASIC = 0.3  # px, of any place
 VOTES = 7  # features around, which say what link the point is on where its own places do not
 
@@ -53,6 +53,7 @@ class BodyTracker:
         history: gray images uint8 ``(H, W)`` with joint positions ``(N,)`` [rad], oldest first, up to the present one.
         point: ``(2,)`` [px], its place in the last image.
         body: bool ``(H, W)``, pixels of the body in the last image.
+        error: median distance of the body's tracks from the chain [px].
         same: bool ``(H, W)``, pixels of the last image that move as the point does; others do not count in its look.
         window: side of the patch that is the point's own look [px], odd.
         lost_after: images without enough features in sight after which the point counts as lost.
@@ -77,13 +78,14 @@ class BodyTracker:
         point: np.ndarray,
         body: np.ndarray,
         *,
+        error: float = NOISE,
         same: np.ndarray | None = None,
         window: int = 25,
         lost_after: int = 15,
     ):
         self.features = BodyFeatures(chain, focal, center, learned)
         self.features.lasting = np.array([POINT])
-        self._lost_after = lost_after
+        self._lost_after, self._error = lost_after, error
         self._gray, positions = history[-1]
         self._first_gray = self._gray
         self._positions = self._kept_at = np.array(positions, dtype=np.float64)
@@ -262,8 +264,8 @@ class BodyTracker:
             return np.inf
         by_depth = DEPTH_ALONE * self.on_link.depth.deviation * float(np.linalg.norm(self.on_link.view(q[None])[2]))
         moved_by = self.features.chain.moved_by[self.on_link.link]
-        by_chain = CHAIN_DRIFT * float(np.linalg.norm((q - self.on_link.defined_at)[moved_by]))
-        by_model = min(float(np.hypot(by_depth, by_chain)), self._by_own)
+        turned = float(np.linalg.norm((q - self.on_link.defined_at)[moved_by]))
+        by_model = min(float(np.hypot(by_depth, CHAIN_DRIFT * self._error * turned)), self._by_own)
         return float(np.hypot(by_model, BASIC + self._spread / np.sqrt(max(self.seen, 1))))
 
     def _refine(self) -> None:

@@ -146,7 +146,8 @@ class LearnedBody:
         near = cv2.dilate(pixels, np.ones((2 * BESIDE + 1,) * 2, np.uint8)) > 0
         tracker = BodyTracker(
             model.chain, model.focal_length, np.asarray(model.center), model.learned, thinned(history, LOOKED_BACK),
-            point, near, same=same_surface(self._pipeline.estimator, point), window=window, lost_after=lost_after,
+            point, near, error=model.error, same=same_surface(self._pipeline.estimator, point), window=window,
+            lost_after=lost_after,
         )  # fmt: skip
         return tracker if tracker.known else None
 

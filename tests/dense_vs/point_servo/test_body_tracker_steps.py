@@ -154,14 +154,14 @@ def test_a_search_leaves_some_depth_open(deviation, left_open):
 
 
 def test_uncertainty_is_of_depth_and_chain_or_of_the_own_look_and_of_the_features_around():
-    """1.5 px for each rad that a joint of its link has turned since the point was defined: joint 1, at 0.5 rad."""
+    """Twice the model's error for each rad that a joint of its link has turned since then: joint 1, at 0.5 rad."""
     tracker, _ = looking(0.0, 0.0)
     tracker.on_link.depth = PointDepth(1.0, 0.01)
-    tracker.seen, tracker._spread, tracker._by_own = 4, 0.8, np.inf
+    tracker.seen, tracker._spread, tracker._by_own, tracker._error = 4, 0.8, np.inf, 0.7
     around = 0.3 + 0.8 / 2
     for other in (0.5, 3.0):  # a joint that does not move the link
         assert tracker._uncertainty(np.array([other, 0.5])) == pytest.approx(np.hypot(4 * 0.01 * 50, around))
-        far = np.sqrt((4 * 0.01 * 50) ** 2 + (1.5 * 1.2) ** 2 + around**2)
+        far = np.sqrt((4 * 0.01 * 50) ** 2 + (2 * 0.7 * 1.2) ** 2 + around**2)
         assert tracker._uncertainty(np.array([other, 1.7])) == pytest.approx(far)
     tracker._by_own = 0.5
     assert tracker._uncertainty(np.array([0.5, 1.7])) == pytest.approx(np.hypot(0.5, around))

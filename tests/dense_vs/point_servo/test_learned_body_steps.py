@@ -227,6 +227,7 @@ def test_a_point_is_followed_on_the_model_s_outline_and_two_pixels_beside(monkey
     assert (found is not None) == known
     ((chain, focal, center, learned, history, at, near), options) = asked[0]
     assert (chain, focal, center.tolist(), learned) == ("chain", 300.0, [15.0, 10.0], "learned")
+    assert options["error"] == 0.5
     assert len(history) == 60
     assert history[-1][0] is now.gray
     assert history[-2][0] is not now.gray
@@ -234,7 +235,7 @@ def test_a_point_is_followed_on_the_model_s_outline_and_two_pixels_beside(monkey
     expected = np.zeros((20, 30), bool)
     expected[6:14, 8:17] = True
     np.testing.assert_array_equal(near, expected)
-    assert options == {"same": ("same", (12.0, 9.0)), "window": 21, "lost_after": 7}
+    assert options == {"error": 0.5, "same": ("same", (12.0, 9.0)), "window": 21, "lost_after": 7}
     one.forget_images()
     one.tracker(point, now, window=21, lost_after=7)
     assert len(asked[1][0][4]) == 1  # the present image alone
