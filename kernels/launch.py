@@ -38,6 +38,17 @@ def _pool(workers: int) -> ThreadPoolExecutor:
     return ThreadPoolExecutor(workers, thread_name_prefix="dense-vs")
 
 
+def row_bands(threads: int, height: int, device: wp.Device) -> int:
+    """How many bands of rows :class:`PixelLaunch` cuts an image into, for kernels that sum up each apart.
+
+    Band b begins at row ``height * b // bands``. There are more than threads, as a thread whose core is busy elsewhere
+    takes fewer of them.
+    """
+    if not device.is_cpu or threads <= 1:
+        return 1
+    return min(BANDS_PER_THREAD * threads, height)
+
+
 class PixelLaunch:
     """A pixel kernel bound to its arrays: recorded once, launched every frame without packing arguments.
 
@@ -60,9 +71,8 @@ class PixelLaunch:
         worlds, height, width = shape
         device = wp.get_device(device)
         if device.is_cpu:
-            # More bands than threads: a thread whose core is busy elsewhere takes fewer of them.
             self._threads = min(threads, height)
-            bands = min(BANDS_PER_THREAD * threads, height) if threads > 1 else 1
+            bands = row_bands(threads, height, device)
             edges = [height * band // bands for band in range(bands + 1)]
             grids = [(first, (worlds, last - first, 1)) for first, last in pairwise(edges)]
             column_step = 1

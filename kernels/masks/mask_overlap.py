@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import warp as wp
 
-from dense_vs.kernels.launch import PixelLaunch
+from dense_vs.kernels.launch import PixelLaunch, row_bands
 from dense_vs.kernels.masks.mask_words import WordMasks, packed_byte, set_bytes
 
 wp.set_module_options({"enable_backward": False})
@@ -49,7 +49,7 @@ class OverlapReducer:
         device = wp.get_device(device)
         self._masks = _BitMasks(worlds, height, width, device, threads)
         self._candidates = _BitMasks(candidates, height, width, device, threads)
-        bands = min(threads, height) if device.is_cpu else 1
+        bands = row_bands(threads, height, device)
         self._counts = wp.zeros((bands, worlds, candidates, 3), dtype=wp.int32, device=device)
         self._launch = PixelLaunch(
             count_overlap,

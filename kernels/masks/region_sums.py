@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import warp as wp
 
-from dense_vs.kernels.launch import PixelLaunch
+from dense_vs.kernels.launch import PixelLaunch, row_bands
 
 wp.set_module_options({"enable_backward": False})
 
@@ -67,7 +67,7 @@ class PartialSums:
 
     def __init__(self, worlds: int, labels: int, size: tuple[int, int], device: wp.Device, threads: int):
         self.size, self.threads, self.device = size, threads, device
-        self.bands = min(threads, size[0]) if device.is_cpu else 1
+        self.bands = row_bands(threads, size[0], device)
         self.sums = wp.zeros((self.bands, worlds, labels, SUMS), dtype=wp.int64, device=device)
         self.reach = wp.zeros((self.bands, worlds, labels, REACH), dtype=wp.int32, device=device)
 

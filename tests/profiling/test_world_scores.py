@@ -151,7 +151,7 @@ def test_a_commercial_arm_uses_its_first_joints_and_ours_all(monkeypatch, images
         return SimpleNamespace(joint_names=["a", "b", "c"])
 
     monkeypatch.setattr(surface_view, "SimWorld", world)
-    options = SimpleNamespace(device="cpu")
+    options = SimpleNamespace(device="cpu", world_device="")
     common = {"seed": 5, "realism": realism, "device": "cpu"}
     surface_view.make_world(ViewScore("arm", "", images, 5, 2, 0), options)
     assert made.pop() == ("arm", common)

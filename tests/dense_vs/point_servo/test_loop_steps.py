@@ -168,7 +168,7 @@ def test_a_point_that_is_not_seen_is_said(monkeypatch, why):
     asked, moved = [], []
     monkeypatch.setattr(module, "follow", lambda *given: asked.append(given) or why)
     monkeypatch.setattr(module, "replace", lambda frame, faults: Frame(**{**vars(frame), "faults": faults}))
-    loop._tracking_flow, loop.renew_patch = "flow", 0.9
+    loop._point_flow, loop.renew_patch = "flow", 0.9
     loop.aim = SimpleNamespace(update=lambda point, dq, depth: moved.append((point, dq.tolist(), depth)))
     loop.tracker = SimpleNamespace(points=["place"])
     last = loop._followed
