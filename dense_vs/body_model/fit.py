@@ -30,6 +30,7 @@ MOVING = 1.5  # px from its mean place that a point must get, or it is taken for
 # Tracks and images that candidates are tried on, turns, and how many are kept.
 _STAGES = ((80, 12, 1, 16), (160, 20, 2, 5), (260, 40, 1, 3))
 _GLANCED = 3  # every so many images, for a short adjustment
+_OUT_OF_ORDER = 1.1  # times what is unexplained: joints in another order than that given have to explain clearly more
 _DENSE_SHARE = 0.3  # of the error of a filter's J beside that of the tracks, where candidates are compared
 
 
@@ -237,7 +238,7 @@ class _Turns:
         options, held = self.options, (focal, FOCAL_HELD)
 
         def first(candidates: list[_Turn], count: int) -> list[_Turn]:
-            return sorted(candidates, key=lambda one: one.cost + self._disagreement(one, dense))[:count]
+            return sorted(candidates, key=lambda one: self._doubt(one, dense))[:count]
 
         candidates = [self._begin(start, places) for start in starts]
         shuffled = np.random.default_rng(options.seed).permutation(len(places))
@@ -253,11 +254,14 @@ class _Turns:
             found = self.take(found, prior)
         return found
 
-    def _disagreement(self, turn: _Turn, dense: DenseMotion | None) -> float:
-        if dense is None:
-            return 0.0
-        state, depth = turn.state, float(np.median(turn.points[:, 2]))
-        return _DENSE_SHARE * dense.disagreement(state.chain, state.focal, self.center, self.learned, max(depth, 1e-6))
+    def _doubt(self, turn: _Turn, dense: DenseMotion | None) -> float:
+        """What candidates leave unexplained, more where their joints are not in the given order."""
+        doubt, chain = turn.cost, turn.state.chain
+        if dense is not None:
+            depth = max(float(np.median(turn.points[:, 2])), 1e-6)
+            doubt += _DENSE_SHARE * dense.disagreement(chain, turn.state.focal, self.center, self.learned, depth)
+        given = self.options.parents is not None or (chain.parents == in_order(self.learned)).all()
+        return doubt if given else _OUT_OF_ORDER * doubt
 
     def _of_part(self, turn: _Turn, part: np.ndarray, turns: int, prior: tuple[float, float]) -> _Turn:
         """Some turns with a part of a candidate's tracks, which this has; the other points stay."""

@@ -226,10 +226,10 @@ def test_refuses_what_is_no_realism():
 
 
 def learned(late, **options):
-    """Loop and median error of J after 8 s of babbling with readings that many frames late."""
+    """Loop and median error of J after 8 s of babbling with readings that many frames late, and no body that helps."""
     realism = Realism(late_frames=late)
     world = SimWorld("planar", seed=5, device="cpu", height=120, width=160, realism=realism)
-    experiment = ReachingExperiment(world, seed=5, babble_seconds=8.0, **options)
+    experiment = ReachingExperiment(world, seed=5, babble_seconds=8.0, body_model=False, **options)
     return experiment.loop, experiment.learn().median
 
 
