@@ -33,6 +33,15 @@ class AxesState:
     inverse_depths: np.ndarray
 
 
+def interaction(normal: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """A and B of the module's docstring, ``(M, 2, 3)`` each, at normalized image coordinates ``(M, 2)``."""
+    x, y = normal[:, 0], normal[:, 1]
+    one, zero = np.ones_like(x), np.zeros_like(x)
+    turn = np.stack([np.stack([-x * y, 1 + x * x, -y], axis=1), np.stack([-1 - y * y, x * y, x], axis=1)], axis=1)
+    shift = np.stack([np.stack([one, zero, -x], axis=1), np.stack([zero, one, -y], axis=1)], axis=1)
+    return turn, shift
+
+
 class AxesProblem:
     """Weighted squares of J less that of lines and inverse depths.
 
@@ -44,12 +53,7 @@ class AxesProblem:
     """
 
     def __init__(self, normal: np.ndarray, jacobians: np.ndarray, moved_by: np.ndarray, weights: np.ndarray):
-        x, y = normal[:, 0], normal[:, 1]
-        one, zero = np.ones_like(x), np.zeros_like(x)
-        self.turn = np.stack(
-            [np.stack([-x * y, 1 + x * x, -y], axis=1), np.stack([-1 - y * y, x * y, x], axis=1)], axis=1
-        )
-        self.shift = np.stack([np.stack([one, zero, -x], axis=1), np.stack([zero, one, -y], axis=1)], axis=1)
+        self.turn, self.shift = interaction(normal)
         self.target = jacobians
         self.root = np.sqrt(np.where(moved_by, weights, 0.0))
 

@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 
 from dense_vs.arrays import real_vector
+from dense_vs.body_model.axes_from_jacobian import interaction
 from dense_vs.body_model.chain import BACKGROUND, Chain
 from dense_vs.errors import DenseVSError
 
@@ -64,10 +65,8 @@ class DenseMotion:
             depth: median one of the body.
         """
         axes, moments = chain.screws(self.posture)
-        x, y = ((self.pixels - center) / focal).T
-        one, zero = np.ones_like(x), np.zeros_like(x)
-        turn = np.stack([np.stack([-x * y, 1 + x * x, -y], 1), np.stack([-1 - y * y, x * y, x], 1)], 1) @ axes.T
-        shift = np.stack([np.stack([one, zero, -x], 1), np.stack([zero, one, -y], 1)], 1) @ moments.T
+        by_turn, by_shift = interaction((self.pixels - center) / focal)
+        turn, shift = by_turn @ axes.T, by_shift @ moments.T
         target = np.where(learned, self.jacobians, 0.0) / focal
         moved_by = chain.moved_by[np.array([*np.flatnonzero(learned), BACKGROUND])] & learned
         whole = np.maximum((target**2).sum(axis=(1, 2)), 1e-12)

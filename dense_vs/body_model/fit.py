@@ -10,6 +10,7 @@
 """
 
 from dataclasses import dataclass, replace
+from functools import cache
 
 import numpy as np
 
@@ -130,27 +131,28 @@ def fit_body(tracks: PointTracks, options: BodyFitOptions | None = None, dense: 
         trees.append(in_order(learned))
     turns = _Turns(used, center, learned, options)
 
-    def whole(slides: np.ndarray) -> _Turn:
+    @cache
+    def whole(slides: tuple[bool, ...]) -> _Turn:
         starts = find_starts(
-            used, measured, trees, slides, learned, focal, center,
+            used, measured, trees, np.array(slides), learned, focal, center,
             noise=options.noise, starts=options.starts, seed=options.seed, dense=dense,
         )  # fmt: skip
         return turns.best(starts, measured.places, focal, prior, dense)
 
     if options.slides is not None:
-        found = whole(np.array(options.slides))
+        found = whole(tuple(options.slides))
     else:
         found = with_slides(
-            whole(np.zeros(len(parents), bool)),
+            whole((False,) * len(parents)),
             learned,
             1.1774 * float(np.median(measured.noise[np.isfinite(measured.noise)])),
             take=lambda one: turns.take(one, prior),
             glance=turns.glance,
-            restart=whole,
+            restart=lambda slides: whole(tuple(slides.tolist())),
         )
         slides = found.state.chain.slides
         if slides.any():  # known now, which the search for a start did not
-            found = min(found, whole(slides), key=lambda one: one.cost)
+            found = min(found, whole(tuple(slides.tolist())), key=lambda one: one.cost)
     state = _in_units(replace(found.state, points=found.points[found.believed]))
     all_links = np.full(tracks.pixels.shape[1], UNKNOWN)
     all_links[~moving & (seen >= LEAST_SEEN)] = BACKGROUND
@@ -169,16 +171,7 @@ def _share(tracks: PointTracks, options: BodyFitOptions) -> PointTracks:
             of_one = np.flatnonzero(tracks.references == reference)
             rank[of_one[np.argsort(-lengths[of_one])]] = (np.arange(len(of_one)) + 0.5) / len(of_one)
         tracks = tracks.select(np.sort(np.argsort(rank, kind="stable")[: options.most_tracks]))
-    return _images(tracks, options.most_images)
-
-
-def _images(tracks: PointTracks, most: int) -> PointTracks:
-    """The tracks in some images, spread over the recording."""
-    images = len(tracks.joints)
-    if images <= most:
-        return tracks
-    rows = np.unique(np.linspace(0, images - 1, most).round().astype(int))
-    return PointTracks(tracks.joints[rows], tracks.pixels[rows], tracks.references, tracks.size)
+    return tracks.in_images(options.most_images)
 
 
 def _links_of_all(
@@ -244,7 +237,7 @@ class _Turns:
         shuffled = np.random.default_rng(options.seed).permutation(len(places))
         for tracks, images, turns, kept in _STAGES:
             part = np.sort(shuffled[:tracks])
-            few = _Turns(_images(self.tracks.select(part), images), self.center, self.learned, options)
+            few = _Turns(self.tracks.select(part).in_images(images), self.center, self.learned, options)
             tried = [few._of_part(one, part, turns, held) for one in candidates]
             candidates = first(tried, kept)
         for focal_prior, kept in ((held, 2), (prior, 1)):

@@ -80,14 +80,13 @@ def find_starts(
     Raises:
         DenseVSError: too few tracks that are seen long enough.
     """
-    rows = np.unique(np.linspace(0, len(tracks.joints) - 1, IMAGES).round().astype(int))
     found = []
     for parents in trees:
         chosen, links = core(tracks, measured, parents, learned, noise)
-        joints, pixels = tracks.joints[rows], tracks.pixels[rows][:, chosen]
+        few = tracks.select(chosen).in_images(IMAGES)
         adjusted = []
         for begun in _candidates(measured.select(chosen), links, parents, slides, focal, center, starts, seed):
-            state, cost, _ = adjust(begun, joints, pixels, links, center, (focal, FOCAL_HELD), noise, 2, 8)
+            state, cost, _ = adjust(begun, few.joints, few.pixels, links, center, (focal, FOCAL_HELD), noise, 2, 8)
             adjusted.append((cost, Start(state, chosen)))
         found += [start for _, start in sorted(adjusted, key=lambda one: one[0])[:KEPT]]
         if dense is not None:

@@ -14,6 +14,7 @@ import cv2
 import numpy as np
 
 from dense_vs.arrays import number_array, plain_array, real_vector
+from dense_vs.body_model.spread import spread
 from dense_vs.checks import check_number, check_whole
 from dense_vs.errors import DenseVSError
 
@@ -97,6 +98,11 @@ class PointTracks:
     def select(self, points: np.ndarray) -> "PointTracks":
         """Some of the points, by index or mask."""
         return PointTracks(self.joints, self.pixels[:, points], self.references[points], self.size)
+
+    def in_images(self, most: int) -> "PointTracks":
+        """All of the points, in at most so many of the images."""
+        rows = spread(len(self.joints), most)
+        return PointTracks(self.joints[rows], self.pixels[rows], self.references, self.size)
 
 
 def follow_points(

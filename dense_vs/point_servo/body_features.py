@@ -13,6 +13,7 @@ import numpy as np
 from dense_vs.body_model.adjustment import adjust
 from dense_vs.body_model.chain import Chain
 from dense_vs.body_model.link_assignment import place_points
+from dense_vs.body_model.spread import spread
 from dense_vs.body_model.track_problem import BodyState
 
 NOISE = 0.5  # px, of a feature's place
@@ -213,8 +214,7 @@ class BodyFeatures:
         used = np.sort(used[np.argsort(-rank, kind="stable")[:MOST_ADJUSTED]])
         postures, places = self.tracks(used)
         count = len(postures)
-        spread = np.linspace(0, count - 1, min(KEYFRAMES_ADJUSTED, count)).round().astype(int)
-        rows = np.unique(np.append(spread, np.arange(max(0, count - LATEST), count)))
+        rows = np.unique(np.append(spread(count, KEYFRAMES_ADJUSTED), np.arange(max(0, count - LATEST), count)))
         center = float(self.center[0]), float(self.center[1])
         state, _, _ = adjust(
             BodyState(self.chain, self.points[used], self.focal), postures[rows], places[rows], self.links[used],

@@ -9,6 +9,7 @@ import numpy as np
 
 from dense_vs.body_model import BodyFitOptions, BodyModel, PointTrackOptions
 from dense_vs.body_model.dense_motion import DenseMotion
+from dense_vs.body_model.spread import spread
 from dense_vs.errors import DenseVSError
 from dense_vs.flow.estimator import FlowEstimator
 from dense_vs.pipeline.body_prior import CHAIN_AGREEMENT, BodyPrior
@@ -175,6 +176,5 @@ def explained_share(model: BodyModel, flow: FlowEstimator, history: Sequence[tup
 
 
 def thinned(history: Sequence[tuple[np.ndarray, np.ndarray]], most: int) -> list[tuple[np.ndarray, np.ndarray]]:
-    """At most so many of the images, evenly spread, the last among them."""
-    count = len(history)
-    return [history[k] for k in np.unique(np.linspace(0, count - 1, min(most, count)).round().astype(int))]
+    """At most so many of the images, evenly spread."""
+    return [history[k] for k in spread(len(history), most)]

@@ -13,6 +13,7 @@ import numpy as np
 
 from dense_vs.arrays import real_vector
 from dense_vs.body_model import BodyModel
+from dense_vs.body_model.spread import spread
 from dense_vs.errors import DenseVSError
 from dense_vs.files import check_writable
 from dense_vs.view.body_picture import HALF_LENGTH, link_colors
@@ -82,7 +83,7 @@ def _write(
     stream.log("camera", camera, static=True)
     paths = [rerun.new_entity_path(["body", name]) for name in names]
     _write_links(rerun, stream, model, names)
-    for k in np.unique(np.linspace(0, len(images) - 1, min(len(images), MOST_FRAMES)).round().astype(int)):
+    for k in spread(len(images), MOST_FRAMES):
         stream.set_time("image", sequence=int(k))
         stream.log("camera", rerun.Image(as_rgb(images[k])).compress(jpeg_quality=JPEG_QUALITY))
         rotation, translation = model.chain.link_poses(joints[k][None])

@@ -1,11 +1,11 @@
 """A row of the filter's update at once, for a CPU: DIJE (10) and (12) with one gain, DIJE (9) to (11) with variances.
 
-The arithmetic is that of the loops over pixels in ``shared_update.py`` and ``diagonal_update.py``, which a GPU takes.
-Warp hands a pixel's matrix on by value, through memory, and looks up an array's strides at every access; here a
-pixel's numbers are sampled and corrected in registers of the machine's width. The state stays a matrix a pixel: a tap
-is then one or two cache lines, where planes would need a gather for every number. A block of pixels is taken in steps,
-so that none waits for what another step decides: first where its taps lie, then the numbers. Taps wander up and down
-by the flow, which defeats the cache's own guesses: rows to come are asked for ahead, 1.9 times as fast.
+A GPU does the same in Warp, in ``single_pass_update.py`` and ``diagonal_single_pass.py``. On a CPU Warp hands a pixel's
+matrix on by value, through memory, and looks up an array's strides at every access; here a pixel's numbers are sampled
+and corrected in registers of the machine's width. The state stays a matrix a pixel: a tap is then one or two cache
+lines, where planes would need a gather for every number. A block of pixels is taken in steps, so that none waits for
+what another step decides: first where its taps lie, then the numbers. Taps wander up and down by the flow, which
+defeats the cache's own guesses: rows to come are asked for ahead, 1.9 times as fast.
 """
 
 from typing import Any
