@@ -25,6 +25,7 @@ from dense_vs.body_model import BodyModel
 from dense_vs.errors import DenseVSError
 from dense_vs.live.seen_point import SeenPoint
 from dense_vs.pipeline.frame_pipeline import ProcessedFrame
+from dense_vs.point_servo.learned_body import teaches
 from dense_vs.robot.joint_group import JointGroup
 
 MOST_WAITING = 64  # frames that wait for the process, as while it fits; the oldest go
@@ -58,6 +59,7 @@ class BodyProcess:
     def __init__(self, size: tuple[int, int], group: JointGroup, learned: Callable[[BodyModel | None], None]):
         self._learned = learned
         self.state, self.images = BodyState.UNKNOWN, 0
+        self._kept: np.ndarray | None = None  # joints of the last image that it can learn from
         self._news = threading.Condition()
         self._waiting: deque[tuple[Any, ...]] = deque([(size, group)])
         self._answers: deque[tuple[int, dict[int, SeenPoint]]] = deque(maxlen=4 * MOST_WAITING)
@@ -92,13 +94,16 @@ class BodyProcess:
     def frame(self, number: int, frame: ProcessedFrame) -> None:
         """Send a frame, or leave it out where it says nothing and others wait already."""
         with self._news:
+            kept = teaches(frame, self._kept)
             frames = [item for item in self._waiting if item[0] == "frame"]
-            if frames and not frame.measured:
+            if frames and not kept:
                 return
             if len(frames) >= MOST_WAITING:
                 self._leave_out(frames[:1])
-            self.images += frame.measured is not None
-            self._ask("frame", number, frame.gray, frame.positions, frame.measured is not None)
+            if kept:
+                self._kept = frame.positions
+                self.images += 1
+            self._ask("frame", number, frame.gray, frame.positions, kept)
 
     def learn(self, positions: np.ndarray) -> None:
         """Let a model be fitted to the frames so far; ``learned`` is called with it."""
@@ -155,7 +160,7 @@ class BodyProcess:
     def _forget_images(self, message: str) -> None:
         with self._news:
             self._leave_out([item for item in self._waiting if item[0] == "frame"])
-            self.images = 0
+            self.images, self._kept = 0, None
             self._ask(message)
 
     def _leave_out(self, frames: list[tuple[Any, ...]]) -> None:

@@ -21,6 +21,7 @@ from dense_vs.robot.joint_group import JointGroup
 HISTORY = 300  # images that J was corrected by, that are kept
 FITTED, LOOKED_BACK = 150, 60  # of these, that a body is fitted to, and that a point's features are followed through
 LEAST_IMAGES = 40
+LEAST_TURN = 0.002  # rad, m, of a joint between images that are kept: a robot that stands still shows nothing new
 LEAST_PIXELS = 200  # of the body, for J to say where a fit starts
 LEAST_JOINTS = 2  # one joint's axis alone leaves the rest of the camera open
 PRIOR_AT_FIRST, PRIOR_SHARE = 0.7, 0.1  # by which J is drawn to the body model's, once and at every measured motion
@@ -64,8 +65,8 @@ class LearnedBody:
         return self.model is None or prior is None or not prior.agrees
 
     def see(self, frame: ProcessedFrame) -> None:
-        """Keep a frame that J was corrected by."""
-        if frame.measured is not None and (not self._history or self._history[-1][0] is not frame.gray):
+        """Keep a frame that J was corrected by, and in which the robot has moved since the last one kept."""
+        if teaches(frame, self._history[-1][1] if self._history else None):
             self._history.append((frame.gray, frame.positions))
 
     def forget_images(self) -> None:
@@ -151,6 +152,11 @@ class LearnedBody:
             lost_after=lost_after,
         )  # fmt: skip
         return tracker if tracker.known else None
+
+
+def teaches(frame: ProcessedFrame, kept: np.ndarray | None) -> bool:
+    """Whether a body can be learned from a frame, where the last one kept was at joints ``(N,)`` [rad], or none is."""
+    return frame.measured is not None and (kept is None or np.abs(frame.positions - kept).max() >= LEAST_TURN)
 
 
 def explained_share(model: BodyModel, flow: FlowEstimator, history: Sequence[tuple[np.ndarray, np.ndarray]]) -> float:

@@ -114,16 +114,25 @@ def test_a_fit_that_is_forgotten_meanwhile_is_not_used(process):
     assert process.found == []
 
 
+def test_images_of_a_robot_that_stands_still_do_not_count(process):
+    for angle, images in ((0.0, 1), (0.0, 1), (0.001, 1), (0.0021, 2), (0.0, 3)):
+        process.frame(0, seen(angle))
+        assert process.images == images
+    process.forget_images()
+    process.frame(0, seen(0.0))
+    assert process.images == 1
+
+
 def test_a_process_that_hangs_takes_no_more_than_some_frames(process):
     begin(process)
     answer(process, 11)
     os.kill(process._process.pid, signal.SIGSTOP)
     try:
-        frame = seen(0.1)
+        frames = [seen(angle) for angle in (0.1, 0.2)]
         for number in range(12, 12 + 4 * MOST_WAITING):
-            process.frame(number, frame)
-        assert len(process._waiting) <= MOST_WAITING + 1
-        process.follow(2, START, 0, frame, jacobian())  # waits for its turn, as nothing is lost but frames
+            process.frame(number, frames[number % 2])
+        assert MOST_WAITING - 1 <= len(process._waiting) <= MOST_WAITING + 1
+        process.follow(2, START, 0, frames[0], jacobian())  # waits for its turn, as nothing is lost but frames
         assert process._waiting[-1][0] == "follow"
     finally:
         os.kill(process._process.pid, signal.SIGCONT)

@@ -35,6 +35,8 @@ def learn(tmp_path):
         session._publish = noted
         session.start()
         assert wait_for(lambda: session.mode is Mode.STILL, 60), session.board.lines()
+        standing = session.number
+        assert wait_for(lambda: session.number > standing + 2 * LEAST_IMAGES)  # images of a robot that does not move
         session.ask(lambda: session.begin_mode(Mode.LEARNING))
         assert wait_for(lambda: any("learned: " in line for line in lines(session)), 60), lines(session)
         return session, learned[-1] - learned[0], told

@@ -1,5 +1,6 @@
 """What a loop does to learn its body, on stand-ins for model, flow and estimator: when, with what, and when not."""
 
+from itertools import count
 from types import SimpleNamespace
 
 import numpy as np
@@ -10,6 +11,7 @@ from dense_vs.point_servo import learned_body
 from dense_vs.point_servo.learned_body import LearnedBody, explained_share, thinned
 
 POSTURE = np.array([0.1, 0.2])
+TURNS = count(1, 2)
 
 
 def gray(value=0):
@@ -25,8 +27,12 @@ def body(given=True, units=("rad", "rad")):
     return LearnedBody(pipeline(len(units)), SimpleNamespace(units=units), given)
 
 
-def frame(image, measured=True):
-    return SimpleNamespace(gray=image, positions=POSTURE, measured=object() if measured else None)
+def frame(image, measured=True, turn=None):
+    """A frame at a posture of its own, or turned by a given angle at the second joint."""
+    angle = 0.002 * next(TURNS) if turn is None else turn
+    return SimpleNamespace(
+        gray=image, positions=POSTURE + np.array([0, angle]), measured=object() if measured else None
+    )
 
 
 @pytest.fixture
@@ -66,14 +72,13 @@ def test_a_model_is_learned_where_asked_whether_joints_turn_or_slide(drawn, give
         assert one.wanted
 
 
-def test_images_are_kept_that_j_was_corrected_by_each_once():
-    one = body()
-    first, second = gray(1), gray(2)
-    for image, measured in ((first, False), (first, True), (first, True), (second, True), (first, True)):
-        one.see(frame(image, measured))
-    assert [image is known for (image, _), known in zip(one._history, (first, second, first), strict=True)] == [
-        True
-    ] * 3
+def test_images_are_kept_that_j_was_corrected_by_and_in_which_the_robot_has_moved():
+    one, images = body(), [gray(k) for k in range(6)]
+    turns = [(False, 0.0), (True, 0.0), (True, 0.0019), (True, 0.0021), (True, 0.0021), (True, 0.0)]
+    for image, (measured, turn) in zip(images, turns, strict=True):
+        one.see(frame(image, measured, turn))
+    kept = [image for image, _ in one._history]
+    assert [id(image) for image in kept] == [id(images[k]) for k in (1, 3, 5)]  # 2.1 mrad from the one kept before
     for _ in range(400):
         one.see(frame(gray()))
     assert len(one._history) == 300
