@@ -51,6 +51,11 @@ _PIXELS = """
         return state;
     };
     const auto times = [&](const State &state, const Rows &row) {
+        if constexpr (numbers == lanes) {  // each row is a half
+            const Lanes both = state.chunk[0] * (row.x[0] + row.y[0]);
+            const auto half_sum = [](auto a) { return %(half_sum)s; };
+            return Pair{half_sum(both.lo), half_sum(both.hi)};
+        }
         Lanes along_x = 0.0f, along_y = 0.0f;
         for (int c = 0; c < chunks; ++c) {
             along_x += state.chunk[c] * row.x[c];
@@ -267,13 +272,15 @@ def _native(types: Any, text: str) -> str:
     """C++ of a row, for a CPU alone: a GPU's compiler lacks the vectors."""
     numbers = 2 * types.columns
     lanes = min(_MOST_LANES, 1 << numbers.bit_length() - 1)
-    settings = {"columns": types.columns, "lanes": lanes, "sum": _sum("a", lanes)}
+    settings = {"columns": types.columns, "lanes": lanes, "sum": _sum("a", lanes), "half_sum": _sum("a", lanes // 2)}
     limits = {"near": float(NEAR), "fade": float(FADE), "slack": float(SLACK)}
     return f"#if !defined(__CUDA_ARCH__)\n{_SIZE}{BLOCK_TAPS}{_PIXELS}{text}#endif\n" % (settings | limits)
 
 
 def _sum(name: str, lanes: int) -> str:
     """C++ for the sum of a vector's lanes, halves added to halves."""
+    if lanes == 1:
+        return name
     if lanes == 2:
         return f"{name}.lo + {name}.hi"
     return f"[](auto b) {{ return {_sum('b', lanes // 2)}; }}({name}.lo + {name}.hi)"
