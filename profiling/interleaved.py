@@ -22,10 +22,10 @@ def interleaved(
             fills the caches that the alternatives before it emptied, as no loop over frames would.
     """
     seconds = {name: np.empty(rounds) for name in alternatives}
-    order = list(alternatives)
+    names, rng = list(alternatives), np.random.default_rng(0)
     for round_number in range(-warmup, rounds):
-        order = order[1:] + order[:1]  # nobody always follows the same one, whose data fill the cache
-        for name in order:
+        # By chance: nobody always follows the same one, whose data fill the cache and whose threads may still spin.
+        for name in rng.permutation(names).tolist():
             elapsed = []
             for call in range(calls):
                 start = time.perf_counter()
