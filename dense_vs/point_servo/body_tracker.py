@@ -16,6 +16,7 @@ import numpy as np
 from dense_vs.body_model.chain import Chain
 from dense_vs.point_servo.body_features import NOISE, BodyFeatures, FeatureState, Keyframe
 from dense_vs.point_servo.feature_flow import carried, new_features
+from dense_vs.point_servo.feature_looks import FeatureLooks
 from dense_vs.point_servo.look_back import followed_back
 from dense_vs.point_servo.point_look import PointLook
 from dense_vs.point_servo.point_on_link import POINT, PointOnLink
@@ -24,6 +25,7 @@ FIRST_FEATURES = 180  # in the image in which the point is defined
 ON_LINK, ON_OTHERS = 70, 25  # features that are kept in sight, of the point's link and of each other one
 MOST_FEATURES = 600  # from which those that no keyframe holds are forgotten
 APART, MARGIN = 4, 9  # px between features; px about those of a link in which new ones are sought
+OTHERS_HELD = 3  # images, in one of which a feature of another link is held to its first look
 KEYFRAME_MOTION = 4.0  # px that a feature moves by between keyframes
 GATE = 2.0  # px from where its link's features are, at which one is given up
 WIDE = 28.0  # px, standard deviation of the weight by which the link's features correct the point
@@ -41,6 +43,7 @@ DEPTH_ALONE = 4.0  # times it, for a place that the point's own look does not co
 OWN_SHARE = 0.7  # of :meth:`PointLook.drift`, found on recordings of six views
 OFF_SHARE = 0.4  # of how far the own look is seen from where the chain has the point: one of the two is wrong
 CHAIN_DRIFT = 2.0  # times the model's error, by rad: of a place by the chain, whose faults renewed features hide
+HELD_DEPTH, HELD_DRIFT = 2.5, 0.4  # in their place where features of the point's own first image are in sight
 BASIC = 0.3  # px, of any place
 VOTES = 7  # features around, which say what link the point is on where its own places do not
 
@@ -62,6 +65,7 @@ class BodyTracker:
         features: of the body; index 0 is the point.
         point: ``(2,)`` [px], where the point is now.
         seen: features of its link that were in sight in the last image.
+        held: whether enough of them are from the image in which the point was defined, and look as they did there.
         unseen: images since at least :data:`LEAST_SEEN` were.
         uncertainty: standard deviation of the point's place [px].
         on_link: the point by what the chain says.
@@ -92,10 +96,11 @@ class BodyTracker:
         self.point = np.array(point, dtype=np.float64)
         self.on_link = PointOnLink(self.features, self.point, self._positions)
         self._offset = np.zeros(2)
-        self.seen, self.unseen, self._spread = 0, 0, 1.0
+        self.seen, self.unseen, self.held, self._aside = 0, 0, False, BASIC + 1.0
         self._by_own = np.inf
         self._sighting: np.ndarray | None = None
-        self._next = 0
+        self._next = self._images = 0
+        self._looks, self._sure = FeatureLooks(), np.zeros(0, int)
         self._look = PointLook(self._gray, self.point, same, window)
         self.correlation = np.ones(1, np.float32)
         self._look_back(history, body)
@@ -136,6 +141,9 @@ class BodyTracker:
         q = np.asarray(positions, dtype=np.float64)
         features, link = self.features, self.on_link.link
         places, believed = carried(self._gray, gray, self._places, self._expected(q))
+        self._images += 1
+        due = believed & ((features.links[self._live] == link) | ((self._live + self._images) % OTHERS_HELD == 0))
+        self._hold(gray, places, believed, due)
         expected = features.project(self._live, q)
         known = features.states[self._live] == FeatureState.KNOWN
         for one in np.unique(features.links[self._live[known]]):
@@ -165,15 +173,43 @@ class BodyTracker:
         numbers, begun = self._first[known], self._begun[known]
         step = features.project(numbers, q) - features.project(numbers, self.on_link.defined_at)
         places, believed = carried(self._first_gray, gray, begun, begun + step)
+        self._looks.unturned(numbers)
+        self._live = numbers
+        self._hold(gray, places, believed, believed.copy())
         self._live, self._places = numbers[believed], places[believed]
         self._correct(q, self.on_link.link, gray)
         self._gray, self._positions = gray, q
         self.uncertainty = self._uncertainty(q)
         return self.unseen == 0
 
+    def _hold(self, gray: np.ndarray, places: np.ndarray, believed: np.ndarray, due: np.ndarray) -> None:
+        """Hold some of the features in sight to their first looks: changes ``places`` and ``believed``.
+
+        Args:
+            gray: uint8 ``(H, W)``.
+            places: ``(K, 2)`` of the features in sight [px].
+            believed: bool ``(K,)``, whether they are seen there.
+            due: bool ``(K,)``, those to be held.
+        """
+        numbers = self._live[due]
+        places[due], sure, alike = self._looks.held(numbers, gray, places[due])
+        believed[due] &= alike
+        self._sure = np.union1d(np.setdiff1d(self._sure, numbers), numbers[sure])
+
     def _on_link(self, link: int) -> np.ndarray:
         """Features in sight that are on a link, the point aside."""
         return self._live[self.features.seen_on(link, self._live) & (self._live != POINT)]
+
+    def _trusted(self, features: np.ndarray) -> np.ndarray:
+        """Those of some features that tell most of the point's place, enough of them.
+
+        At best those that were defined in its own image and look as they did there: what the chain is off between then
+        and now, it is off for them as well. Others were placed by the chain as it was when they came into sight.
+        """
+        sure = features[np.isin(features, self._sure)]
+        first = sure[np.isin(sure, self._first)]
+        self.held = len(first) >= LEAST_SEEN
+        return first if self.held else sure if len(sure) >= LEAST_SEEN else features
 
     def _moved(self, features: np.ndarray, q: np.ndarray) -> float:
         """How far some features moved since the last keyframe at most [px]."""
@@ -199,13 +235,15 @@ class BodyTracker:
         on = self._on_link(link)
         self.seen = len(on)
         if self.seen >= LEAST_SEEN:
+            on = self._trusted(on)
             there = features.project(on, q)
             off = self._places[np.isin(self._live, on)] - there
             weights = np.exp(-np.sum((there - expected) ** 2, axis=1) / (2 * WIDE**2)) + 1e-3
             mean = np.average(off, axis=0, weights=weights)
             weights = weights / (1 + np.sum((off - mean) ** 2, axis=1))
             self._offset = np.average(off, axis=0, weights=weights)
-            self._spread = float(np.sqrt(np.average(np.sum((off - self._offset) ** 2, axis=1), weights=weights)))
+            spread = float(np.sqrt(np.average(np.sum((off - self._offset) ** 2, axis=1), weights=weights)))
+            self._aside = BASIC + spread / np.sqrt(len(on))
             self.unseen = 0
         else:
             self.unseen += 1
@@ -215,8 +253,7 @@ class BodyTracker:
             return
         self._by_own, self._sighting = np.inf, None
         if self.on_link.depth is not None:
-            spread = BASIC + self._spread / np.sqrt(max(self.seen, 1))
-            place = self._by_look(q, gray, place, spread)
+            place = self._by_look(q, gray, place, self._aside)
         self.point = place
 
     def _by_look(self, q: np.ndarray, gray: np.ndarray, place: np.ndarray, spread: float) -> np.ndarray:
@@ -262,11 +299,12 @@ class BodyTracker:
         """
         if self.on_link.depth is None:
             return np.inf
-        by_depth = DEPTH_ALONE * self.on_link.depth.deviation * float(np.linalg.norm(self.on_link.view(q[None])[2]))
+        depths, drift = (HELD_DEPTH, HELD_DRIFT) if self.held else (DEPTH_ALONE, CHAIN_DRIFT)
+        by_depth = depths * self.on_link.depth.deviation * float(np.linalg.norm(self.on_link.view(q[None])[2]))
         moved_by = self.features.chain.moved_by[self.on_link.link]
         turned = float(np.linalg.norm((q - self.on_link.defined_at)[moved_by]))
-        by_model = min(float(np.hypot(by_depth, CHAIN_DRIFT * self._error * turned)), self._by_own)
-        return float(np.hypot(by_model, BASIC + self._spread / np.sqrt(max(self.seen, 1))))
+        by_model = min(float(np.hypot(by_depth, drift * self._error * turned)), self._by_own)
+        return float(np.hypot(by_model, self._aside))
 
     def _refine(self) -> None:
         """Chain, features and the point, adjusted to all keyframes."""
@@ -274,9 +312,13 @@ class BodyTracker:
         self.on_link.place(self._first)
 
     def _keep(self, gray: np.ndarray, q: np.ndarray) -> None:
-        """A keyframe: learn from it, and look for new features."""
+        """A keyframe: learn from it, and look for new features.
+
+        Of features that are known it holds those alone that look as they did at first: the others may have drifted.
+        """
         features = self.features
-        keyframe = Keyframe(q.copy(), self._live.copy(), self._places.copy(), gray)
+        kept = np.isin(self._live, self._sure) | (features.states[self._live] != FeatureState.KNOWN)
+        keyframe = Keyframe(q.copy(), self._live[kept], self._places[kept], gray)
         features.keep(keyframe.with_place(POINT, self._sighting))
         self._kept_at = q
         young = (features.states[self._live] == FeatureState.YOUNG) & (self._live != POINT)
@@ -290,7 +332,9 @@ class BodyTracker:
         self._look_for_more(gray)
         if len(features) > MOST_FEATURES:
             renumbered = features.forget_unseen(np.concatenate([self._live, self._first]))
+            self._sure = renumbered[np.intersect1d(self._sure, self._live)]
             self._live, self._first = renumbered[self._live], renumbered[self._first]
+            self._looks.renumber(renumbered)
 
     def _look_for_more(self, gray: np.ndarray) -> None:
         """New features on and about what is in sight of each link."""
@@ -313,6 +357,7 @@ class BodyTracker:
         if not found:
             return
         numbers = features.added(len(found))
+        self._looks.take(numbers, gray, np.array(found))
         self._live, self._places = np.append(self._live, numbers), np.vstack([self._places, found])
         last = features.keyframes[-1]
         features.keyframes[-1] = Keyframe(
@@ -325,6 +370,7 @@ class BodyTracker:
         begun = np.vstack([self.point, new_features(gray, body, [self.point], FIRST_FEATURES, APART + 1)])
         self._first = numbers = features.added(len(begun))
         self._begun = begun
+        self._looks.take(numbers, gray, begun)
         features.keyframes = followed_back(history, numbers, begun)
         self._live, self._places = numbers, begun.copy()
         features.assign(numbers)

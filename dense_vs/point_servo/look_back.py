@@ -6,11 +6,7 @@ import numpy as np
 
 from dense_vs.point_servo.body_features import Keyframe
 from dense_vs.point_servo.feature_flow import carried
-from dense_vs.point_servo.surface_patches import SurfacePatches
-
-WINDOW = 15  # px, side of the patches by which features are compared
-SURE, REALIGNED = 0.9, 1.0  # correlation with the first look, and px, for a place to be corrected by that look
-UNLIKE = 0.5  # correlation at which a feature is given up
+from dense_vs.point_servo.feature_looks import FeatureLooks
 
 
 def followed_back(
@@ -24,20 +20,14 @@ def followed_back(
         begun: ``(K, 2)``, where they are in the last image [px].
     """
     gray, q = history[-1]
-    patches = SurfacePatches(WINDOW)
-    pixels = patches.taken(gray, begun)
-    maps = np.tile(np.eye(2), (len(begun), 1, 1))
+    looks = FeatureLooks()
+    looks.take(np.arange(len(begun)), gray, begun)
     left, places, later = np.arange(len(begun)), begun.copy(), gray
     kept = [Keyframe(np.array(q, dtype=np.float64), numbers, places, gray)]
     for image, q in [*history[:-1]][::-1]:
         found, believed = carried(later, image, places, places)
         left, places, later = left[believed], found[believed], image
-        if len(left):
-            aligned, turned, correlation = patches.align(pixels[left], image, places, maps[left])
-            sure = (correlation > SURE) & (np.linalg.norm(aligned - places, axis=1) < REALIGNED)
-            places = np.where(sure[:, None], aligned, places)
-            maps[left[sure]] = turned[sure]
-            alike = correlation > UNLIKE
-            left, places = left[alike], places[alike]
+        places, _, alike = looks.held(left, image, places)
+        left, places = left[alike], places[alike]
         kept.append(Keyframe(np.array(q, dtype=np.float64), numbers[left], places, image))
     return kept[::-1]

@@ -47,14 +47,36 @@ class Features:
         return np.arange(first, first + count)
 
 
+class Looks:
+    """Looks by which nothing is off, but for the features that are said to be."""
+
+    def __init__(self, off=None, unsure=(), unlike=()):
+        self.off, self.unsure, self.unlike, self.asked, self.calls = off or {}, unsure, unlike, [], []
+
+    def held(self, numbers, gray, places):
+        self.asked.append(list(numbers))
+        off = np.array([self.off.get(number, (0.0, 0.0)) for number in numbers.tolist()]).reshape(-1, 2)
+        return places + off, ~np.isin(numbers, self.unsure), ~np.isin(numbers, self.unlike)
+
+    def take(self, numbers, gray, places):
+        self.calls.append(("take", list(numbers), places.tolist()))
+
+    def unturned(self, numbers):
+        self.calls.append(("unturned", list(numbers)))
+
+    def renumber(self, renumbered):
+        self.calls.append(("renumber", list(renumbered)))
+
+
 def bare(features, live=(), places=(), **given):
     """A tracker with some of its parts, without the images that it is made from."""
     tracker = object.__new__(BodyTracker)
     tracker.__dict__.update(
         features=features, _live=np.array(live, int), _places=np.array(places, float).reshape(-1, 2),
-        on_link=SimpleNamespace(link=1, depth=None), _offset=np.zeros(2), _spread=1.0, seen=0, unseen=0,
+        on_link=SimpleNamespace(link=1, depth=None), _offset=np.zeros(2), _aside=1.3, seen=0, unseen=0,
         point=np.array([7.0, 7.0]), _positions=np.zeros(1), _kept_at=np.zeros(1), _by_own=np.inf, _sighting=None,
         _gray=GRAY, _lost_after=5, uncertainty=0.0, correlation=np.ones(1, np.float32),
+        _looks=Looks(), _sure=np.zeros(0, int), _first=np.zeros(0, int), _images=0, held=False,
     )  # fmt: skip
     tracker.__dict__.update(given)
     return tracker

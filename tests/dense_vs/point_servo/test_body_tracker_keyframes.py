@@ -4,7 +4,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from counted_features import DROPPED, GRAY, KNOWN, YOUNG, Features, bare
+from counted_features import DROPPED, GRAY, KNOWN, YOUNG, Features, Looks, bare
 
 from dense_vs.point_servo import body_tracker
 from dense_vs.point_servo.body_features import Keyframe
@@ -51,6 +51,27 @@ def test_a_feature_that_leaves_its_link_is_given_up(monkeypatch, away, kept):
     assert tracker._positions.tolist() == [1.0]
 
 
+def test_features_are_held_to_their_first_looks(monkeypatch):
+    """Those of the point's link in every image, of others in every third; what looks otherwise is given up."""
+    at = np.array([[0, 0], *([10 * k, 10] for k in range(1, 9))], float)
+    features = Features(at, np.zeros_like(at), links=[1, 1, 1, 1, 1, 0, 0, 0, 0])
+    looks = Looks({1: (0.5, 0.25), 6: (1.0, 0.0)}, unsure=[2], unlike=[3])
+    carrying(monkeypatch, 0.0, [True] * 8)
+    tracker = bare(features, range(1, 9), at[1:], _looks=looks, _sure=np.array([2, 3, 5]))
+    seen = []
+    tracker._correct = lambda q, link, gray: seen.append((tracker._live.tolist(), tracker._sure.tolist()))
+    tracker.update(GRAY, np.zeros(1))
+    assert looks.asked == [[1, 2, 3, 4, 5, 8]]
+    assert seen == [([1, 2, 4, 5, 6, 7, 8], [1, 3, 4, 5, 8])]  # the third is not in sight any more
+    np.testing.assert_allclose(tracker._places[0], at[1] + [0.5, 0.25])
+    np.testing.assert_array_equal(tracker._places[1:], at[[2, 4, 5, 6, 7, 8]])
+    carrying(monkeypatch, 0.0, [True] * 7)
+    tracker.update(GRAY, np.zeros(1))
+    carrying(monkeypatch, 0.0, [False] + [True] * 6)
+    tracker.update(GRAY, np.zeros(1))
+    assert looks.asked[1:] == [[1, 2, 4, 7], [2, 4, 6]]  # and what is not seen at all is not held
+
+
 @pytest.mark.parametrize(("motion", "kept"), [(3.9, False), (4.1, True)])
 def test_a_keyframe_is_taken_when_a_feature_of_the_link_has_moved_by_four_pixels(monkeypatch, motion, kept):
     at = np.array([[0, 0], [10, 10], [20, 10], [30, 10], [40, 10]], float)
@@ -71,6 +92,7 @@ def test_it_is_found_again_by_the_features_of_its_first_image(monkeypatch):
     at = np.array([[0, 0], [10, 10], [20, 10], [30, 10], [40, 10], [50, 10]], float)
     features = Features(at, [[0, 0], [1, 0], [2, 0], [3, 0], [4, 0], [5, 0]], [KNOWN] * 4 + [YOUNG, KNOWN])
     tracker = bare(features, [1], [[0, 0]], _first=np.arange(6), _begun=at + 0.5, _first_gray=GRAY + 9, unseen=3)
+    looks = tracker._looks = Looks({2: (0.0, 1.0)})
     tracker.on_link.defined_at = np.array([1.0])
     asked = carrying(monkeypatch, 0.25, [True, True, True, False])
     later = GRAY + 1
@@ -81,7 +103,10 @@ def test_it_is_found_again_by_the_features_of_its_first_image(monkeypatch):
     np.testing.assert_array_equal(places, at[[1, 2, 3, 5]] + 0.5)
     np.testing.assert_allclose(expected, places + 2 * features.rate[[1, 2, 3, 5]])
     assert tracker._live.tolist() == [1, 2, 3]
-    np.testing.assert_allclose(tracker._places, expected[:3] + 0.25)
+    np.testing.assert_allclose(tracker._places, expected[:3] + 0.25 + [[0, 0], [0, 1], [0, 0]])
+    assert looks.calls == [("unturned", [1, 2, 3, 5])]
+    assert looks.asked == [[1, 2, 3]]
+    assert tracker.held
     assert tracker.unseen == 0
     assert tracker._gray is later
     assert tracker._positions.tolist() == [3.0]
@@ -123,12 +148,24 @@ def test_places_of_the_own_look_are_kept_where_they_are_alike():
     np.testing.assert_allclose(asked[0][3], np.full((2, 2), 9.0) + np.eye(2))  # 1.5 * 0.1 * 20, and 1 px beside it
 
 
+def test_a_keyframe_holds_known_features_that_look_as_they_did_alone():
+    features = Features(np.zeros((6, 2)), np.zeros((6, 2)), [YOUNG, KNOWN, KNOWN, DROPPED, YOUNG, KNOWN])
+    features.keyframes = [Keyframe(np.zeros(1), np.array([1]), np.zeros((1, 2)), GRAY)] * 2
+    tracker = bare(features, [1, 2, 4, 5], np.arange(8.0), _sure=np.array([2, 3, 4]), _next=0)
+    tracker._find_in = tracker._look_for_more = tracker.on_link.place = lambda one: None
+    tracker._keep(GRAY, np.zeros(1))
+    assert features.keyframes[-1].features.tolist() == [2, 4]
+    np.testing.assert_array_equal(features.keyframes[-1].places, [[2.0, 3.0], [4.0, 5.0]])
+    assert tracker._live.tolist() == [1, 2, 4, 5]  # all are followed on
+
+
 def test_a_keyframe_is_kept_with_the_sighting_and_young_features_are_decided(monkeypatch):
     features = Features(np.zeros((6, 2)), np.zeros((6, 2)), [YOUNG, KNOWN, YOUNG, DROPPED, YOUNG, KNOWN])
     frame = Keyframe(np.zeros(1), np.array([1]), np.zeros((1, 2)), GRAY)
     features.keyframes = [frame] * 10
     calls = []
     tracker = bare(features, [0, 1, 2, 3, 4], np.arange(10.0), _sighting=np.array([3.0, 4.0]), _next=5)
+    tracker._sure = np.arange(6)
     tracker._first = np.array([0, 1, 5])
     tracker._find_in = lambda keyframes: calls.append(list(keyframes))
     tracker._look_for_more = lambda gray: calls.append("more")
@@ -159,12 +196,14 @@ def test_of_many_features_those_that_no_keyframe_holds_are_forgotten(many, forgo
     features.keyframes = [Keyframe(np.zeros(1), np.array([1]), np.zeros((1, 2)), GRAY)] * 2
     asked = []
     features.forget_unseen = lambda others: asked.append(list(others)) or np.arange(many)[::-1]
-    tracker = bare(features, [3, 4], np.zeros((2, 2)), _first=np.array([0, 7]), _next=0)
+    tracker = bare(features, [3, 4], np.zeros((2, 2)), _first=np.array([0, 7]), _next=0, _sure=np.array([4, 5]))
     tracker._find_in = tracker._look_for_more = tracker.on_link.place = lambda one: None
     tracker._keep(GRAY, np.zeros(1))
     assert asked == ([[3, 4, 0, 7]] if forgotten else [])
     assert tracker._live.tolist() == ([many - 4, many - 5] if forgotten else [3, 4])
     assert tracker._first.tolist() == ([many - 1, many - 8] if forgotten else [0, 7])
+    assert tracker._sure.tolist() == ([many - 5] if forgotten else [4, 5])  # of those in sight
+    assert tracker._looks.calls == ([("renumber", [*range(many)][::-1])] if forgotten else [])
 
 
 def test_new_features_are_sought_about_those_of_each_link_in_sight(monkeypatch):
@@ -196,6 +235,7 @@ def test_new_features_are_sought_about_those_of_each_link_in_sight(monkeypatch):
         assert not mask[outside].any()
     assert tracker._live.tolist() == [*range(1, 9), 9, 10, 11]
     np.testing.assert_array_equal(tracker._places[8:], [[1, 2]] * 3)
+    assert tracker._looks.calls == [("take", [9, 10, 11], [[1, 2]] * 3)]
     assert features.keyframes[-1].features.tolist() == [1, 9, 10, 11]
     np.testing.assert_array_equal(features.keyframes[-1].places, [at[1], [1, 2], [1, 2], [1, 2]])
 
@@ -245,6 +285,7 @@ def test_a_point_that_is_on_no_link_by_itself_goes_to_that_of_most_around_it(mon
     assert features.links[0] == link
     assert features.keyframes is frames
     assert tracker._first.tolist() == list(range(13))
+    assert tracker._looks.calls == [("take", list(range(13)), tracker._begun.tolist())]
     np.testing.assert_array_equal(tracker._begun, np.vstack([[30, 40], around]))
     assert tracker._live.tolist() == [1, 2, 3, *range(5, 13)]  # without the point, which is known by its look
     np.testing.assert_array_equal(tracker._places, tracker._begun[tracker._live])

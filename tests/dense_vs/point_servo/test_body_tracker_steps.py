@@ -53,19 +53,42 @@ def test_the_point_is_off_by_what_features_around_it_are_off(count):
     live = np.array([0, *range(1, count + 3)])  # the point itself, one of another link and a young one do not count
     off = rng.normal(0, 2, (len(live), 2))
     there = features.project(live, q)
-    tracker = bare(features, live, there + off, unseen=4, _offset=np.array([0.5, -0.5]), _spread=9.0)
+    tracker = bare(features, live, there + off, unseen=4, _offset=np.array([0.5, -0.5]), _aside=9.0)
     tracker._correct(q, 1, GRAY)
     expected = there[0]
     assert tracker.seen == count
     if count < 3:
-        assert (tracker.unseen, tracker._spread) == (5, 9.0)
+        assert (tracker.unseen, tracker._aside) == (5, 9.0)
         np.testing.assert_allclose(tracker.point, expected + np.array([0.5, -0.5]))
         return
     mean, spread = reference_offset(there[1 : count + 1], expected, off[1 : count + 1])
     assert tracker.unseen == 0
     np.testing.assert_allclose(tracker._offset, mean)
-    assert tracker._spread == pytest.approx(spread)
+    assert tracker._aside == pytest.approx(0.3 + spread / np.sqrt(count))
     np.testing.assert_allclose(tracker.point, expected + mean)
+
+
+@pytest.mark.parametrize(
+    ("sure", "first", "told", "held"),
+    [
+        ([], [1, 2, 3, 4, 5, 6], [1, 2, 3, 4, 5, 6], False),  # all, though none is sure
+        ([2, 4], [2], [1, 2, 3, 4, 5, 6], False),
+        ([2, 4, 6], [2, 4], [2, 4, 6], False),
+        ([1, 2, 4, 6], [1, 4, 6, 9], [1, 4, 6], True),
+        ([1, 4, 6], [], [1, 4, 6], False),
+    ],
+)
+def test_features_of_the_first_image_tell_most_then_those_that_look_as_at_first(sure, first, told, held):
+    rng = np.random.default_rng(3)
+    at = np.vstack([[40.0, 30.0], rng.uniform(0, 80, (6, 2))])
+    off = rng.normal(0, 2, (6, 2))
+    tracker = bare(Features(at, np.zeros_like(at)), range(1, 7), at[1:] + off)
+    tracker._sure, tracker._first = np.array(sure, int), np.array(first, int)
+    tracker._correct(np.zeros(1), 1, GRAY)
+    mean, spread = reference_offset(at[told], at[0], off[np.array(told) - 1])
+    np.testing.assert_allclose(tracker._offset, mean)
+    assert tracker._aside == pytest.approx(0.3 + spread / np.sqrt(len(told)))
+    assert (tracker.seen, tracker.held) == (6, held)
 
 
 @pytest.mark.parametrize(("place", "taken"), [(0.99e5, True), (1.01e5, False), (-1.01e5, False), (np.nan, False)])
@@ -157,16 +180,17 @@ def test_uncertainty_is_of_depth_and_chain_or_of_the_own_look_and_of_the_feature
     """Twice the model's error for each rad that a joint of its link has turned since then: joint 1, at 0.5 rad."""
     tracker, _ = looking(0.0, 0.0)
     tracker.on_link.depth = PointDepth(1.0, 0.01)
-    tracker.seen, tracker._spread, tracker._by_own, tracker._error = 4, 0.8, np.inf, 0.7
-    around = 0.3 + 0.8 / 2
+    tracker._aside, tracker._by_own, tracker._error = 0.7, np.inf, 0.7
+    around = 0.7
     for other in (0.5, 3.0):  # a joint that does not move the link
         assert tracker._uncertainty(np.array([other, 0.5])) == pytest.approx(np.hypot(4 * 0.01 * 50, around))
         far = np.sqrt((4 * 0.01 * 50) ** 2 + (2 * 0.7 * 1.2) ** 2 + around**2)
         assert tracker._uncertainty(np.array([other, 1.7])) == pytest.approx(far)
     tracker._by_own = 0.5
     assert tracker._uncertainty(np.array([0.5, 1.7])) == pytest.approx(np.hypot(0.5, around))
-    tracker.seen = 0
-    assert tracker._uncertainty(np.array([0.5, 1.7])) == pytest.approx(np.hypot(0.5, 0.3 + 0.8))
+    tracker._by_own, tracker.held = np.inf, True  # features of its first image are in sight: less is open
+    near = np.sqrt((2.5 * 0.01 * 50) ** 2 + (0.4 * 0.7 * 1.2) ** 2 + around**2)
+    assert tracker._uncertainty(np.array([0.5, 1.7])) == pytest.approx(near)
     tracker.on_link.depth = None
     assert tracker._uncertainty(np.zeros(2)) == np.inf
 
