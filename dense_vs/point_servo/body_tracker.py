@@ -25,7 +25,8 @@ FIRST_FEATURES = 180  # in the image in which the point is defined
 ON_LINK, ON_OTHERS = 70, 25  # features that are kept in sight, of the point's link and of each other one
 MOST_FEATURES = 600  # from which those that no keyframe holds are forgotten
 APART, MARGIN = 4, 9  # px between features; px about those of a link in which new ones are sought
-OTHERS_HELD = 3  # images, in one of which a feature of another link is held to its first look
+AROUND = 3  # known features around a young one, which it is taken along with
+HELD, OTHERS_HELD = 2, 3  # images, in one of which a feature of the point's link, or another's, is held to its look
 KEYFRAME_MOTION = 4.0  # px that a feature moves by between keyframes
 GATE = 2.0  # px from where its link's features are, at which one is given up
 WIDE = 28.0  # px, standard deviation of the weight by which the link's features correct the point
@@ -57,6 +58,7 @@ class BodyTracker:
         point: ``(2,)`` [px], its place in the last image.
         body: bool ``(H, W)``, pixels of the body in the last image.
         error: median distance of the body's tracks from the chain [px].
+        surface: link and depth of the body model's surface at the point, in the chain's unit; None where it has none.
         same: bool ``(H, W)``, pixels of the last image that move as the point does; others do not count in its look.
         window: side of the patch that is the point's own look [px], odd.
         lost_after: images without enough features in sight after which the point counts as lost.
@@ -83,6 +85,7 @@ class BodyTracker:
         body: np.ndarray,
         *,
         error: float = NOISE,
+        surface: tuple[int, float] | None = None,
         same: np.ndarray | None = None,
         window: int = 25,
         lost_after: int = 15,
@@ -94,7 +97,7 @@ class BodyTracker:
         self._first_gray = self._gray
         self._positions = self._kept_at = np.array(positions, dtype=np.float64)
         self.point = np.array(point, dtype=np.float64)
-        self.on_link = PointOnLink(self.features, self.point, self._positions)
+        self.on_link = PointOnLink(self.features, self.point, self._positions, surface)
         self._offset = np.zeros(2)
         self.seen, self.unseen, self.held, self._aside = 0, 0, False, BASIC + 1.0
         self._by_own = np.inf
@@ -142,7 +145,8 @@ class BodyTracker:
         features, link = self.features, self.on_link.link
         places, believed = carried(self._gray, gray, self._places, self._expected(q))
         self._images += 1
-        due = believed & ((features.links[self._live] == link) | ((self._live + self._images) % OTHERS_HELD == 0))
+        often = np.where(features.links[self._live] == link, HELD, OTHERS_HELD)
+        due = believed & ((self._live + self._images) % often == 0)
         self._hold(gray, places, believed, due)
         expected = features.project(self._live, q)
         known = features.states[self._live] == FeatureState.KNOWN
@@ -223,9 +227,9 @@ class BodyTracker:
         known = features.states[self._live] == FeatureState.KNOWN
         step[~known | (np.abs(step).max(axis=1, initial=0) > 1e4)] = 0.0
         if known.any():
-            for k in np.flatnonzero(~known):
-                near = np.argsort(np.linalg.norm(self._places[known] - self._places[k], axis=1))[:3]
-                step[k] = np.median(step[known][near], axis=0)
+            apart = np.linalg.norm(self._places[known][None] - self._places[~known][:, None], axis=2)
+            near = np.argsort(apart, axis=1)[:, :AROUND]
+            step[~known] = np.median(step[known][near], axis=1)
         return self._places + step
 
     def _correct(self, q: np.ndarray, link: int, gray: np.ndarray) -> None:

@@ -8,7 +8,9 @@ import cv2
 import numpy as np
 
 from dense_vs.body_model import BodyFitOptions, BodyModel, PointTrackOptions
+from dense_vs.body_model.chain import BACKGROUND
 from dense_vs.body_model.dense_motion import DenseMotion
+from dense_vs.body_model.model import BodyImage
 from dense_vs.body_model.spread import spread
 from dense_vs.errors import DenseVSError
 from dense_vs.flow.estimator import FlowEstimator
@@ -144,12 +146,12 @@ class LearnedBody:
         history = [*self._history]
         if not history or history[-1][0] is not frame.gray:
             history.append((frame.gray, frame.positions))
-        pixels = model.image(frame.positions).body.astype(np.uint8)
-        near = cv2.dilate(pixels, np.ones((2 * BESIDE + 1,) * 2, np.uint8)) > 0
+        seen = model.image(frame.positions)
+        near = cv2.dilate(seen.body.astype(np.uint8), np.ones((2 * BESIDE + 1,) * 2, np.uint8)) > 0
         tracker = BodyTracker(
             model.chain, model.focal_length, np.asarray(model.center), model.learned, thinned(history, LOOKED_BACK),
-            point, near, error=model.error, same=same_surface(self._pipeline.estimator, point), window=window,
-            lost_after=lost_after,
+            point, near, error=model.error, surface=surface_at(seen, point),
+            same=same_surface(self._pipeline.estimator, point), window=window, lost_after=lost_after,
         )  # fmt: skip
         return tracker if tracker.known else None
 
@@ -157,6 +159,17 @@ class LearnedBody:
 def teaches(frame: ProcessedFrame, kept: np.ndarray | None) -> bool:
     """Whether a body can be learned from a frame, where the last one kept was at joints ``(N,)`` [rad], or none is."""
     return frame.measured is not None and (kept is None or np.abs(frame.positions - kept).max() >= LEAST_TURN)
+
+
+def surface_at(seen: BodyImage, point: np.ndarray) -> tuple[int, float] | None:
+    """Link and depth of a body at and around a place ``(2,)`` [px], those of most pixels; None where it is not."""
+    rows, columns = (slice(max(0, round(float(at)) - BESIDE), round(float(at)) + BESIDE + 1) for at in point[::-1])
+    links, depths = seen.links[rows, columns], seen.depths[rows, columns]
+    on = links != BACKGROUND
+    if not on.any():
+        return None
+    link = int(np.bincount(links[on]).argmax())
+    return link, float(np.median(depths[links == link]))
 
 
 def explained_share(model: BodyModel, flow: FlowEstimator, history: Sequence[tuple[np.ndarray, np.ndarray]]) -> float:

@@ -1,4 +1,4 @@
-"""At what depth a point of a link is, from its own places and from the link's features around it."""
+"""At what depth a point of a link is: from its own places, the link's features around it, a body model's surface."""
 
 from dataclasses import dataclass
 
@@ -6,7 +6,9 @@ import numpy as np
 
 NEAR = 14.0  # px, standard deviation of the weight by which features around count
 LEAST_SPREAD = 0.03  # of the logarithm of the depth by the features around
+RELIEF = 0.0015  # of the logarithm by px to the next feature: surfaces are aslant by some 25 degrees
 LEAST_NEAR = 3  # features on the link
+SURFACE = 0.035  # of the logarithm of a body model's surface, found on three views of commercial arms
 OWN_WEIGHT = 1.0  # of the point's own places
 OWN_PLACES = 10  # as many places of their own count, however many there are
 NOISE = 0.5  # px, of its own places
@@ -35,7 +37,19 @@ def depth_of_features(places: np.ndarray, depths: np.ndarray, point: np.ndarray)
         heavy = weights / (1 + ((inverse - mean) / max(1.5 * spread, 1e-4 * mean)) ** 2)
         mean = float(np.average(inverse, weights=heavy))
     spread = float(np.sqrt(np.average((inverse - mean) ** 2, weights=heavy)))
-    return PointDepth(1 / mean, max(spread / mean, LEAST_SPREAD))
+    apart = float(np.linalg.norm(places - point, axis=1).min())
+    return PointDepth(1 / mean, float(np.hypot(max(spread / mean, LEAST_SPREAD), RELIEF * apart)))
+
+
+def together(one: PointDepth | None, other: PointDepth | None) -> PointDepth | None:
+    """What two sources say of a depth, None for one that says nothing; where they disagree both are doubted more."""
+    if one is None or other is None:
+        return one or other
+    precision = one.deviation**-2 + other.deviation**-2
+    off = float(np.log(other.depth / one.depth))
+    doubt = max(1.0, abs(off) / float(np.hypot(one.deviation, other.deviation)))
+    depth = one.depth * float(np.exp(off * other.deviation**-2 / precision))
+    return PointDepth(depth, doubt / float(np.sqrt(precision)))
 
 
 def point_depth(around: PointDepth, errors: np.ndarray) -> PointDepth:

@@ -4,7 +4,15 @@ import numpy as np
 
 from dense_vs.point_servo.body_features import BodyFeatures, FeatureState
 from dense_vs.point_servo.planned_posture import planned_posture
-from dense_vs.point_servo.point_depth import UNKNOWN, PointDepth, depth_of_features, point_depth, tried_depths
+from dense_vs.point_servo.point_depth import (
+    SURFACE,
+    UNKNOWN,
+    PointDepth,
+    depth_of_features,
+    point_depth,
+    together,
+    tried_depths,
+)
 
 POINT = 0  # index of the point among the features
 SMALL = 0.01  # of the logarithm of the depth, for derivatives
@@ -18,15 +26,25 @@ class PointOnLink:
         features: of the body; index 0 is the point.
         pixel: ``(2,)`` [px], where it was defined.
         positions: joint positions ``(N,)`` [rad] then.
+        surface: link and depth there of a body model's surface, in the unit of the features' chain as it is now; None
+            where it has none.
 
     Attributes:
         depth: then; None where nothing tells.
     """
 
-    def __init__(self, features: BodyFeatures, pixel: np.ndarray, positions: np.ndarray):
+    def __init__(
+        self,
+        features: BodyFeatures,
+        pixel: np.ndarray,
+        positions: np.ndarray,
+        surface: tuple[int, float] | None = None,
+    ):
         self._features = features
         self._pixel, self.defined_at = np.array(pixel, dtype=np.float64), np.array(positions, dtype=np.float64)
         self.depth: PointDepth | None = None
+        self._surface = surface
+        self._first_depths: np.ndarray | None = None  # of the features that were seen then, by the chain at first
 
     @property
     def link(self) -> int:
@@ -37,13 +55,15 @@ class PointOnLink:
         """Find its depth, by what is known now.
 
         Args:
-            first: indices of features that were seen when it was defined.
+            first: indices of features that were seen when it was defined, always the same ones.
         """
         features = self._features
+        surface = self._by_surface(first)
         first = first[features.seen_on(self.link, first) & (first != POINT)]
         there = features.positions(first, self.defined_at)
         front = there[:, 2] > 1e-3
-        around = depth_of_features(features.pixels(there[front]), there[front, 2], self._pixel)
+        by_features = depth_of_features(features.pixels(there[front]), there[front, 2], self._pixel)
+        around = together(by_features, surface)
         if around is None:
             if features.states[POINT] != FeatureState.KNOWN:
                 return
@@ -58,6 +78,20 @@ class PointOnLink:
         self.depth = point_depth(around, np.linalg.norm(expected - places[seen, 0], axis=2))
         features.points[POINT] = self._at(self.depth.depth)
         features.states[POINT] = FeatureState.KNOWN
+
+    def _by_surface(self, first: np.ndarray) -> PointDepth | None:
+        """Its depth by the body model's surface, which does not follow as the chain's unit of length drifts."""
+        features = self._features
+        if self._surface is None or self._surface[0] != self.link:
+            return None
+        known = features.seen_on(self.link, first) & (first != POINT)
+        depths = features.positions(first, self.defined_at)[:, 2]
+        depths[~known | (depths <= 0)] = np.nan
+        if self._first_depths is None:
+            self._first_depths = depths
+        drift = depths / self._first_depths
+        unit = float(np.nanmedian(drift)) if np.isfinite(drift).any() else 1.0
+        return PointDepth(self._surface[1] * unit, SURFACE)
 
     def view(self, postures: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """How the point's surroundings are seen in postures ``(T, N)`` [rad].

@@ -52,7 +52,7 @@ def test_a_feature_that_leaves_its_link_is_given_up(monkeypatch, away, kept):
 
 
 def test_features_are_held_to_their_first_looks(monkeypatch):
-    """Those of the point's link in every image, of others in every third; what looks otherwise is given up."""
+    """Those of the point's link in every second image, of others in every third; what looks otherwise is given up."""
     at = np.array([[0, 0], *([10 * k, 10] for k in range(1, 9))], float)
     features = Features(at, np.zeros_like(at), links=[1, 1, 1, 1, 1, 0, 0, 0, 0])
     looks = Looks({1: (0.5, 0.25), 6: (1.0, 0.0)}, unsure=[2], unlike=[3])
@@ -61,15 +61,16 @@ def test_features_are_held_to_their_first_looks(monkeypatch):
     seen = []
     tracker._correct = lambda q, link, gray: seen.append((tracker._live.tolist(), tracker._sure.tolist()))
     tracker.update(GRAY, np.zeros(1))
-    assert looks.asked == [[1, 2, 3, 4, 5, 8]]
-    assert seen == [([1, 2, 4, 5, 6, 7, 8], [1, 3, 4, 5, 8])]  # the third is not in sight any more
+    assert looks.asked == [[1, 3, 5, 8]]
+    assert seen == [([1, 2, 4, 5, 6, 7, 8], [1, 2, 3, 5, 8])]  # the third is not in sight any more
     np.testing.assert_allclose(tracker._places[0], at[1] + [0.5, 0.25])
     np.testing.assert_array_equal(tracker._places[1:], at[[2, 4, 5, 6, 7, 8]])
     carrying(monkeypatch, 0.0, [True] * 7)
     tracker.update(GRAY, np.zeros(1))
     carrying(monkeypatch, 0.0, [False] + [True] * 6)
     tracker.update(GRAY, np.zeros(1))
-    assert looks.asked[1:] == [[1, 2, 4, 7], [2, 4, 6]]  # and what is not seen at all is not held
+    assert looks.asked[1:] == [[2, 4, 7], [6]]  # and what is not seen at all is not held
+    assert seen[1:] == [([1, 2, 4, 5, 6, 7, 8], [1, 3, 4, 5, 7, 8]), ([2, 4, 5, 6, 7, 8], [1, 3, 4, 5, 6, 7, 8])]
 
 
 @pytest.mark.parametrize(("motion", "kept"), [(3.9, False), (4.1, True)])

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from dense_vs.point_servo import point_depth as depths
-from dense_vs.point_servo.point_depth import PointDepth, depth_of_features, point_depth, tried_depths
+from dense_vs.point_servo.point_depth import PointDepth, depth_of_features, point_depth, together, tried_depths
 
 
 def reference(places, values, point):
@@ -17,7 +17,8 @@ def reference(places, values, point):
         weights = near / (1 + ((inverse - mean) / max(1.5 * spread, 1e-4 * mean)) ** 2)
         mean = np.sum(weights * inverse) / weights.sum()
     spread = np.sqrt(np.sum(weights * (inverse - mean) ** 2) / weights.sum())
-    return 1 / mean, max(spread / mean, 0.03)
+    apart = min(np.hypot(*(place - point)) for place in places)
+    return 1 / mean, np.sqrt(max(spread / mean, 0.03) ** 2 + (0.0015 * apart) ** 2)
 
 
 @pytest.mark.parametrize("seed", range(5))
@@ -26,8 +27,22 @@ def test_depth_of_features_is_its_formula(seed):
     places, values, point = rng.uniform(0, 80, (20, 2)), rng.uniform(0.8, 1.6, 20), rng.uniform(20, 60, 2)
     found = depth_of_features(places, values, point)
     assert (found.depth, found.deviation) == pytest.approx(reference(places, values, point), rel=1e-12)
-    near = depth_of_features(places, np.full(20, 1.3), point)
-    assert (near.depth, near.deviation) == pytest.approx((1.3, 0.03))
+    places[7] = point + np.array([6.0, 8.0])
+    near = depth_of_features(places[7:8].repeat(3, axis=0), np.full(3, 1.3), point)
+    assert (near.depth, near.deviation) == pytest.approx((1.3, np.hypot(0.03, 0.015)))
+
+
+def test_two_sources_count_by_their_certainty_and_are_doubted_where_they_disagree():
+    one, other = PointDepth(2.0, 0.03), PointDepth(2.0 * np.exp(0.02), 0.06)
+    both = together(one, other)
+    assert np.log(both.depth / 2.0) == pytest.approx(0.02 * 0.03**2 / (0.03**2 + 0.06**2))
+    assert both.deviation == pytest.approx(0.03 * 0.06 / np.hypot(0.03, 0.06))
+    assert together(other, one).depth == pytest.approx(both.depth)
+    far = together(one, PointDepth(2.0 * np.exp(0.2), 0.06))  # they are 0.2 apart where 0.067 is usual
+    assert far.deviation == pytest.approx(both.deviation * 0.2 / np.hypot(0.03, 0.06))
+    assert together(one, None) is one
+    assert together(None, other) is other
+    assert together(None, None) is None
 
 
 @pytest.mark.parametrize(("count", "enough"), [(2, False), (3, True)])

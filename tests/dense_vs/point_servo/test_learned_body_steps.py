@@ -8,7 +8,7 @@ import pytest
 
 from dense_vs.errors import DenseVSError
 from dense_vs.point_servo import learned_body
-from dense_vs.point_servo.learned_body import LearnedBody, explained_share, thinned
+from dense_vs.point_servo.learned_body import LearnedBody, explained_share, surface_at, thinned
 
 POSTURE = np.array([0.1, 0.2])
 TURNS = count(1, 2)
@@ -210,6 +210,7 @@ def test_a_model_of_another_robot_or_camera_is_refused(drawn, wrong):
 def test_a_point_is_followed_on_the_model_s_outline_and_two_pixels_beside(monkeypatch, drawn, known, seen_already):
     outline = np.zeros((20, 30), bool)
     outline[8:12, 10:15] = True
+    seen = SimpleNamespace(body=outline, links=np.where(outline, 1, -1), depths=np.where(outline, 2.5, np.inf))
     asked = []
 
     def tracker(*given, **options):
@@ -223,7 +224,7 @@ def test_a_point_is_followed_on_the_model_s_outline_and_two_pixels_beside(monkey
     point = np.array([12.0, 9.0])
     assert one.tracker(point, now, window=21, lost_after=7) is None  # no model
     one.use(model(chain="chain", focal_length=300.0, center=(15.0, 10.0), learned="learned",
-                  image=lambda q: SimpleNamespace(body=outline)), None)  # fmt: skip
+                  image=lambda q: seen), None)  # fmt: skip
     for k in range(100):
         one.see(frame(gray(k)))
     if seen_already:
@@ -240,10 +241,24 @@ def test_a_point_is_followed_on_the_model_s_outline_and_two_pixels_beside(monkey
     expected = np.zeros((20, 30), bool)
     expected[6:14, 8:17] = True
     np.testing.assert_array_equal(near, expected)
-    assert options == {"error": 0.5, "same": ("same", (12.0, 9.0)), "window": 21, "lost_after": 7}
+    same = ("same", (12.0, 9.0))
+    assert options == {"error": 0.5, "surface": (1, 2.5), "same": same, "window": 21, "lost_after": 7}
     one.forget_images()
     one.tracker(point, now, window=21, lost_after=7)
     assert len(asked[1][0][4]) == 1  # the present image alone
+
+
+def test_the_surface_at_a_point_is_that_of_most_pixels_around_it():
+    links, depths = np.full((20, 30), -1), np.full((20, 30), np.inf)
+    links[8:12, 10:13], depths[8:12, 10:13] = 2, 1.5
+    links[8:12, 13:15], depths[8:12, 13:15] = 0, 0.5
+    depths[9, 11] = 1.9
+    seen = SimpleNamespace(links=links, depths=depths)
+    assert surface_at(seen, np.array([11.4, 9.6])) == (2, 1.5)
+    assert surface_at(seen, np.array([16.0, 9.0])) == (0, 0.5)  # two pixels beside it
+    assert surface_at(seen, np.array([17.0, 9.0])) is None
+    links[:2, :2], depths[:2, :2] = 1, 3.0
+    assert surface_at(seen, np.array([0.0, 0.0])) == (1, 3.0)
 
 
 def test_the_share_explained_is_of_absolute_motion_where_the_model_expects_some():

@@ -1,0 +1,65 @@
+"""A point's depth by a body model's surface, on a link that slides along the optical axis."""
+
+import numpy as np
+import pytest
+
+from dense_vs.body_model.chain import Chain
+from dense_vs.point_servo.body_features import BodyFeatures, FeatureState, Keyframe
+from dense_vs.point_servo.point_on_link import POINT, PointOnLink
+
+FOCAL, CENTER = 300.0, np.array([159.5, 119.5])
+PIXEL = np.array([100.0, 80.0])
+
+
+def features_at(depths):
+    """The point, and features on link 0 at depths in its image: 40 px and more away from it."""
+    chain = Chain(np.array([[0.0, 1.0, 0.0]]), np.array([[0.0, 0.0, 2.0]]), np.zeros(1), np.array([-1]))
+    features = BodyFeatures(chain, FOCAL, CENTER, np.array([True]))
+    features.added(1 + len(depths))
+    places = PIXEL + np.column_stack([40.0 + 9 * np.arange(len(depths)), np.zeros(len(depths))])
+    rays = np.column_stack([(places - CENTER) / FOCAL, np.ones(len(depths))])
+    features.points[1:] = rays * np.reshape(depths, (-1, 1))
+    features.links[:] = 0
+    features.states[1:] = FeatureState.KNOWN
+    features.keyframes = [Keyframe(np.zeros(1), np.zeros(0, int), np.zeros((0, 2)), np.zeros((240, 320), np.uint8))]
+    return features
+
+
+def placed(features, surface):
+    point = PointOnLink(features, PIXEL, np.zeros(1), surface)
+    point.place(np.arange(len(features)))
+    return point
+
+
+def test_without_features_the_surface_tells_the_depth():
+    features = features_at([])
+    found = placed(features, (0, 1.7)).depth
+    assert (found.depth, found.deviation) == pytest.approx((1.7, 0.035), rel=1e-3)
+    assert features.states[POINT] == FeatureState.KNOWN
+    np.testing.assert_allclose(features.project(np.array([POINT]), np.zeros(1))[0], PIXEL)
+    assert placed(features_at([]), None).depth is None
+    assert placed(features_at([]), (1, 1.7)).depth is None  # another link's
+
+
+def test_features_and_surface_count_by_how_near_features_are():
+    for depths, surface in (([2.0, 2.0, 2.0], 1.9), ([2.0, 2.0, 2.0], 2.1)):
+        by_features = np.hypot(0.03, 0.0015 * 40)
+        share = 0.035**-2 / (0.035**-2 + by_features**-2)
+        found = placed(features_at(depths), (0, surface)).depth
+        assert np.log(found.depth / 2.0) == pytest.approx(share * np.log(surface / 2.0), abs=0.002)  # tried by 0.002
+        assert found.deviation == pytest.approx((0.035**-2 + by_features**-2) ** -0.5, rel=0.02)
+
+
+def test_the_surface_follows_the_chain_s_unit_of_length():
+    features = features_at([1.8, 2.0, 2.2])
+    point = placed(features, (0, 2.0))
+    before = point.depth.depth
+    features.points[1:] *= 1.1
+    point.place(np.arange(4))
+    assert point.depth.depth == pytest.approx(1.1 * before, rel=0.003)
+    features.states[2] = FeatureState.DROPPED  # what is left tells the unit
+    features.points[2] *= 9
+    point.place(np.arange(4))
+    features.states[1:] = FeatureState.DROPPED
+    point.place(np.arange(4))  # nothing does any more: as it was
+    assert point.depth.depth == pytest.approx(2.0, rel=0.003)
