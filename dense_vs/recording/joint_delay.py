@@ -98,7 +98,7 @@ def find_changed_delay(
     """The delay that explains motions which J does not explain with the present one.
 
     Args:
-        flows: ``(P, 2)`` each of K motions, at P places that may differ [px].
+        flows: ``(P, 2)`` each of K motions, at P places that may differ [px]; one without places says nothing.
         jacobians: ``(P, 2, N)`` there, as learned before [px/rad].
         pairs: ``(K, 2)`` stamps of the two images of each [s].
         times: ``(S,)`` stamps of the joint readings [s], increasing.
@@ -109,8 +109,10 @@ def find_changed_delay(
     Returns:
         The delay [s]; None where no other explains them clearly better.
     """
-    if len(flows) < LEAST_MOTIONS:
+    told = [k for k, flow in enumerate(flows) if len(flow)]  # all of an image may be covered
+    if len(told) < LEAST_MOTIONS:
         return None
+    flows, jacobians, pairs = [flows[k] for k in told], [jacobians[k] for k in told], pairs[told]
     delays = _tried(CHANGED_FRAMES, frame_time)
     steps = joint_steps(pairs, np.append(delays, now), times, positions)
     *left, unchanged = unexplained_by_jacobian(steps, flows, jacobians)

@@ -102,6 +102,19 @@ def test_a_flow_that_fails_grossly_does_not_outweigh_the_others(seed):
 
 
 @pytest.mark.parametrize("seed", range(4))
+def test_motions_of_which_nothing_was_seen_do_not_count(seed):
+    flows, jacobians, *rest = known(seed, -3.0)
+    covered = [k % 3 == 1 for k in range(len(flows))]
+    some = [flow[:0] if gone else flow for flow, gone in zip(flows, covered, strict=True)]
+    theirs = [J[:0] if gone else J for J, gone in zip(jacobians, covered, strict=True)]
+    found = find_changed_delay(some, theirs, *rest, now=0.0, frame_time=FRAME)
+    assert found == pytest.approx(-3 * FRAME, abs=0.1 * FRAME)
+    nothing = [flow[:0] for flow in flows[3:]]
+    mostly = [*flows[:3], *nothing], [*jacobians[:3], *(J[:0] for J in jacobians[3:])]
+    assert find_changed_delay(*mostly, *rest, now=0.0, frame_time=FRAME) is None
+
+
+@pytest.mark.parametrize("seed", range(4))
 def test_an_image_that_stays_has_no_delay(seed):
     flows, *rest = known(seed, 2.0)
     frozen = [np.random.default_rng(seed).normal(0, 0.15, flow.shape) for flow in flows]
