@@ -7,6 +7,7 @@ from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
 
+import cv2
 import numpy as np
 from surface_scores import OURS, ReachScore, ViewScore, label_quality
 
@@ -16,6 +17,8 @@ from dense_vs.jacobian import DenseJacobian
 from dense_vs.jacobian.error import jacobian_error
 from dense_vs.sims import SimWorld
 from dense_vs.sims.papers.dije.reaching import ReachingExperiment
+
+MOVED = 1.0  # px/rad
 
 
 def measure(view: ViewScore, options: argparse.Namespace, say: Callable[[ViewScore], None]) -> None:
@@ -67,7 +70,9 @@ def _measure(view: ViewScore, options: argparse.Namespace, told: Callable[..., N
         )
         if not view.targets:
             return
-        experiment.choose()
+        pixel = experiment.choose()
+        if (seen := moved_place(*experiment.truth(), pixel)) is not None:
+            experiment.choose(seen)
         assert experiment.surface_point is not None
         reaches = []
         for target in experiment.targets(view.targets):
@@ -82,6 +87,26 @@ def _measure(view: ViewScore, options: argparse.Namespace, told: Callable[..., N
                 )
             )
             told(reaches=list(reaches))
+
+
+def moved_place(true: np.ndarray, mask: np.ndarray, pixel: np.ndarray) -> np.ndarray | None:
+    """Where a user would click in place of the tip, where something that the last joint does not move covers it.
+
+    Args:
+        true: J ``(H, W, 2, N)`` [px/rad]; mask: the robot's pixels, bool ``(H, W)``.
+        pixel: ``(2,)`` of the tip.
+
+    Returns:
+        The nearest place ``(2,)`` [px] around which the last joint moves the robot; None where it is the tip's, or
+        there is none.
+    """
+    moved = mask & (np.linalg.norm(true[..., -1], axis=2) > MOVED)
+    around = cv2.erode(moved.astype(np.uint8), np.ones((5, 5), np.uint8), borderValue=0) > 0
+    x, y = np.rint(pixel).astype(int)
+    if not around.any() or (0 <= y < len(moved) and 0 <= x < moved.shape[1] and moved[y, x]):
+        return None
+    places = np.argwhere(around)[:, ::-1].astype(float)
+    return places[np.linalg.norm(places - pixel, axis=1).argmin()]
 
 
 class ExactFlow:

@@ -13,6 +13,7 @@ import accuracy
 import body_model
 import surface_view
 from surface_scores import ReachScore, ViewScore
+from surface_view import moved_place
 
 from dense_vs.errors import DenseVSError
 
@@ -45,11 +46,12 @@ class Experiment:
         return error(0.25, 0.75)
 
     def truth(self):
-        return "true J", np.array([[True, True], [False, False]])
+        return np.zeros((2, 2, 2, 1)), np.array([[True, True], [False, False]])
 
     def choose(self):
         self.surface_point = "point"
         self.on_frame(self)
+        return np.zeros(2)
 
     def targets(self, count):
         return list(range(count))
@@ -88,7 +90,7 @@ def view(monkeypatch):
             pass
 
     def j_error(J, true, mask):
-        assert (J, true) == ("exact J", "true J")
+        assert (J, true.shape) == ("exact J", (2, 2, 2, 1))
         assert mask.sum() == 2
         return error(0.125)
 
@@ -140,6 +142,19 @@ def test_a_view_that_fails_says_why(view, monkeypatch):
     assert told[-1].failure == "no tip in view"
     assert not told[-1].finished
     assert told[-1].j_median == 0.25
+
+
+def test_a_tip_that_is_covered_gives_way_to_the_nearest_place_that_the_last_joint_moves():
+    true, mask = np.zeros((40, 60, 2, 3)), np.zeros((40, 60), bool)
+    mask[5:35, 5:55] = True
+    true[..., 0] = 50.0  # another joint moves all of it
+    true[10:20, 30:45, 1, -1] = -1.5
+    true[10:20, 5:12, 1, -1] = 0.9  # hardly
+    true[36:, :, 0, -1] = 9.0  # not the robot
+    assert moved_place(true, mask, np.array([30.4, 10.0])) is None  # it is there
+    np.testing.assert_array_equal(moved_place(true, mask, np.array([28.0, 15.0])), [32, 15])  # two px inside
+    np.testing.assert_array_equal(moved_place(true, mask, np.array([90.0, -7.0])), [42, 12])
+    assert moved_place(0 * true, mask, np.array([30.0, 10.0])) is None
 
 
 @pytest.mark.parametrize(("images", "realism"), [("clean", False), ("sensor", "sensor")])

@@ -23,6 +23,9 @@ from dense_vs.sims.engine.surface_points import SurfacePoint
 from dense_vs.sims.engine.targets import reachable_targets
 from dense_vs.sims.engine.world import FRAME_SECONDS, SimWorld
 
+STILL = 1e-3  # rad, m, of a joint in a frame: less is noise of its reading
+RESTED, MOST_RESTING = 3, 45  # frames that it stands still, and that it is waited for
+
 
 @dataclass(frozen=True)
 class MeasuredReach:
@@ -116,12 +119,17 @@ class ReachingExperiment:
     def choose(self, point: Any = None, **tracker: Any) -> np.ndarray:
         """Define the point to control at its present place, as a click in the image would; that place [px].
 
+        The robot comes to rest first, unless the point is given as it is seen now: an image that waits for its joint
+        readings shows where a moving robot was before.
+
         Args:
             point: another one than the constructor's; what has been learned stays.
             tracker: options of :class:`dense_vs.PointTracker`.
         """
         if point is not None:
             self._point = point
+        if point is None or isinstance(point, str):
+            self._come_to_rest()
         pixel = self.project(self._point) if isinstance(self._point, str) else np.asarray(self._point, float)
         self.surface_point = self.world.track_point((pixel + 0.5) / self.scale - 0.5)
         self.loop.define_point(pixel, **tracker)
@@ -182,6 +190,16 @@ class ReachingExperiment:
         whole = slice(height * side), slice(width * side)
         mean = jacobian[whole].reshape(*squares, *jacobian.shape[2:]).mean(axis=(1, 3))
         return mean * np.float32(self.scale), mask[whole].reshape(squares).min(axis=(1, 3))
+
+    def _come_to_rest(self) -> None:
+        """Command nothing until the joints stand still."""
+        still = 0
+        for _ in range(MOST_RESTING):
+            frame = self.loop.step(np.zeros(len(self.loop.group.names)))
+            moves = frame.dq is None or np.abs(frame.dq).max() > STILL
+            still = 0 if moves else still + 1
+            if still == RESTED:
+                break
 
     def _after_frame(self, loop: ServoLoop) -> None:
         if self._traced:

@@ -184,7 +184,17 @@ def experiment_of(scale=1.0):
         project=lambda point: np.array([101.0, 51.0]),
         track_point=lambda pixel: one.events.append(("track", *pixel)) or "surface",
     )
-    one.loop = SimpleNamespace(define_point=lambda pixel, **options: one.events.append(("define", *pixel, options)))
+    one.steps = iter([])  # of the joints in the frames to come
+
+    def step(delta):
+        one.events.append("step")
+        np.testing.assert_array_equal(delta, np.zeros(2))
+        return SimpleNamespace(dq=next(one.steps, np.zeros(2)))
+
+    group = SimpleNamespace(names=("a", "b"))
+    one.loop = SimpleNamespace(
+        define_point=lambda pixel, **options: one.events.append(("define", *pixel, options)), step=step, group=group
+    )
     return one
 
 
@@ -194,12 +204,33 @@ def test_pixels_are_those_of_the_loop_s_images(scale, place):
     np.testing.assert_allclose(one.project("tip"), place)
     np.testing.assert_allclose(one.choose(window=9), place)
     # The surface is that of the full image; pixel centers are whole numbers in both.
-    assert one.events == [("track", 101.0, 51.0), ("define", *place, {"window": 9})]
+    assert one.events == ["step"] * 3 + [("track", 101.0, 51.0), ("define", *place, {"window": 9})]
     assert one.surface_point == "surface"
     one.events.clear()
     np.testing.assert_allclose(one.choose(np.array([3, 4])), [3.0, 4.0])
     assert one.events[0] == ("track", 3.5 / scale - 0.5, 4.5 / scale - 0.5)
     assert one._point.tolist() == [3, 4]
+
+
+@pytest.mark.parametrize(
+    ("dq", "frames"),
+    [
+        ([[0.01, 0.0], [0.0, -0.0011], [0.0009, 0.0], [0.0, 0.0011]], 7),  # three still ones after the last
+        ([[0.0009, -0.0009]] * 3, 3),
+        ([None, None], 5),
+        ([[0.01, 0.0]] * 99, 45),
+    ],
+)
+def test_a_point_is_chosen_where_the_robot_has_come_to_rest(dq, frames):
+    one = experiment_of()
+    one.steps = iter([None if step is None else np.array(step) for step in dq])
+    one.choose()
+    assert one.events.index(("track", 101.0, 51.0)) == frames == one.events.count("step")
+    one.events.clear()
+    one.choose(np.array([3, 4]))  # as it is seen now
+    assert "step" not in one.events
+    one.choose("elbow")
+    assert "step" in one.events
 
 
 @pytest.mark.parametrize("scale", [0.0, -1.0, 1.5, 0.4, 2.0])
