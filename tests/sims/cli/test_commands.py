@@ -65,7 +65,7 @@ def test_reach_leaves_a_video_and_a_plot(reached):
     video = cv2.VideoCapture(str(reached / "reach.mp4"))
     frames = sum(1 for _ in iter(lambda: video.read()[0], False))
     steps = sum(target["steps"] for target in json.loads((reached / "summary.json").read_text())["targets"])
-    assert frames == 150 + steps
+    assert 150 + 3 + steps <= frames <= 150 + 45 + steps  # it comes to rest between babbling and the first target
     plot = cv2.imread(str(reached / "reach.png"))
     assert plot.std() > 10  # drawn, not blank
 
