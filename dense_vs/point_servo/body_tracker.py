@@ -251,6 +251,7 @@ class BodyTracker:
             self.unseen = 0
         else:
             self.unseen += 1
+            self.held = False
         place = expected + self._offset
         if not np.isfinite(place).all() or np.abs(place).max() > 1e5:  # behind the camera, by a chain that is wrong
             self.unseen = max(self.unseen, 1)

@@ -80,7 +80,7 @@ class PointOnLink:
         features.states[POINT] = FeatureState.KNOWN
 
     def _by_surface(self, first: np.ndarray) -> PointDepth | None:
-        """Its depth by the body model's surface, which does not follow as the chain's unit of length drifts."""
+        """Its depth by the body model's surface, in the chain's unit of length, which drifts with the chain."""
         features = self._features
         if self._surface is None or self._surface[0] != self.link:
             return None

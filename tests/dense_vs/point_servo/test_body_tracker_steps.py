@@ -53,10 +53,11 @@ def test_the_point_is_off_by_what_features_around_it_are_off(count):
     live = np.array([0, *range(1, count + 3)])  # the point itself, one of another link and a young one do not count
     off = rng.normal(0, 2, (len(live), 2))
     there = features.project(live, q)
-    tracker = bare(features, live, there + off, unseen=4, _offset=np.array([0.5, -0.5]), _aside=9.0)
+    tracker = bare(features, live, there + off, unseen=4, _offset=np.array([0.5, -0.5]), _aside=9.0, held=True)
     tracker._correct(q, 1, GRAY)
     expected = there[0]
     assert tracker.seen == count
+    assert not tracker.held  # neither by too few, nor by features of later images
     if count < 3:
         assert (tracker.unseen, tracker._aside) == (5, 9.0)
         np.testing.assert_allclose(tracker.point, expected + np.array([0.5, -0.5]))
