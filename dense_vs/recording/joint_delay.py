@@ -22,7 +22,8 @@ SMOOTHING = 1 / 30  # s; evens out that interpolation between two readings smoot
 FRAME_SHARE = 0.25  # frames between the delays tried
 LEAST_FRAMES = 0.4  # of a delay that counts; less costs little
 BABBLING_FRAMES = -2.0, 3.0  # tried
-LEAST_GAIN = 0.02  # share of the unexplained motion that a delay has to explain
+LEAST_GAIN = 0.04  # share of the unexplained motion that a delay has to explain
+EXPLAINED, LEAST_EXPLAINED = 0.06, 64  # share of the flow's components, the best explained, that tell it; at least
 CHANGED_FRAMES = -6.0, 3.0  # tried where J is known
 LEAST_MOTIONS = 4  # that a changed delay is found from
 LEAST_CHANGED = 0.75  # frames of one that counts: so few motions tell it to about half a frame
@@ -30,6 +31,7 @@ LEAST_STEP = 1.0  # px that joints must have moved the image in half of them
 MOST_LEFT = 0.5  # of what is unexplained without the change that may be left with it
 MOST_SHARE = 0.2  # of the motion that may be left with it
 NOISE = 0.3  # px of flow
+LEAST_NOISE = 0.15  # px of the flow's best components
 
 
 @dataclass(frozen=True)
@@ -68,6 +70,8 @@ class DelayCurve:
 def find_joint_delay(flow: np.ndarray, pairs: np.ndarray, times: np.ndarray, positions: np.ndarray) -> float:
     """Delay of the readings while J is learned [s]; 0 where none explains the motion clearly better.
 
+    What the joints explain best decides: in noisy images most of the flow's energy is where nothing moves.
+
     Args:
         flow: ``(K, M)`` image motion between the two images of K pairs at some pixels, x and y alike [px].
         pairs: ``(K, 2)`` stamps of the images [s].
@@ -80,7 +84,10 @@ def find_joint_delay(flow: np.ndarray, pairs: np.ndarray, times: np.ndarray, pos
     if joints.shape[1] == 0:
         return 0.0
     steps = joint_steps(pairs, delays, at, joints)
-    curve = DelayCurve(delays, unexplained_by_constant_jacobian(steps, flow @ flow.T))
+    left = unexplained_components(steps, flow) + len(flow) * LEAST_NOISE**2
+    share = left.min(axis=0) / ((flow**2).sum(axis=0) + len(flow) * LEAST_NOISE**2)
+    best = np.argsort(share)[: max(LEAST_EXPLAINED, round(EXPLAINED * len(share)))]
+    curve = DelayCurve(delays, np.exp(np.log(left[:, best]).mean(axis=1)))
     counts = curve.least < (1 - LEAST_GAIN) * curve.at(0.0)
     return curve.best if counts and abs(curve.best) >= LEAST_FRAMES * frame_time else 0.0
 
@@ -155,13 +162,23 @@ def unexplained_by_constant_jacobian(steps: np.ndarray, energy: np.ndarray) -> n
         steps: ``(L, K, N)`` joint steps, each joint in units of its own usual change.
         energy: ``(K, K)`` products of the flows [px^2].
     """
+    residual = _left_out(steps)
+    return np.einsum("lij,jk,lik->l", residual, energy, residual, optimize=True)
+
+
+def unexplained_components(steps: np.ndarray, flow: np.ndarray) -> np.ndarray:
+    """The same for every component of a flow ``(K, M)`` [px] by itself, ``(L, M)`` [px^2]."""
+    return np.stack([((residual @ flow) ** 2).sum(axis=0) for residual in _left_out(steps)])
+
+
+def _left_out(steps: np.ndarray) -> np.ndarray:
+    """``(L, K, K)``, which take flows to what the other pairs' ridge regression leaves of each."""
     kernel = steps @ steps.transpose(0, 2, 1)
     trace = np.trace(kernel, axis1=1, axis2=2)
     eye = np.eye(kernel.shape[1])
     hat = np.linalg.solve(kernel + (RIDGE * trace + 1e-12)[:, None, None] * eye, kernel)
     leverage = np.minimum(np.diagonal(hat, axis1=1, axis2=2), 1 - 1e-6)
-    residual = (eye - hat) / (1 - leverage)[:, :, None]
-    return np.einsum("lij,jk,lik->l", residual, energy, residual, optimize=True)
+    return (eye - hat) / (1 - leverage)[:, :, None]
 
 
 def unexplained_by_jacobian(
