@@ -18,6 +18,7 @@ def adjust(
     noise: float,
     rounds: int,
     iterations: int,
+    bend_deviation: float = 0.0,
 ) -> tuple[BodyState, float, float]:
     """Bundle adjustment with weights that fall with the error, found anew in every round.
 
@@ -25,12 +26,14 @@ def adjust(
         The state, its mean robust error (0 to 1) and its median error [px].
     """
     for _ in range(rounds):
-        whole = TrackProblem(joints, pixels, links, center, np.ones(pixels.shape[:2]), focal_prior, noise)
+        whole = TrackProblem(
+            joints, pixels, links, center, np.ones(pixels.shape[:2]), focal_prior, noise, bend_deviation
+        )
         squared = np.minimum((whole.errors(state) ** 2).sum(axis=1), 1e12)
         scale = max(noise, float(np.median(np.sqrt(squared))) / 1.1774)
         weights = np.zeros(pixels.shape[:2])
         weights[whole.image, whole.point] = 1 / (1 + squared / (_GROSS * scale) ** 2) ** 2
-        problem = TrackProblem(joints, pixels, links, center, weights, focal_prior, noise)
+        problem = TrackProblem(joints, pixels, links, center, weights, focal_prior, noise, bend_deviation)
         state, _ = solve(problem, state, iterations, 1e-4)
     squared = np.minimum((whole.errors(state) ** 2).sum(axis=1), 1e12)
     robust = float(np.mean(squared / (squared + (_GROSS * noise) ** 2)))

@@ -12,6 +12,7 @@ import numpy as np
 
 from dense_vs.body_model.adjustment import adjust
 from dense_vs.body_model.chain import Chain
+from dense_vs.body_model.lens import Lens
 from dense_vs.body_model.link_assignment import place_points
 from dense_vs.body_model.spread import spread
 from dense_vs.body_model.track_problem import BodyState
@@ -28,6 +29,7 @@ LATEST = 8  # keyframes that are always adjusted
 ITERATIONS = 3
 NEAREST = 1e-3  # depth of what is before the camera, in the chain's unit of length
 FOCAL_DEVIATION = 0.02  # of its logarithm, from one adjustment to the next
+BEND_DEVIATION = 0.03  # of the lens's bend about none: at the corners of an image of 320 x 240, 6 px
 
 
 class FeatureState(IntEnum):
@@ -69,6 +71,7 @@ class BodyFeatures:
         learned: bool ``(N,)``, joints whose lines are known.
 
     Attributes:
+        lens: of the camera; straight at first, its bend is adjusted with the chain.
         links: ``(M,)`` of every feature.
         points: ``(M, 3)`` in the home posture, in the chain's unit of length.
         states: ``(M,)`` of :class:`FeatureState`.
@@ -79,6 +82,7 @@ class BodyFeatures:
     def __init__(self, chain: Chain, focal: float, center: np.ndarray, learned: np.ndarray):
         self.chain, self.focal = chain, focal
         self.center, self.learned = np.asarray(center, dtype=np.float64), np.asarray(learned, dtype=bool)
+        self.lens = Lens.of_center(self.center)
         self.links = np.zeros(0, int)
         self.points = np.zeros((0, 3))
         self.states = np.zeros(0, int)
@@ -132,7 +136,12 @@ class BodyFeatures:
     def pixels(self, positions: np.ndarray) -> np.ndarray:
         """Places ``(K, 2)`` [px] of positions ``(K, 3)`` in the camera frame; far outside behind the camera."""
         depth = np.where(positions[:, 2:] > NEAREST, positions[:, 2:], np.nan)
-        return np.nan_to_num(self.focal * positions[:, :2] / depth + self.center, nan=-1e6)
+        return np.nan_to_num(self.lens.bent(self.focal * positions[:, :2] / depth + self.center), nan=-1e6)
+
+    def rays(self, places: np.ndarray) -> np.ndarray:
+        """Directions ``(K, 3)`` in the camera frame, of depth 1, in which places ``(K, 2)`` [px] are seen."""
+        away = (self.lens.straight(places) - self.center) / self.focal
+        return np.column_stack([away, np.ones(len(away))])
 
     def jacobian(self, feature: int, q: np.ndarray) -> np.ndarray:
         """J ``(2, N)`` [px/rad] of a feature's place in a posture ``(N,)`` [rad], by the chain; 0 behind the camera."""
@@ -142,7 +151,8 @@ class BodyFeatures:
         x, y, depth = position[0]
         if depth <= NEAREST:
             return np.zeros((2, len(self.learned)))
-        return self.focal / depth * (velocity[:, :2] - np.array([x, y]) / depth * velocity[:, 2:]).T
+        straight = self.focal / depth * (velocity[:, :2] - np.array([x, y]) / depth * velocity[:, 2:]).T
+        return self.lens.slopes(self.focal * position[0, :2] / depth + self.center) @ straight
 
     def tracks(self, features: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Postures ``(T, N)`` of the keyframes and places ``(T, K, 2)`` of some features, NaN where not seen."""
@@ -174,7 +184,7 @@ class BodyFeatures:
         count = len(features)
         last = np.array([np.flatnonzero(np.isfinite(places[:, k, 0]))[-1] for k in range(count)])
         rotation, translation = self.chain.link_poses(postures[last])
-        rays = np.column_stack([(places[last, range(count)] - self.center) / self.focal, np.ones(count)])
+        rays, straight = self.rays(places[last, range(count)]), self.lens.straight(places)
         candidates = np.flatnonzero(self.learned)
         tried = []
         for link in candidates:
@@ -182,7 +192,7 @@ class BodyFeatures:
             start = np.einsum("kji,kj->ki", rotation[:, link], here - translation[:, link])
             on_link = np.full(count, link)
             center = float(self.center[0]), float(self.center[1])
-            tried.append(place_points(self.chain, self.focal, center, postures, places, on_link, start, NOISE))
+            tried.append(place_points(self.chain, self.focal, center, postures, straight, on_link, start, NOISE))
         costs = np.array([one.cost for one in tried])
         best = costs.argmin(axis=0)
         explained = costs.min(axis=0) < BELIEVED
@@ -200,7 +210,7 @@ class BodyFeatures:
         return np.maximum(np.median(depths, axis=0), 0.1)
 
     def refine(self, preferred: np.ndarray, kept: np.ndarray) -> None:
-        """Adjust chain, focal length and features to the keyframes.
+        """Adjust chain, focal length, lens and features to the keyframes.
 
         Args:
             preferred: features that take part first.
@@ -217,10 +227,10 @@ class BodyFeatures:
         rows = np.unique(np.append(spread(count, KEYFRAMES_ADJUSTED), np.arange(max(0, count - LATEST), count)))
         center = float(self.center[0]), float(self.center[1])
         state, _, _ = adjust(
-            BodyState(self.chain, self.points[used], self.focal), postures[rows], places[rows], self.links[used],
-            center, (self.focal, FOCAL_DEVIATION), NOISE, 1, ITERATIONS,
+            BodyState(self.chain, self.points[used], self.focal, self.lens.bend), postures[rows], places[rows],
+            self.links[used], center, (self.focal, FOCAL_DEVIATION), NOISE, 1, ITERATIONS, BEND_DEVIATION,
         )  # fmt: skip
-        self.chain, self.focal = state.chain, state.focal
+        self.chain, self.focal, self.lens = state.chain, state.focal, replace(self.lens, bend=state.bend)
         self.points[used] = state.points
         self._follow(np.setdiff1d(kept, used))
 
@@ -231,6 +241,7 @@ class BodyFeatures:
             return
         postures, places = self.tracks(features)
         center = float(self.center[0]), float(self.center[1])
+        straight = self.lens.straight(places)
         self.points[features] = place_points(
-            self.chain, self.focal, center, postures, places, self.links[features], self.points[features], NOISE
+            self.chain, self.focal, center, postures, straight, self.links[features], self.points[features], NOISE
         ).points

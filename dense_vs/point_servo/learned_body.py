@@ -29,7 +29,7 @@ LEAST_JOINTS = 2  # one joint's axis alone leaves the rest of the camera open
 PRIOR_AT_FIRST, PRIOR_SHARE = 0.7, 0.1  # by which J is drawn to the body model's, once and at every measured motion
 JUDGED, MOVING = 12, 0.5  # pairs of images by which a model is judged, and px of motion that count
 STILL_EXPLAINED = 0.7  # of the share that it explained first, below which a model has no say any more
-LEAST_EXPLAINED = 0.45  # of the motion, by a model that is believed
+LEAST_EXPLAINED = 0.35  # of the motion, by a model that is believed; right ones explain 0.4 of what noisy images show
 MOST_ERROR = 1.0  # px, median distance of its tracks from it; blur, noise and a rolling shutter make up to 0.8
 BESIDE = 2  # px by which the model's outline may be off
 

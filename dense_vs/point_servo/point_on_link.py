@@ -144,6 +144,6 @@ class PointOnLink:
         """The point, or what is so many px beside it, in the home posture ``(..., 3)``; of that depth when defined."""
         features = self._features
         rotation, translation = features.chain.link_poses(self.defined_at[None])
-        ray = np.append((self._pixel + beside - features.center) / features.focal, 1.0)
+        ray = features.rays((self._pixel + beside)[None])[0]
         here = np.multiply.outer(depth, ray)
         return (here - translation[0, self.link]) @ rotation[0, self.link]

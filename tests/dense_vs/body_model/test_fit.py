@@ -4,9 +4,11 @@ import numpy as np
 import pytest
 from synthetic_body import CENTER, FOCAL, SIZE, SyntheticBody, postures, serial_body
 
+from dense_vs.body_model.adjustment import adjust
 from dense_vs.body_model.chain import Chain, ancestors, tree_order
 from dense_vs.body_model.fit import BodyFitOptions, fit_body
 from dense_vs.body_model.joint_tree import joint_parents
+from dense_vs.body_model.lens import Lens
 from dense_vs.body_model.track_problem import BodyState, TrackProblem
 from dense_vs.body_model.tracks import PointTracks
 from dense_vs.errors import DenseVSError
@@ -31,6 +33,10 @@ def modeled(fit, q):
 
 def relative_error(found, true):
     return np.linalg.norm(found - true, axis=(1, 2)) / np.linalg.norm(true, axis=(1, 2))
+
+
+def chain_of(body):
+    return Chain(body.axes, body.anchors, np.zeros(len(body.axes)), body.parents)
 
 
 def believed(fit, tracks):
@@ -114,30 +120,65 @@ def test_parents_are_a_tree_whatever_the_points_say():
         assert (parents[~learned] == -1).all()
 
 
-def test_the_normal_equations_are_the_gradient_of_the_cost():
+@pytest.mark.parametrize(("bend", "deviation"), [(0.0, 0.0), (-0.06, 0.0), (-0.06, 0.03), (0.1, 0.002)])
+def test_the_normal_equations_are_the_gradient_of_the_cost(bend, deviation):
     body = serial_body(3, seed=4)
     joints = postures(3, 12)
     tracks = body.tracks(joints, noise=3.0)
     weights = np.random.default_rng(0).random(tracks.pixels.shape[:2])
-    problem = TrackProblem(joints, tracks.pixels, body.links, CENTER, weights, (280.0, 0.1))
-    chain = Chain(body.axes, body.anchors, np.zeros(3), body.parents)
-    state = BodyState(chain, body.points, FOCAL)
+    problem = TrackProblem(joints, tracks.pixels, body.links, CENTER, weights, (280.0, 0.1), 0.5, deviation)
+    state = BodyState(chain_of(body), body.points, FOCAL, bend)
     equations = problem.linearize(state)
     assert equations.cost == pytest.approx(problem.cost(state))
     none = np.zeros((len(body.links), 3))
-    for column in range(13):
-        step = np.zeros(13)
+    count = 13 + (deviation > 0)
+    assert equations.shared.shape == (count, count)
+    for column in range(count):
+        step = np.zeros(count)
         step[column] = 1e-6
         slope = (problem.cost(problem.move(state, step, none)) - problem.cost(problem.move(state, -step, none))) / 4e-6
         assert slope == pytest.approx(equations.shared_gradient[column], rel=1e-4, abs=1e-3)
     for point in (0, 50):
         step = none.copy()
         step[point, 2] = 1e-6
-        shared = np.zeros(13)
+        shared = np.zeros(count)
         slope = (
             problem.cost(problem.move(state, shared, step)) - problem.cost(problem.move(state, shared, -step))
         ) / 4e-6
         assert slope == pytest.approx(equations.local_gradient[point, 2], rel=1e-4, abs=1e-3)
+
+
+@pytest.mark.parametrize("bend", [-0.05, 0.0, 0.04])
+def test_a_bent_lens_is_found_beside_the_focal_length(bend):
+    body = serial_body(3, seed=4)
+    joints = postures(3, 30)
+    tracks = body.tracks(joints, noise=0.2)
+    seen = Lens.of_center(np.array(CENTER), bend).bent(tracks.pixels)
+    state = BodyState(chain_of(body), body.points, 1.03 * FOCAL)
+    arguments = state, joints, seen, body.links, CENTER, (FOCAL, 0.15), 0.5, 2, 12
+    found, _, error = adjust(*arguments, 0.05)
+    assert found.bend == pytest.approx(bend, abs=0.004)
+    assert found.focal == pytest.approx(FOCAL, rel=0.01)
+    assert error < 0.3
+    held, _, _ = adjust(*arguments)
+    assert held.bend == 0.0
+    if bend:  # what is left open by the tracks takes the bend on, and is off where they do not lead
+        assert abs(np.log(held.focal / FOCAL)) > 5 * abs(np.log(found.focal / FOCAL))
+
+
+def test_a_bend_is_drawn_to_none_by_its_prior():
+    """What the adjustment minimizes is the squares over the noise, and the bend over its deviation."""
+    body = serial_body(3, seed=4)
+    joints = postures(3, 12)
+    tracks = body.tracks(joints, noise=0.5)
+    problem = TrackProblem(
+        joints, tracks.pixels, body.links, CENTER, np.ones(tracks.pixels.shape[:2]), (FOCAL, 0.1), 0.5, 0.01
+    )
+    state = BodyState(chain_of(body), body.points, FOCAL, 0.02)
+    squares = float((problem.errors(state) ** 2).sum())
+    assert problem.cost(state) == pytest.approx(squares + 0.5**2 * (0.02 / 0.01) ** 2)
+    far = problem.move(state, np.append(np.zeros(13), 9.0))
+    assert far.bend == 0.15  # no lens bends more
 
 
 def test_link_poses_are_those_of_plain_matrices():

@@ -7,6 +7,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from dense_vs.body_model.chain import Chain
+from dense_vs.body_model.lens import Lens
 from dense_vs.point_servo import body_features
 from dense_vs.point_servo.body_features import BodyFeatures, FeatureState, Keyframe
 
@@ -189,7 +190,11 @@ def adjusting(monkeypatch):
         calls.append(SimpleNamespace(state=state, joints=joints, pixels=pixels, links=links, center=center,
                                      focal=focal_prior, noise=noise, rounds=rounds))  # fmt: skip
         chain = state.chain.scaled(1.0)
-        return SimpleNamespace(chain=chain, focal=state.focal + 10, points=state.points + 1.0), None, None
+        return (
+            SimpleNamespace(chain=chain, focal=state.focal + 10, points=state.points + 1.0, bend=state.bend - 0.01),
+            None,
+            None,
+        )
 
     monkeypatch.setattr(body_features, "adjust", adjust)
     return calls
@@ -208,6 +213,7 @@ def test_ten_features_that_were_seen_five_times_are_adjusted(adjusting, known, a
     body.refine(np.zeros(0, int), np.zeros(0, int))
     assert len(adjusting) == adjusted
     assert (body.focal == FOCAL + 10) == adjusted
+    assert (body.lens.bend == -0.01) == adjusted
     assert (body.chain is not before) == adjusted
     assert (body.points[:known] == adjusted).all()
     assert (body.points[known:] == 0).all()
@@ -262,3 +268,49 @@ def test_features_that_took_no_part_are_placed_anew_on_the_chain(adjusting):
     body._follow = lambda numbers: followed.append(numbers.tolist())
     body.refine(np.zeros(0, int), np.array([0, 2, 5]))
     assert followed == [[0, 2]]
+
+
+def test_a_bent_lens_is_where_features_are_seen_and_how_they_are_placed():
+    body = features()
+    body.lens = Lens.of_center(CENTER, -0.08)
+    body.added(3)
+    body.links[:], body.states[:] = 1, KNOWN
+    body.points[:] = [[0.2, 0.15, 1.0], [-0.25, 0.2, 0.9], [0.0, 0.0, 1.1]]
+    q = np.array([0.1, 0.2])
+    straight = np.array([pixel(1, point, q) for point in body.points])
+    seen = body.project(np.arange(3), q)
+    np.testing.assert_allclose(seen, body.lens.bent(straight), atol=1e-9)
+    assert np.linalg.norm(seen - straight, axis=1).max() > 1.0
+    there = np.array([place(1, point, q) for point in body.points])
+    np.testing.assert_allclose(body.rays(seen), there / there[:, 2:], atol=1e-9)
+
+
+def test_features_seen_by_a_bent_lens_find_links_depths_and_bend():
+    """A point alone is found in a bent image with the lens known; many of them tell the lens too."""
+    lens = Lens.of_center(CENTER, -0.06)
+    rng = np.random.default_rng(3)
+    points = rng.uniform([-0.3, -0.2, 0.8], [0.3, 0.2, 1.1], (40, 3))
+    links = np.arange(40) % 2
+    postures = rng.uniform(-0.5, 0.5, (25, 2))
+    frames = []
+    for q in postures:
+        places = lens.bent(np.array([pixel(link, point, q) for link, point in zip(links, points, strict=True)]))
+        frames.append(keyframe(np.arange(40), places, q))
+    body = features()
+    body.lens = lens
+    body.added(40)
+    body.keyframes = frames
+    body.assign(np.arange(40))
+    np.testing.assert_array_equal(body.states, KNOWN)
+    np.testing.assert_array_equal(body.links, links)
+    np.testing.assert_allclose(body.points, points, atol=0.01)
+    unaware = features()
+    unaware.added(40)
+    unaware.keyframes, unaware.links, unaware.points = frames, links.copy(), points.copy()
+    unaware.states[:] = KNOWN
+    for _ in range(10):
+        unaware.refine(np.arange(40), np.arange(40))
+    assert unaware.lens.bend == pytest.approx(-0.06, abs=0.006)
+    assert unaware.focal == pytest.approx(FOCAL, rel=0.02)
+    off = unaware.project(np.arange(40), postures[0]) - frames[0].places
+    assert np.linalg.norm(off, axis=1).max() < 0.2

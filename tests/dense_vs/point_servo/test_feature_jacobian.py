@@ -4,19 +4,21 @@ import numpy as np
 import pytest
 
 from dense_vs.body_model.chain import BACKGROUND, Chain
+from dense_vs.body_model.lens import Lens
 from dense_vs.point_servo.body_features import BodyFeatures
 
 PARENTS = np.array([-1, 0, 1, 1])  # a branch: link 2 is not moved by joint 3
 SMALL = 1e-5  # rad
 
 
-def features_of(seed, learned=(True, True, True, True)):
+def features_of(seed, learned=(True, True, True, True), bend=0.0):
     rng = np.random.default_rng(seed)
     axes = rng.normal(size=(4, 3))
     axes /= np.linalg.norm(axes, axis=1, keepdims=True)
     points = rng.normal(size=(4, 3)) * 0.3 + [0, 0, 2.0]
     chain = Chain(axes, points, rng.normal(size=4), PARENTS)
     features = BodyFeatures(chain, 300.0, np.array([160.0, 120.0]), np.array(learned))
+    features.lens = Lens.of_center(features.center, bend)
     features.added(5)
     features.links = np.array([0, 1, 2, 3, BACKGROUND])
     features.points = rng.normal(size=(5, 3)) * 0.2 + [0, 0, 2.0]
@@ -31,8 +33,9 @@ def by_differences(features, feature, q):
 
 @pytest.mark.parametrize("seed", range(4))
 @pytest.mark.parametrize("feature", range(5))
-def test_it_is_the_derivative_of_the_projection(seed, feature):
-    features, q = features_of(seed)
+@pytest.mark.parametrize("bend", [0.0, -0.08])
+def test_it_is_the_derivative_of_the_projection(seed, feature, bend):
+    features, q = features_of(seed, bend=bend)
     J = features.jacobian(feature, q)
     assert J.shape == (2, 4)
     expected = by_differences(features, feature, q)
