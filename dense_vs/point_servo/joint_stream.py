@@ -11,7 +11,8 @@ from dense_vs.recording.joint_log import JointBuffer
 from dense_vs.robot.joint_group import JointGroup
 from dense_vs.robot.protocols import Robot
 
-DELAY_MOTIONS = 60  # of babbling, that the delay of joint readings is found in
+DELAY_MOTIONS = 60  # of babbling, that the delay of joint readings is found in at a time
+DELAY_TRIES, AGAIN_AFTER = 3, 45  # times that it is sought until they tell it, and motions between
 DELAY_MARGIN = 3  # frames more of readings, as the longest delay that is tried
 DELAY_STEP = 8  # px between the pixels that it is found from
 
@@ -34,6 +35,7 @@ class JointStream:
         self._robot, self._group, self.watch = robot, group, watch
         self.finding = delay is None
         self.delay = 0.0 if delay is None else delay
+        self._sought = 0  # times
         self.restart()
 
     def restart(self) -> None:
@@ -76,22 +78,26 @@ class JointStream:
         return image_time + self.delay <= self._buffer.readings()[0][-1] + 1e-6  # s; stamps are rounded sums
 
     def find_delay(self, frame: ProcessedFrame) -> bool:
-        """Note a frame's motion and, once there is enough, find the delay; true where one was found just now."""
+        """Note a frame's motion and, once there is enough, find the delay; true where one was found just now.
+
+        Motions that do not tell it give way to later ones. Where none does in five seconds, there is none.
+        """
         start = DELAY_STEP // 2
         if frame.held:  # the next flow begins where this one would have
             return False
-        if frame.flow is not None and self._begin is not None and len(self._motion) < DELAY_MOTIONS:
+        if frame.flow is not None and self._begin is not None:
             self._motion.append((self._begin, frame.time, frame.flow[start::DELAY_STEP, start::DELAY_STEP]))
         self._begin = frame.time
-        if len(self._motion) < DELAY_MOTIONS or not self.has(
-            self._motion[-1][1] + DELAY_MARGIN * self.watch.frame_time
-        ):
+        motion = self._motion[:DELAY_MOTIONS]
+        if len(motion) < DELAY_MOTIONS or not self.has(motion[-1][1] + DELAY_MARGIN * self.watch.frame_time):
             return False
-        self.finding = False
-        pairs = np.array([(begin, end) for begin, end, _ in self._motion])
-        flows = np.array([np.nan_to_num(flow).ravel() for *_, flow in self._motion])
-        self._motion = []
-        self.delay = find_joint_delay(flows, pairs, *self._buffer.readings())
+        pairs = np.array([(begin, end) for begin, end, _ in motion])
+        flows = np.array([np.nan_to_num(flow).ravel() for *_, flow in motion])
+        found = find_joint_delay(flows, pairs, *self._buffer.readings())
+        self._sought += 1
+        self._motion = self._motion[AGAIN_AFTER:]
+        self.finding = found is None and self._sought < DELAY_TRIES
+        self.delay = found or 0.0
         return self.delay != 0.0
 
     def find_change(self, recent: list[Motion]) -> Fault | None:

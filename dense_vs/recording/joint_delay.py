@@ -22,7 +22,7 @@ SMOOTHING = 1 / 30  # s; evens out that interpolation between two readings smoot
 FRAME_SHARE = 0.25  # frames between the delays tried
 LEAST_FRAMES = 0.4  # of a delay that counts; less costs little
 BABBLING_FRAMES = -2.0, 3.0  # tried
-LEAST_GAIN = 0.04  # share of the unexplained motion that a delay has to explain
+LEAST_GAIN = 0.04  # share of the unexplained motion that a delay has to explain, less than none and than a usual one
 EXPLAINED, LEAST_EXPLAINED = 0.06, 64  # share of the flow's components, the best explained, that tell it; at least
 CHANGED_FRAMES = -6.0, 3.0  # tried where J is known
 LEAST_MOTIONS = 4  # that a changed delay is found from
@@ -67,8 +67,8 @@ class DelayCurve:
         return float(np.interp(delay, self.delays, self.unexplained))
 
 
-def find_joint_delay(flow: np.ndarray, pairs: np.ndarray, times: np.ndarray, positions: np.ndarray) -> float:
-    """Delay of the readings while J is learned [s]; 0 where none explains the motion clearly better.
+def find_joint_delay(flow: np.ndarray, pairs: np.ndarray, times: np.ndarray, positions: np.ndarray) -> float | None:
+    """Delay of the readings while J is learned [s]; None where the motion does not tell it.
 
     What the joints explain best decides: in noisy images most of the flow's energy is where nothing moves.
 
@@ -82,14 +82,17 @@ def find_joint_delay(flow: np.ndarray, pairs: np.ndarray, times: np.ndarray, pos
     delays = _tried(BABBLING_FRAMES, frame_time)
     at, joints = even_joints(times, positions)
     if joints.shape[1] == 0:
-        return 0.0
+        return None
     steps = joint_steps(pairs, delays, at, joints)
     left = unexplained_components(steps, flow) + len(flow) * LEAST_NOISE**2
     share = left.min(axis=0) / ((flow**2).sum(axis=0) + len(flow) * LEAST_NOISE**2)
     best = np.argsort(share)[: max(LEAST_EXPLAINED, round(EXPLAINED * len(share)))]
     curve = DelayCurve(delays, np.exp(np.log(left[:, best]).mean(axis=1)))
-    counts = curve.least < (1 - LEAST_GAIN) * curve.at(0.0)
-    return curve.best if counts and abs(curve.best) >= LEAST_FRAMES * frame_time else 0.0
+    none = abs(curve.best) < LEAST_FRAMES * frame_time
+    others = float(np.median(curve.unexplained)) if none else min(curve.at(0.0), float(np.median(curve.unexplained)))
+    if curve.least >= (1 - LEAST_GAIN) * others:
+        return None
+    return 0.0 if none else curve.best
 
 
 def find_changed_delay(

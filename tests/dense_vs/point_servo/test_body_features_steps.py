@@ -285,8 +285,9 @@ def test_a_bent_lens_is_where_features_are_seen_and_how_they_are_placed():
     np.testing.assert_allclose(body.rays(seen), there / there[:, 2:], atol=1e-9)
 
 
-def test_features_seen_by_a_bent_lens_find_links_depths_and_bend():
+def test_features_seen_by_a_bent_lens_find_links_depths_and_bend(monkeypatch):
     """A point alone is found in a bent image with the lens known; many of them tell the lens too."""
+    monkeypatch.setattr(body_features, "BEND_DEVIATION", 0.1)
     lens = Lens.of_center(CENTER, -0.06)
     rng = np.random.default_rng(3)
     points = rng.uniform([-0.3, -0.2, 0.8], [0.3, 0.2, 1.1], (40, 3))

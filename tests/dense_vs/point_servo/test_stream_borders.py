@@ -105,6 +105,30 @@ def test_the_delay_is_sought_once_sixty_motions_and_three_more_readings_were_see
     np.testing.assert_allclose(given["flows"][0][:4], [0.0, 4.0, 2.0, 4.0])  # unknown is none
 
 
+@pytest.mark.parametrize(("told_at", "tries"), [(0, 1), (1, 2), (2, 3), (3, 3)])
+def test_motions_that_do_not_tell_the_delay_give_way_to_later_ones(monkeypatch, told_at, tries):
+    begun = []
+
+    def find(flows, pairs, stamps, positions):
+        assert len(flows) == len(pairs) == 60
+        begun.append(pairs[0, 0])
+        return 0.05 if len(begun) > told_at else None
+
+    monkeypatch.setattr(joint_stream, "find_joint_delay", find)
+    stream, robot = stream_of(delay=None)
+    answers = []
+    for _ in range(200):
+        read(stream, robot, 1)
+        if stream.finding:
+            frame = SimpleNamespace(time=robot.stamp, held=False, flow=np.zeros((24, 32, 2), np.float32))
+            answers.append(stream.find_delay(frame))
+    assert len(begun) == tries
+    np.testing.assert_allclose(np.diff(begun), 45 * FRAME)
+    assert answers.count(True) == (told_at < 3)
+    assert not stream.finding
+    assert stream.delay == (0.05 if told_at < 3 else 0.0)
+
+
 @pytest.mark.parametrize(
     ("now", "found", "text"),
     [
