@@ -10,14 +10,13 @@ seen before and on the way.
 
 from collections.abc import Sequence
 
-import cv2
 import numpy as np
 
 from dense_vs.body_model.chain import Chain
 from dense_vs.point_servo.body_features import NOISE, BodyFeatures, FeatureState, Keyframe
-from dense_vs.point_servo.feature_flow import carried, new_features
+from dense_vs.point_servo.feature_flow import about, carried, new_features
 from dense_vs.point_servo.feature_looks import FeatureLooks
-from dense_vs.point_servo.look_back import followed_back
+from dense_vs.point_servo.look_back import Trace, followed_back
 from dense_vs.point_servo.point_look import PointLook
 from dense_vs.point_servo.point_on_link import POINT, PointOnLink
 
@@ -25,6 +24,7 @@ FIRST_FEATURES = 180  # in the image in which the point is defined
 ON_LINK, ON_OTHERS = 70, 25  # features that are kept in sight, of the point's link and of each other one
 MOST_FEATURES = 600  # from which those that no keyframe holds are forgotten
 APART, MARGIN = 4, 9  # px between features; px about those of a link in which new ones are sought
+FEW_MARGIN = 20  # px about the point, where fewer than LEAST_SEEN of its link are in sight
 AROUND = 3  # known features around a young one, which it is taken along with
 HELD, OTHERS_HELD = 2, 3  # images, in one of which a feature of the point's link, or another's, is held to its look
 KEYFRAME_MOTION = 4.0  # px that a feature moves by between keyframes
@@ -58,6 +58,8 @@ class BodyTracker:
         point: ``(2,)`` [px], its place in the last image.
         body: bool ``(H, W)``, pixels of the body in the last image.
         error: median distance of the body's tracks from the chain [px].
+        link: that the point is on; found from its track and its neighbors' unless given.
+        trace: of the body model, by which features are looked for in the history.
         surface: link and depth of the body model's surface at the point, in the chain's unit; None where it has none.
         same: bool ``(H, W)``, pixels of the last image that move as the point does; others do not count in its look.
         window: side of the patch that is the point's own look [px], odd.
@@ -85,6 +87,8 @@ class BodyTracker:
         body: np.ndarray,
         *,
         error: float = NOISE,
+        link: int | None = None,
+        trace: Trace | None = None,
         surface: tuple[int, float] | None = None,
         same: np.ndarray | None = None,
         window: int = 25,
@@ -106,7 +110,7 @@ class BodyTracker:
         self._looks, self._sure = FeatureLooks(), np.zeros(0, int)
         self._look = PointLook(self._gray, self.point, same, window)
         self.correlation = np.ones(1, np.float32)
-        self._look_back(history, body)
+        self._look_back(history, body, link, trace)
         self.on_link.place(self._first)
         for _ in range(ROUNDS):
             self._find_in(range(len(self.features.keyframes) - 1))
@@ -160,8 +164,7 @@ class BodyTracker:
         self._correct(q, link, gray)
         self._gray, self._positions = gray, q
         self.uncertainty = self._uncertainty(q)
-        on = self._on_link(link)
-        if len(on) and self._moved(on, q) > KEYFRAME_MOTION:
+        if self._moved(np.append(self._on_link(link), POINT), q) > KEYFRAME_MOTION:
             self._keep(gray, q)
         return self.point
 
@@ -350,13 +353,11 @@ class BodyTracker:
             on = features.seen_on(int(one), self._live)
             outline = [*self._places[on], *([self.point] if one == link else [])]
             wanted = (ON_LINK if one == link else ON_OTHERS) - int(on.sum())
-            if len(outline) < LEAST_SEEN or wanted <= 0:
+            few = len(outline) < LEAST_SEEN
+            if wanted <= 0 or (few and one != link):
                 continue
-            mask = np.zeros(gray.shape, np.uint8)
-            hull = cv2.convexHull(np.clip(outline, -1e4, 1e4).astype(np.float32))
-            cv2.fillConvexPoly(mask, hull.round().astype(np.int32), (1,))
-            disc = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * MARGIN + 1, 2 * MARGIN + 1))
-            new = new_features(gray, cv2.dilate(mask, disc), taken, wanted, APART)
+            where = about(np.array(outline), FEW_MARGIN if few else MARGIN, gray.shape)
+            new = new_features(gray, where, taken, wanted, APART)
             taken += [*new]
             found += [*new]
         if not found:
@@ -369,17 +370,25 @@ class BodyTracker:
             last.positions, np.append(last.features, numbers), np.vstack([last.places, found]), last.image
         )
 
-    def _look_back(self, history: Sequence[tuple[np.ndarray, np.ndarray]], body: np.ndarray) -> None:
+    def _look_back(
+        self,
+        history: Sequence[tuple[np.ndarray, np.ndarray]],
+        body: np.ndarray,
+        link: int | None,
+        trace: Trace | None,
+    ) -> None:
         """Features of the last image, followed back to the first one, and their links."""
         features, gray = self.features, self._gray
         begun = np.vstack([self.point, new_features(gray, body, [self.point], FIRST_FEATURES, APART + 1)])
         self._first = numbers = features.added(len(begun))
         self._begun = begun
         self._looks.take(numbers, gray, begun)
-        features.keyframes = followed_back(history, numbers, begun)
+        features.keyframes = followed_back(history, numbers, begun, trace)
         self._live, self._places = numbers, begun.copy()
         features.assign(numbers)
-        if features.states[POINT] != FeatureState.KNOWN:
+        if link is not None:
+            features.links[POINT] = link
+        elif features.states[POINT] != FeatureState.KNOWN:
             known = numbers[features.states == FeatureState.KNOWN]
             if len(known):
                 near = np.argsort(np.linalg.norm(begun[known] - self._begun[POINT], axis=1))[:VOTES]

@@ -41,6 +41,14 @@ def carried(
     return found, believed
 
 
+def about(places: np.ndarray, margin: int, shape: tuple[int, ...]) -> np.ndarray:
+    """Mask uint8 ``(H, W)`` of what is between some places ``(K, 2)`` [px], or at most ``margin`` px outside."""
+    mask = np.zeros(shape, np.uint8)
+    hull = cv2.convexHull(np.clip(places, -1e4, 1e4).astype(np.float32))
+    cv2.fillConvexPoly(mask, hull.round().astype(np.int32), (1,))
+    return cv2.dilate(mask, cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * margin + 1, 2 * margin + 1)))
+
+
 def new_features(gray: np.ndarray, where: np.ndarray, taken: Iterable[np.ndarray], count: int, apart: int) -> Any:
     """Up to ``count`` corners ``(K, 2)`` [px] where a mask allows, ``apart`` px from each other and from those taken.
 

@@ -8,15 +8,14 @@ import cv2
 import numpy as np
 
 from dense_vs.body_model import BodyFitOptions, BodyModel, PointTrackOptions
-from dense_vs.body_model.chain import BACKGROUND
 from dense_vs.body_model.dense_motion import DenseMotion
-from dense_vs.body_model.model import BodyImage
 from dense_vs.body_model.spread import spread
 from dense_vs.errors import DenseVSError
 from dense_vs.flow.estimator import FlowEstimator
 from dense_vs.pipeline.body_prior import CHAIN_AGREEMENT, BodyPrior
 from dense_vs.pipeline.frame_pipeline import FramePipeline, ProcessedFrame
 from dense_vs.point_servo.body_tracker import BodyTracker
+from dense_vs.point_servo.point_link import BESIDE, link_of_point, surface_at
 from dense_vs.point_servo.same_surface import same_surface
 from dense_vs.robot.joint_group import JointGroup
 
@@ -31,7 +30,6 @@ JUDGED, MOVING = 12, 0.5  # pairs of images by which a model is judged, and px o
 STILL_EXPLAINED = 0.7  # of the share that it explained first, below which a model has no say any more
 LEAST_EXPLAINED = 0.35  # of the motion, by a model that is believed; right ones explain 0.4 of what noisy images show
 MOST_ERROR = 1.0  # px, median distance of its tracks from it; blur, noise and a rolling shutter make up to 0.8
-BESIDE = 2  # px by which the model's outline may be off
 
 
 class LearnedBody:
@@ -147,10 +145,12 @@ class LearnedBody:
         if not history or history[-1][0] is not frame.gray:
             history.append((frame.gray, frame.positions))
         seen = model.image(frame.positions)
+        surface = surface_at(seen, point)
+        link = link_of_point(model, self._pipeline.estimator.at(point)[0], frame.positions, point, surface)
         near = cv2.dilate(seen.body.astype(np.uint8), np.ones((2 * BESIDE + 1,) * 2, np.uint8)) > 0
         tracker = BodyTracker(
             model.chain, model.focal_length, np.asarray(model.center), model.learned, thinned(history, LOOKED_BACK),
-            point, near, error=model.error, surface=surface_at(seen, point),
+            point, near, error=model.error, link=link, trace=model.trace, surface=surface,
             same=same_surface(self._pipeline.estimator, point), window=window, lost_after=lost_after,
         )  # fmt: skip
         return tracker if tracker.known else None
@@ -159,17 +159,6 @@ class LearnedBody:
 def teaches(frame: ProcessedFrame, kept: np.ndarray | None) -> bool:
     """Whether a body can be learned from a frame, where the last one kept was at joints ``(N,)`` [rad], or none is."""
     return frame.measured is not None and (kept is None or np.abs(frame.positions - kept).max() >= LEAST_TURN)
-
-
-def surface_at(seen: BodyImage, point: np.ndarray) -> tuple[int, float] | None:
-    """Link and depth of a body at and around a place ``(2,)`` [px], those of most pixels; None where it is not."""
-    rows, columns = (slice(max(0, round(float(at)) - BESIDE), round(float(at)) + BESIDE + 1) for at in point[::-1])
-    links, depths = seen.links[rows, columns], seen.depths[rows, columns]
-    on = links != BACKGROUND
-    if not on.any():
-        return None
-    link = int(np.bincount(links[on]).argmax())
-    return link, float(np.median(depths[links == link]))
 
 
 def explained_share(model: BodyModel, flow: FlowEstimator, history: Sequence[tuple[np.ndarray, np.ndarray]]) -> float:

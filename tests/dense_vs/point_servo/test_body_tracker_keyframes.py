@@ -241,23 +241,56 @@ def test_new_features_are_sought_about_those_of_each_link_in_sight(monkeypatch):
     np.testing.assert_array_equal(features.keyframes[-1].places, [at[1], [1, 2], [1, 2], [1, 2]])
 
 
-def test_no_new_features_where_too_few_are_in_sight_or_enough(monkeypatch):
+def test_no_new_features_on_another_link_where_too_few_are_in_sight_or_enough(monkeypatch):
     asked = []
     monkeypatch.setattr(body_tracker, "new_features", lambda *given: asked.append(given) or np.zeros((0, 2)))
     at = np.vstack([[[30, 40], [20, 20]], np.tile([[60.0, 40.0]], (24, 1)), [[60, 40]]])
     features = Features(at, np.zeros_like(at), links=[1, 1] + [0] * 24 + [2])
     tracker = bare(features, range(1, 26), at[1:26], point=at[0])
-    tracker._look_for_more(GRAY)  # one and the point of its own link; one is wanted of the other
-    assert [given[3] for given in asked] == [1]
+    tracker._look_for_more(
+        GRAY
+    )  # one and the point of its own link; one is wanted of the first and two are of no other
+    assert [given[3] for given in asked] == [69, 1]
     features.links[26] = 0
     tracker._live, tracker._places = np.arange(1, 27), at[1:]
     tracker._look_for_more(GRAY)  # and now none is
-    assert len(asked) == 1
+    assert [given[3] for given in asked] == [69, 1, 69]
     assert len(features) == 27
 
 
-@pytest.mark.parametrize(("state", "link"), [(KNOWN, 2), (YOUNG, 1)])
-def test_a_point_that_is_on_no_link_by_itself_goes_to_that_of_most_around_it(monkeypatch, state, link):
+@pytest.mark.parametrize("seen", [0, 1, 2])
+def test_a_link_of_which_hardly_anything_is_seen_gets_features_about_the_point(monkeypatch, seen):
+    """Within 20 px of it and of those, where another link's would be forgotten; 9 px from three places on."""
+    asked = []
+    monkeypatch.setattr(body_tracker, "new_features", lambda *given: asked.append(given[1]) or np.zeros((0, 2)))
+    at = np.array([[40, 30], [41, 30], [40, 31]], float)
+    features = Features(at[: 1 + seen], np.zeros((1 + seen, 2)), links=[1] * (1 + seen))
+    tracker = bare(features, range(1, 1 + seen), at[1 : 1 + seen], point=at[0])
+    tracker._look_for_more(GRAY)
+    (mask,) = asked
+    y, x = np.mgrid[:60, :80]
+    distance = np.hypot(x - 40, y - 30)
+    most = 9 if seen == 2 else 20
+    assert mask[distance < most - 1].all()
+    assert not mask[distance > most + 2].any()
+
+
+def test_a_keyframe_is_due_as_the_point_moves_where_nothing_else_of_its_link_is_seen(monkeypatch):
+    features = Features(np.array([[40.0, 30.0]]), np.array([[3.0, 0.0]]), links=[1])
+    carrying(monkeypatch, 0.0, np.zeros(0, bool))
+    tracker = bare(features, [], np.zeros((0, 2)), _kept_at=np.array([0.0]))
+    tracker._correct = lambda q, link, gray: None
+    kept = []
+    tracker._keep = lambda gray, q: kept.append(q[0])
+    for q in (1.0, 1.3, 1.4):
+        tracker.update(GRAY, [q])
+    assert kept == [1.4]  # 4.2 px
+
+
+@pytest.mark.parametrize(
+    ("given", "state", "link"), [(None, KNOWN, 2), (None, YOUNG, 1), (0, KNOWN, 0), (3, YOUNG, 3), (3, DROPPED, 3)]
+)
+def test_a_point_that_is_on_no_link_by_itself_goes_to_that_of_most_around_it(monkeypatch, given, state, link):
     features = Features(np.zeros((0, 2)), np.zeros((0, 2)), [], [])
     features.states, features.links = np.zeros(0, int), np.zeros(0, int)
     around = np.column_stack([31.0 + np.arange(12), np.full(12, 40.0)])
@@ -275,10 +308,10 @@ def test_a_point_that_is_on_no_link_by_itself_goes_to_that_of_most_around_it(mon
     features.assign = assign
     monkeypatch.setattr(body_tracker, "new_features", new_features)
     frames = [object()]
-    monkeypatch.setattr(body_tracker, "followed_back", lambda history, numbers, begun: frames)
+    monkeypatch.setattr(body_tracker, "followed_back", lambda history, numbers, begun, trace: frames)
     tracker = bare(features, point=np.array([30.0, 40.0]))
     body = np.ones(GRAY.shape, bool)
-    tracker._look_back([], body)
+    tracker._look_back([], body, given, None)
     ((where, taken, count, apart),) = asked
     assert where is body
     assert (taken.tolist(), count, apart) == ([[30.0, 40.0]], 180, 5)

@@ -8,7 +8,7 @@ import pytest
 
 from dense_vs.errors import DenseVSError
 from dense_vs.point_servo import learned_body
-from dense_vs.point_servo.learned_body import LearnedBody, explained_share, surface_at, thinned
+from dense_vs.point_servo.learned_body import LearnedBody, explained_share, thinned
 
 POSTURE = np.array([0.1, 0.2])
 TURNS = count(1, 2)
@@ -219,12 +219,14 @@ def test_a_point_is_followed_on_the_model_s_outline_and_two_pixels_beside(monkey
 
     monkeypatch.setattr(learned_body, "BodyTracker", tracker)
     monkeypatch.setattr(learned_body, "same_surface", lambda estimator, point: ("same", tuple(point)))
+    monkeypatch.setattr(learned_body, "link_of_point", lambda *given: given)
     one = body()
+    one._pipeline.estimator.at = lambda place: [("J at", tuple(place))]
     now = frame(gray(9))
     point = np.array([12.0, 9.0])
     assert one.tracker(point, now, window=21, lost_after=7) is None  # no model
     one.use(model(chain="chain", focal_length=300.0, center=(15.0, 10.0), learned="learned",
-                  image=lambda q: seen), None)  # fmt: skip
+                  image=lambda q: seen, trace="trace"), None)  # fmt: skip
     for k in range(100):
         one.see(frame(gray(k)))
     if seen_already:
@@ -242,23 +244,13 @@ def test_a_point_is_followed_on_the_model_s_outline_and_two_pixels_beside(monkey
     expected[6:14, 8:17] = True
     np.testing.assert_array_equal(near, expected)
     same = ("same", (12.0, 9.0))
-    assert options == {"error": 0.5, "surface": (1, 2.5), "same": same, "window": 21, "lost_after": 7}
+    used, J, q, place, surface = options.pop("link")
+    assert (used, J, q is now.positions, place is point) == (one.model, ("J at", (12.0, 9.0)), True, True)
+    assert surface == options["surface"] == (1, 2.5)
+    assert options == {"error": 0.5, "surface": surface, "same": same, "window": 21, "lost_after": 7, "trace": "trace"}
     one.forget_images()
     one.tracker(point, now, window=21, lost_after=7)
     assert len(asked[1][0][4]) == 1  # the present image alone
-
-
-def test_the_surface_at_a_point_is_that_of_most_pixels_around_it():
-    links, depths = np.full((20, 30), -1), np.full((20, 30), np.inf)
-    links[8:12, 10:13], depths[8:12, 10:13] = 2, 1.5
-    links[8:12, 13:15], depths[8:12, 13:15] = 0, 0.5
-    depths[9, 11] = 1.9
-    seen = SimpleNamespace(links=links, depths=depths)
-    assert surface_at(seen, np.array([11.4, 9.6])) == (2, 1.5)
-    assert surface_at(seen, np.array([16.0, 9.0])) == (0, 0.5)  # two pixels beside it
-    assert surface_at(seen, np.array([17.0, 9.0])) is None
-    links[:2, :2], depths[:2, :2] = 1, 3.0
-    assert surface_at(seen, np.array([0.0, 0.0])) == (1, 3.0)
 
 
 def test_the_share_explained_is_of_absolute_motion_where_the_model_expects_some():

@@ -1,0 +1,76 @@
+"""Which link of a body a point in the image is on: by the J that was learned there and by the model's surface.
+
+A few pixels of a point's own track fit many links, above all where many joints move it. J at the point has zero columns
+for the joints after its link, and of what the chain's joints can do to a pixel only the depth is open: one number for
+each link, in which J is linear by the inverse.
+"""
+
+import numpy as np
+
+from dense_vs.body_model import BodyModel
+from dense_vs.body_model.chain import BACKGROUND
+from dense_vs.body_model.model import BodyImage
+
+BESIDE = 2  # px by which the model's outline may be off
+LEAST_INVERSE = 1e-3  # of the depth's inverse: what is seen is before the camera
+MOST_LEFT = 0.5  # share of J that the best link may leave, for J to say which it is
+AS_GOOD = 1.25  # times that share, up to which the surface's link is as good
+
+
+def link_of_point(
+    model: BodyModel, jacobian: np.ndarray, positions: np.ndarray, point: np.ndarray, surface: tuple[int, float] | None
+) -> int | None:
+    """Link that a point is on; None where neither J nor the surface tells.
+
+    Args:
+        model: of the body.
+        jacobian: ``(2, N)`` [px/rad] at the point, as it was learned.
+        positions: joint positions ``(N,)`` [rad].
+        point: ``(2,)`` [px].
+        surface: link and depth of the model's surface there, see :func:`surface_at`.
+    """
+    left = left_by_links(model, jacobian, positions, point)
+    best = min(left, key=left.__getitem__, default=None)
+    if best is None or not left[best] <= MOST_LEFT:
+        return None if surface is None else surface[0]
+    if surface is not None and left.get(surface[0], np.inf) <= AS_GOOD * left[best]:
+        return surface[0]
+    return best
+
+
+def left_by_links(model: BodyModel, jacobian: np.ndarray, positions: np.ndarray, point: np.ndarray) -> dict[int, float]:
+    """Share of J at a point that each link's motion leaves unexplained, at the depth that explains most.
+
+    Arguments as of :func:`link_of_point`; without links where nothing moves there.
+    """
+    chain, learned = model.chain, model.learned
+    J = jacobian * learned
+    size = float(np.linalg.norm(J))
+    if not np.isfinite(size) or size == 0:
+        return {}
+    axes, moments = chain.screws(positions)
+    ray = np.append((point - np.asarray(model.center)) / model.focal_length, 1.0)
+
+    def seen(velocity: np.ndarray) -> np.ndarray:
+        """Motion in the image ``(2, N)`` of what moves so ``(N, 3)`` at depth 1."""
+        return model.focal_length * (velocity[:, :2] - ray[:2] * velocity[:, 2:]).T
+
+    turns, shifts = seen(np.cross(axes, ray)), seen(moments)
+    left = {}
+    for link in np.flatnonzero(learned):
+        moved = chain.moved_by[link] & learned
+        turn, shift = turns * moved, shifts * moved
+        inverse = float(np.sum(shift * (J - turn)) / max(float(np.sum(shift**2)), 1e-12))
+        left[int(link)] = float(np.linalg.norm(turn + max(inverse, LEAST_INVERSE) * shift - J)) / size
+    return left
+
+
+def surface_at(seen: BodyImage, point: np.ndarray) -> tuple[int, float] | None:
+    """Link and depth of a body at and around a place ``(2,)`` [px], those of most pixels; None where it is not."""
+    rows, columns = (slice(max(0, round(float(at)) - BESIDE), round(float(at)) + BESIDE + 1) for at in point[::-1])
+    links, depths = seen.links[rows, columns], seen.depths[rows, columns]
+    on = links != BACKGROUND
+    if not on.any():
+        return None
+    link = int(np.bincount(links[on]).argmax())
+    return link, float(np.median(depths[links == link]))

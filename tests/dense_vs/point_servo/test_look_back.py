@@ -1,0 +1,57 @@
+"""Features followed back through images that are far apart, with and without a body that says where to look."""
+
+import cv2
+import numpy as np
+import pytest
+
+from dense_vs.point_servo.look_back import followed_back
+
+STEP = np.array([26.0, 9.0])  # px a radian, by which everything moves
+
+
+def history(count=5):
+    """Fine texture before a camera that one joint shifts."""
+    rng = np.random.default_rng(2)
+    wide = cv2.GaussianBlur(rng.uniform(0, 255, (400, 600)), (0, 0), 1.2)
+    wide = np.clip((wide - wide.mean()) * 3 + 128, 0, 255).astype(np.uint8)
+    return [(np.ascontiguousarray(wide[100 - 9 * k : 300 - 9 * k, 200 - 26 * k : 460 - 26 * k]), np.array([float(k)]))
+            for k in range(count)]  # fmt: skip
+
+
+BEGUN = np.stack(np.meshgrid([170.0, 190.0, 210.0], [90.0, 110.0, 130.0]), axis=-1).reshape(-1, 2)
+
+
+def trace(places, q_seen, q):
+    return places + STEP * (q - q_seen)
+
+
+def test_a_body_says_where_to_look():
+    numbers = np.arange(7, 16)
+    frames = followed_back(history(), numbers, BEGUN, trace)
+    assert [frame.positions.tolist() for frame in frames] == [[0.0], [1.0], [2.0], [3.0], [4.0]]
+    for k, frame in enumerate(frames):
+        np.testing.assert_array_equal(frame.features, numbers)
+        np.testing.assert_allclose(frame.places, BEGUN + STEP * (k - 4), atol=0.1)
+    np.testing.assert_array_equal(frames[-1].places, BEGUN)
+
+
+@pytest.mark.parametrize("known", [False, True])
+def test_what_it_does_not_know_is_looked_for_where_it_was(known):
+    """By 26 px nothing is found so, or something else; a trace that is off by a few is enough."""
+
+    def some(places, q_seen, q):
+        there = trace(places, q_seen, q) + 3.0 * (q != q_seen)
+        return there if known else np.full_like(there, np.nan)
+
+    first = followed_back(history(), np.arange(9), BEGUN, some)[0]
+    off = np.linalg.norm(first.places - (BEGUN[first.features] - 4 * STEP), axis=1)
+    right = int((off < 0.5).sum())
+    assert right == (9 if known else 0)
+
+
+def test_without_a_body_slow_features_are_found():
+    images = history()
+    slow = [(image, q) for image, q in ((images[0][0], np.array([0.0])), (np.roll(images[0][0], 2, axis=1), [1.0]))]
+    frames = followed_back(slow, np.arange(9), BEGUN)
+    np.testing.assert_allclose(frames[0].places, BEGUN - [2.0, 0.0], atol=0.1)
+    assert followed_back(slow[:1], np.arange(9), BEGUN)[0].places is not None
