@@ -128,6 +128,7 @@ class Reaching:
         looked = 0
         while self._left > 0 and looked < LOOKED:
             self._step(lambda: self._toward(memory.positions))
+            self._arrival.observe(np.inf)  # on the way back it is not at its target, wherever it was
             there = np.abs(memory.positions - loop.frame.positions).max() < BACK
             if there and not any(fault.stops for fault in loop.faults):
                 looked += 1

@@ -54,7 +54,7 @@ class Arrival:
         self.within, self.frames, self.seen, self.settled = within, frames, 0, False
         self.given = []
 
-    def observe(self, distance, *, blind):
+    def observe(self, distance, *, blind=False):
         self.given.append((distance, blind))
         self.seen = self.seen + 1 if distance <= self.within and not blind else 0
         self.settled = self.seen >= self.frames
@@ -259,6 +259,30 @@ def test_a_point_that_is_found_goes_on_to_its_target():
     loop.find_again = lambda: setattr(tracker, "gone", True) or True  # seen, and lost again at once
     again = Reaching(loop, Arrival(), 100).run()
     assert again.frames == 1  # it is looked for once in a reach
+
+
+def test_a_point_that_was_at_its_target_and_lost_there_has_not_arrived_where_it_is_found():
+    """Settled but not certain, then gone: seen again far away, it is certain, and must go there first."""
+    tracker = point_tracker()
+    loop = Loop(away=5.0, speed=1.0, tracker=tracker)
+    loop.memory = SimpleNamespace(positions=np.zeros(2))
+    loop.certain = False
+    usual = loop.step
+
+    def step(command):
+        usual(command)
+        tracker.gone = tracker.gone or len(loop.steps) == 12
+
+    def find_again():
+        loop.point, loop.certain, tracker.gone = np.array([60.0, 0.0]), True, False
+        loop.step = usual
+        return True
+
+    loop.step, loop.find_again = step, find_again
+    reach = Reaching(loop, Arrival(), 400).run()
+    assert reach.end is ReachEnd.REACHED
+    assert reach.error_px <= 2.0
+    assert reach.frames > 12 + 55
 
 
 @pytest.mark.parametrize(("unseen", "gone"), [(44, False), (45, True)])
