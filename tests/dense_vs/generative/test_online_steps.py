@@ -129,9 +129,11 @@ def test_the_buffer_holds_the_latest():
 def test_a_part_follows_by_a_gauss_newton_step(what, given):
     rate = given[0] if given else 0.5
     arm = exact_arm(samples=6)
-    moved = replace(arm.parameters, features=arm.parameters.features + [0.004, -0.003, 0.002])
+    moved = replace(arm.parameters, features=np.add(arm.parameters.features, [0.004, -0.003, 0.002]))
     if what == "camera:1":
-        moved = replace(arm.parameters, camera_translation=arm.parameters.camera_translation + [[0] * 3, [0.01, 0, 0]])
+        moved = replace(
+            arm.parameters, camera_translation=np.add(arm.parameters.camera_translation, [[0] * 3, [0.01, 0, 0]])
+        )
     pixels = project(moved, arm.joints)
     watch, _ = filled(arm, pixels)
     watch.ignored.clear()

@@ -38,7 +38,7 @@ def test_noise_by_the_median_of_distances():
 
 
 def test_outliers_are_listed_with_their_errors():
-    moves = MODELED + [[3.0, 4.0], [0.0, 0.0], [30.0, -40.0], [0.0, 9.0]]
+    moves = np.add(MODELED, [[3.0, 4.0], [0.0, 0.0], [30.0, -40.0], [0.0, 9.0]])
     outliers, swapped = listed(moves, [True, False, True, False], 0.5)
     assert outliers == [Outlier(2, 1, 0, 5.0), Outlier(2, 1, 2, 50.0)]
     assert swapped == []
@@ -90,7 +90,7 @@ def test_how_far_images_are_from_poses():
     seen = np.einsum("cij,tmj->tcmi", p.camera_rotation, world) + p.camera_translation[:, None]
     pixels = seen[..., :2] / seen[..., 2:] * p.intrinsics[:, None, :2] + p.intrinsics[:, None, 2:4]
     np.testing.assert_allclose(model.misfit_px(pixels, poses), 0.0, atol=1e-9)
-    np.testing.assert_allclose(model.misfit_px(pixels + [3.0, 0.0], poses), 3.0 / np.sqrt(2))
+    np.testing.assert_allclose(model.misfit_px(np.add(pixels, [3.0, 0.0]), poses), 3.0 / np.sqrt(2))
 
 
 @pytest.mark.parametrize("link", [-1, 4])

@@ -8,7 +8,7 @@ import pytest
 
 from dense_vs.errors import DenseVSError
 from dense_vs.jacobian import DenseJacobian, JacobianOptions
-from dense_vs.jacobian.options import refuse_large_steps, step_factors
+from dense_vs.jacobian.options import recorded_options, refuse_large_steps, step_factors
 from dense_vs.jacobian.uncertainty import own_covariance, own_variance
 
 
@@ -173,3 +173,13 @@ def test_steps_beyond_the_largest_are_refused():
     for step in ([5.01, 0.0, 0.0], [0.0, 0.0, -10.1]):
         with pytest.raises(DenseVSError, match="dq"):
             refuse_large_steps(np.array(step), "dq", factors, 10.0)
+
+
+def test_options_for_recordings_of_seven_joints_and_more():
+    assert recorded_options(6) == {}
+    chosen = recorded_options(7)
+    assert chosen == {
+        "measurement_noise": 0.3, "initial_variance": 2800.0, "process_noise": 2.3e5, "rest": 0.2,
+        "max_innovation": 1.0,
+    }  # fmt: skip
+    assert options(joints=7, **chosen).order == 1
