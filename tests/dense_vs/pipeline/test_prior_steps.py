@@ -1,4 +1,4 @@
-"""The prior step by step with an estimator that only keeps what it is told: agreement, shares, labels, what is hidden."""
+"""The prior step by step with an estimator that keeps what it is told: agreement, shares, labels, what is hidden."""
 
 from types import SimpleNamespace
 
