@@ -18,7 +18,7 @@ def lens(camera=1, **changes):
     """Guesses of both cameras' lenses, one of them with other numbers; its image is 800 px long."""
     rows = np.array([[600.0, 600, 320, 240, 0, 0], [700.0, 700, 300, 400, 0, 0]])
     for name, value in changes.items():
-        rows[camera, "fx fy cx cy k1 k2".split().index(name)] = value
+        rows[camera, ["fx", "fy", "cx", "cy", "k1", "k2"].index(name)] = value
     return rows
 
 
@@ -150,7 +150,8 @@ def test_pixels_are_seen_whole_or_not(pixels, good):
 @pytest.mark.parametrize(
     ("links", "joints", "good"),
     [
-        ([0, 4, 2], N, True), ([0, 5, 2], N, False), ([-1, 4, 2], N, False), ([0, 4], N, False), ([0, 0, 0], None, True),
+        ([0, 4, 2], N, True),
+        ([0, 5, 2], N, False), ([-1, 4, 2], N, False), ([0, 4], N, False), ([0, 0, 0], None, True),
         ([0, 1, 0], None, False), ([0.0, 1.0, 2.0], N, False),
     ],
 )  # fmt: skip
