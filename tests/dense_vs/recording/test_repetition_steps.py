@@ -190,7 +190,7 @@ def test_stamps_are_evened_where_more_than_a_tenth_repeat(monkeypatch, repeats, 
     assert len(found) == 20 - repeats
 
 
-def test_each_image_is_dated_by_six_before_and_six_after(monkeypatch):
+def test_each_image_is_dated_by_seven_before_and_six_after(monkeypatch):
     rng = np.random.default_rng(3)
     slips = rng.uniform(0, 1, 40) < 0.3
     frames = 2 * np.arange(40) + slips
@@ -199,8 +199,8 @@ def test_each_image_is_dated_by_six_before_and_six_after(monkeypatch):
     own = frames / 30
     newest = -np.inf
     for k, one in enumerate(found):
-        near = own[max(k - 6, 0) : k + 7]
-        place = k - max(k - 6, 0)
+        near = own[max(k - 7, 0) : k + 7]
+        place = k - max(k - 7, 0)
         # Twelve neighbors whose steps are all near the usual one: a line through them.
         counts = np.maximum(np.floor(np.diff(near) / np.diff(near).mean() + 0.25), 1)
         number = np.concatenate([[0.0], np.cumsum(counts)])
