@@ -1,13 +1,20 @@
 """What stands beside our figures is what the papers print: their tables, copied once more by hand."""
 
+from argparse import ArgumentParser
+
 import pytest
 
 from dense_vs.sims.papers.gothoskar import (
     camera_shift,
+    drift,
     few_samples,
+    grasp,
+    insertion,
     kfold,
     noisy_control,
     noisy_states,
+    relearning,
+    servo,
     single_camera,
     speed,
     stages,
@@ -66,7 +73,7 @@ def test_gothoskar_table_3():
 
 @pytest.mark.parametrize(("table", "ours"), [(TABLE_4, kfold.PAPER), (TABLE_5, few_samples.PAPER)])
 def test_gothoskar_tables_4_and_5(table, ours):
-    assert ours == {int(count): (float(mean), float(deviation)) for count, mean, deviation in rows(table)}
+    assert ours == means(table)
 
 
 def test_gothoskar_table_6():
@@ -104,3 +111,48 @@ def test_gothoskar_table_8():
 def test_vos_vs_table_1(name, joints, learned):
     one = configuration(name)
     assert (" ".join(one.joints), one.learned) == (joints, learned)
+
+
+def means(table):
+    return {int(count): (float(mean), float(deviation)) for count, mean, deviation in rows(table)}
+
+
+def asked(experiment):
+    """What an experiment is run with where nothing is said."""
+    parser = ArgumentParser()
+    experiment.add_arguments(parser)
+    return vars(parser.parse_args([]))
+
+
+@pytest.mark.parametrize(
+    ("experiment", "own", "constants"),
+    [
+        (stages, {"samples": 50, "published": False},
+         {"PAPER_BEFORE": 414.21, "PAPER_AFTER": 0.47, "PAPER_ALL": 549.4, "PAPER_CAMERA_ALL": 27077.9, "STARTS": 100}),
+        (speed, {"repeats": 50}, {"STARTS": 8}),
+        (kfold, {"samples": 200, "folds": [2, 3, 4, 5, 6]}, {"PAPER": means(TABLE_4)}),
+        (few_samples, {"samples": [10, 15, 20, 30, 40, 50, 60, 70], "tolerances": "both", "kinematics": "poe"},
+         {"LIMITS_PX": (1.0, 2.0), "PAPER": means(TABLE_5)}),
+        (single_camera, {"samples": 50}, {"PAPER_LEARNED": (1.231, 0.705)}),
+        (camera_shift, {"metres": 0.02, "radians": 0.02}, {"BUFFER": 50, "PAPER": tuple(float(one) for one in TABLE_7.split())}),
+        (noisy_states, {"samples": 50, "sigma": [0.01, 0.02, 0.03], "controller": ["joint", "cartesian"]},
+         {"PAPER": {(float(sigma), state): (float(mean), float(off)) for sigma, state, mean, off in rows(TABLE_8)}}),
+        (noisy_control, {"samples": 50, "targets": 50, "moves": 10, "sigma": [0.0, 0.01, 0.02],
+                         "controller": ["cartesian", "joint"]}, {"PAPER_FINAL_PX": {("cartesian", 0.02): 5.0}}),
+        (servo, {"samples": 50, "targets": 100, "moves": 30, "gains": [0.1, 0.2, 0.5, 0.8, 1.0], "sigma": 0.02}, {}),
+        (drift, {"samples": 100, "slip": 0.005, "warm": 0.01}, {"LEARNED_FROM": 50, "BUFFER": 20, "SCORED": 10}),
+        (grasp, {"tries": 20, "arm": "baxter", "samples": 50},
+         {"FACTORS": (1.3, 1.2, 1.1, 1.0), "LIFTED": 0.03}),
+        (insertion, {"tries": 20},
+         {"ABOVE": ((1.4, 4), (1.32, 8), (1.295, 8), (1.289, 6)), "SHOWN": (1.284, 1.24, 1.15, 1.0), "TOLERANCE": 0.1,
+          "INSERTED": 0.035, "PLAY": 0.0005}),
+        (relearning, {"samples": 50}, {"LIMIT_PX": 2.0, "CAMERAS": {"moved camera": 1, "added camera": 2}}),
+    ],
+)  # fmt: skip
+def test_gothoskar_experiments_are_run_as_published(experiment, own, constants):
+    """Numbers of samples, targets and moves, and the limits by which ours are scored."""
+    given = asked(experiment)
+    assert {name: given[name] for name in own} == own
+    if "postures" in given:
+        assert (given["arm"], given["postures"]) == (["ur5", "baxter"], "normal")
+    assert {name: getattr(experiment, name) for name in constants} == constants
