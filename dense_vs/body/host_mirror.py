@@ -24,7 +24,7 @@ class HostMirror:
 
     def __init__(self, shape: tuple[int, ...], dtype: Any, device: wp.Device):
         self.array: Any = wp.zeros(shape, dtype=dtype, device=device)
-        self._copy: Any = self.array if device.is_cpu else wp.empty(shape, dtype=dtype, device="cpu", pinned=True)
+        self._copy: Any = self.array if device.is_cpu else wp.zeros(shape, dtype=dtype, device="cpu", pinned=True)
         self.host: np.ndarray = self._copy.numpy()
 
     def up(self, stream: wp.Stream | None) -> None:
