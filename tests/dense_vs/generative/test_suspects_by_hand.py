@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from exact_arm import SIZES, exact_arm, project
+from exact_arm import SIZES, carried, exact_arm, project
 from scipy.spatial.transform import Rotation
 
 from dense_vs.errors import DenseVSError
@@ -105,3 +105,16 @@ def test_a_stored_feature_on_a_link_that_is_none(tmp_path, link):
                 GenerativeModel.load(tmp_path / "model.npz")
         else:
             assert GenerativeModel.load(tmp_path / "model.npz").parameters.links.tolist() == links
+
+
+def test_poses_of_the_hand_at_the_postures_learned_from():
+    arm = exact_arm(samples=4)
+    model = GenerativeModel(arm.parameters, arm.joints, FitReport(), image_sizes=SIZES)
+    turns, places = model._known_poses()
+    for q, turn, place in zip(arm.joints, turns, places, strict=True):
+        for point in np.eye(3):
+            np.testing.assert_allclose(turn @ point + place, carried(arm.parameters, q, 3, point), atol=1e-12)
+    poses = np.random.default_rng(0).normal(size=(4, 4, 4))
+    told = GenerativeModel(arm.parameters, arm.joints, FitReport(), image_sizes=SIZES, poses=poses)._known_poses()
+    np.testing.assert_array_equal(told[0], poses[:, :3, :3])
+    np.testing.assert_array_equal(told[1], poses[:, :3, 3])

@@ -329,3 +329,12 @@ def test_the_published_tasks():
     limits = {figure: (one.close_px, one.soft_px, one.least_distance) for figure, one in tasks.items()}
     assert limits == {"Fig. 7": (2.0, 5.0, 25.0), "Fig. 8": (3.0, 5.0, 20.0), "Fig. 9": (3.0, 5.0, 12.0)}
     assert PAPER_GAIN == 0.034
+
+
+@pytest.mark.parametrize("wrong", [{"babble": 0.0}, {"period": 0.0}, {"commands": 0}, {"babble": float("nan")}])
+def test_times_and_commands_that_are_none(wrong):
+    parser = ArgumentParser()
+    vacuum.add_arguments(parser)
+    arguments = Namespace(**{**vars(parser.parse_args([])), "seeds": [0], **wrong})
+    with pytest.raises(DenseVSError, match="seconds above 0, --commands is a whole number of at least 1"):
+        vacuum.run(arguments)
