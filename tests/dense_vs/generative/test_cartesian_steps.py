@@ -277,3 +277,26 @@ def test_the_other_pose_has_to_save_a_twentieth(monkeypatch, share, taken):
     np.testing.assert_array_equal(found.rotation[0], (other if taken else start).rotation[0])
     np.testing.assert_array_equal(found.rotation[1], poses[1, :3, :3])
     np.testing.assert_array_equal(found.translation[1], poses[1, :3, 3])
+
+
+@pytest.mark.parametrize(("size", "enough"), [(0.019, False), (0.021, True)])
+def test_turns_about_two_axes_tie_the_frames_together(size, enough):
+    """About the second one by 0.02 rad in the root mean square."""
+    rng = np.random.default_rng(0)
+    count = 40
+    vectors = np.stack([0.5 * np.sin(np.arange(count)), size * np.sqrt(2) * np.cos(7.7 * np.arange(count)),
+                        np.zeros(count)], axis=1)  # fmt: skip
+    vectors[:, 1] *= size * np.sqrt(count) / np.linalg.svd(vectors, compute_uv=False)[1]
+    motions = np.tile(np.eye(4), (count, 1, 1))
+    motions[:, :3, :3], motions[:, :3, 3] = turned(vectors), rng.normal(size=(count, 3))
+    rotation, translation = np.tile(np.eye(3), (count + 1, 1, 1)), np.zeros((count + 1, 3))
+    for k, motion in enumerate(motions):
+        rotation[k + 1] = motion[:3, :3] @ rotation[k]
+        translation[k + 1] = motion[:3, :3] @ translation[k] + motion[:3, 3]
+    found = SimpleNamespace(rotation=rotation, translation=translation, posed=np.ones(count + 1, bool))
+    first, second = np.arange(count), np.arange(1, count + 1)
+    if enough:
+        assert cartesian.align_frames(found, first, second, motions)[1] == pytest.approx(1.0)
+        return
+    with pytest.raises(DenseVSError, match="turned about one axis at most"):
+        cartesian.align_frames(found, first, second, motions)

@@ -92,3 +92,10 @@ def test_no_number_is_too_large_for_a_step(gain, size):
     if size > 1e150 and gain > 1e150:
         with pytest.raises(DenseVSError, match=r"step is .*expected a smaller gain"):
             FeatureServo([0.0, 0.0], gain).step(size * PINV, [300.0, 200.0])
+
+
+def test_the_defaults_are_those_documented():
+    servo = FeatureServo([320, 240])
+    assert (servo.gain, servo.tolerance, servo.patience, servo.max_step) == (1.0, 5.0, 10, None)
+    assert servo.step(PINV, [325.0, 240.0]).state == "converged"
+    assert servo.step(PINV, [325.1, 240.0]).state == "servoing"
