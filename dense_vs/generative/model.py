@@ -290,9 +290,9 @@ class GenerativeModel:
             generated = predict(self.parameters, postures_array(state, "joints", (self.parameters.joint_count,)))
         if len(generated) != len(images):
             raise DenseVSError(f"state is of {len(generated)} images; expected {len(images)}, as pixels")
-        squares = np.where(np.isfinite(images), (images - generated) ** 2, 0.0)
+        squares = np.nan_to_num((images - generated) ** 2, nan=np.inf)  # behind a camera it cannot have been seen
         known = np.isfinite(images) & finite_rows(self.parameters.features)[:, None]
-        squares = np.where(known, np.nan_to_num(squares, nan=np.inf), 0.0)  # behind a camera it cannot have been seen
+        squares = np.where(known, squares, 0.0)
         return np.sqrt(squares.sum(axis=(1, 2, 3)) / np.maximum(known.sum(axis=(1, 2, 3)), 1))
 
     def relearn(self, obs: Observations, what: str, seed: int = 0) -> FitReport:

@@ -44,7 +44,7 @@ class DepthFilter:
         self._options, self._device, self._threads = options, device, threads
         self._shape = (options.worlds, options.height, options.width)
         self._kernels = depth_state_kernels(options.joints, options.order)
-        self._state: list[Any] = [wp.zeros(self._shape, dtype=self._kernels.State, device=device) for _ in range(2)]
+        self._state: list[Any] = [wp.empty(self._shape, dtype=self._kernels.State, device=device) for _ in range(2)]
         self._columns = depth_columns(options.joints, options.order)
         with wp.ScopedDevice(device):
             self._depth: Any = wp.zeros(self._shape, dtype=float)

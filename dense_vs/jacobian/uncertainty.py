@@ -27,7 +27,5 @@ def own_covariance(rows: JacobianFilter) -> np.ndarray:
     if options.joint_scale is None:
         return kept.copy()
     factors = np.array(options.step_factors)
-    unlearned = np.diag(np.where(factors > 0, 0.0, np.inf))
-    both = np.outer(factors > 0, factors > 0)
-    scaled = np.where(both, kept * np.outer(factors, factors), 0.0)
-    return np.where(np.isinf(unlearned), unlearned, scaled)
+    scaled = kept * np.outer(factors, factors)  # 0 for a joint that is not learned
+    return np.where(np.diag(factors == 0), np.inf, scaled)

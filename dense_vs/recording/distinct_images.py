@@ -16,7 +16,7 @@ import numpy as np
 from dense_vs.recording.repeated_images import RepetitionFilter
 
 GAP = 2.5  # times the usual step between images
-HALF = 6  # images before and after that the clock is even over
+HALF = 6  # images after, and one more before, that the clock is even over
 REPEATING = 0.1  # share of repeated images from which stamps are those of the recorder and not of the camera
 
 

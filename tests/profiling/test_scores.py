@@ -185,3 +185,11 @@ def test_shares_of_reaches():
     assert values["reach error, worst"] == 30.0
     assert values["reach frames, median"] == 25
     assert accuracy.reach_metrics([]) == []
+    told = {metric.name: (metric.unit, metric.better, metric.tolerance) for metric in found}
+    assert told == {  # and by which share a figure may get worse without being told
+        "reaches": ("1", "higher", 0.1),
+        "reaches below 2 px": ("1", "higher", 0.05),
+        "reach error, median": ("px", "lower", 0.1),
+        "reach error, worst": ("px", "lower", 1.0),
+        "reach frames, median": ("frames", "lower", 0.1),
+    }

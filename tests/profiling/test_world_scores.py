@@ -398,3 +398,53 @@ def test_the_share_of_right_links_is_of_tracks_with_one(monkeypatch):
     assert values["body_model/panda A 0/overlap"].better == "higher"
     found.all_links[:] = -2
     assert np.isnan(body_model.measure("panda", "A", 0, SimpleNamespace(seconds=1.0)).link_share)
+
+
+def test_a_babbling_is_paced_by_the_estimated_flow_inside_the_limits(monkeypatch):
+    class World:
+        joint_names, shape = ("a", "b"), (1, 4, 5)
+        joint_limits = np.array([[-0.1, 0.1], [-1.0, 1.0]])
+
+        def __init__(self):
+            self.q, self.steps, self.frames = np.zeros(2), [], 0
+
+        def frame(self):
+            self.frames += 1
+            return SimpleNamespace(rgb=self.frames)
+
+        def joints(self):
+            return self.q.copy(), 0.0
+
+        def step(self, dq):
+            self.steps.append(dq)
+            self.q = self.q + dq
+
+    told = []
+
+    class Babbling:
+        def __init__(self, joints, seed):
+            assert (joints, seed) == (2, 7)
+
+        def step(self, flow):
+            told.append(flow)
+            return np.array([0.03, -0.02])
+
+    monkeypatch.setattr(body_model, "Babbling", Babbling)
+    monkeypatch.setattr(
+        body_model, "FlowEstimator", lambda height, width: lambda before, now: (height, width, before, now)
+    )
+    monkeypatch.setattr(body_model, "to_gray", lambda rgb: rgb)
+    monkeypatch.setattr(body_model, "true_links", lambda world: f"links {world.frames}")
+    monkeypatch.setattr(body_model, "some_points", lambda world, seed: f"points {world.frames} {seed}")
+    world = World()
+    seen = body_model.babble(world, 7, 4.0)
+    assert seen.images == list(range(1, 121))
+    assert told == [None, *((4, 5, k, k + 1) for k in range(1, 119))]
+    expected = np.array([[min(0.03 * k, 0.1), max(-0.02 * k, -1.0)] for k in range(120)])
+    np.testing.assert_allclose(seen.joints, expected)
+    every = body_model.REFERENCE_FRAMES
+    assert seen.links == {0: "links 1", **{k: f"links {k + 1}" for k in range(every, 120, every)}}
+    stride = body_model.PointTrackOptions().stride
+    looked = len(range(0, 120, stride))
+    surfaces = stride * np.unique(np.linspace(0, looked - 1, 7).round().astype(int)[1:-1])
+    assert seen.anchors == {int(k): f"points {k + 1} 7" for k in surfaces}

@@ -209,7 +209,7 @@ class OnlineLearner:
         if self.model.report.joint_sigma is None:
             return self._pixel_sigma()
         before = [stage.rms for stage in self.model.report.stages if stage.name == "end to end"]
-        return max(self._pixel_sigma(), *before)
+        return max([self._pixel_sigma(), *before])
 
     def relearn(self, camera: int) -> None:
         """Relearn a moved camera from the samples since it moved, and use it again.

@@ -89,7 +89,7 @@ def _camera(
             camera_translation=np.concatenate([parameters.camera_translation, np.full((1, 3), np.nan)]),
             intrinsics=np.concatenate([parameters.intrinsics, guess[camera : camera + 1]]),
         )
-    elif obs.intrinsics is None or not fresh:
+    else:
         guess = np.concatenate([parameters.intrinsics, guess[known:]])
     pixels = obs.pixels[:, : len(parameters.intrinsics)]
     which = np.arange(len(parameters.intrinsics)) == camera

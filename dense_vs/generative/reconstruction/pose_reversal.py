@@ -75,10 +75,10 @@ def settle_poses(
         moved_cost = _costs(problem, moved)
         better = moved_cost < cost
         damping = np.clip(np.where(better, damping / 3, damping * 4), 1e-9, 1e9)
-        gained = np.where(better, cost - moved_cost, 0.0)
+        gained = cost[better] - moved_cost[better]
         state = _with_poses(state, moved, better)
         cost = np.where(better, moved_cost, cost)
-        if not (gained > 1e-3 * cost).any() and better.any():
+        if better.any() and not (gained > 1e-3 * cost[better]).any():
             break
     return state, cost
 

@@ -85,3 +85,12 @@ def test_sizes_that_differ_are_answered():
     true = np.ones((6, 8, 2, 4))
     with pytest.raises(DenseVSError, match=r"the estimate has shape \(5, 8, 2, 4\); the truth has \(6, 8, 2, 4\)"):
         jacobian_error(true[:5], true, np.ones((6, 8), dtype=bool))
+
+
+@pytest.mark.parametrize(
+    ("shape", "mask"),
+    [((5, 6, 2), np.ones((5, 6), bool)), ((5, 6, 2, 3), np.ones((5, 7), bool)), ((5, 6, 2, 3), np.ones((5, 6)))],
+)
+def test_each_shape_has_to_fit(shape, mask):
+    with pytest.raises(DenseVSError, match=r"expected \(H, W, 2, N\) and bool \(H, W\)"):
+        jacobian_error(np.ones(shape), np.ones(shape), mask)

@@ -107,3 +107,59 @@ def test_saved_and_loaded(tmp_path):
     np.testing.assert_array_equal(loaded.jacobian, estimator.jacobian)
     np.testing.assert_array_equal(loaded.learned, estimator.learned)
     np.testing.assert_array_equal(loaded.variance, estimator.variance)
+
+
+def by_definition(q):
+    """Scale, span and share of its own of each joint, and why it is not learned; one joint after the other."""
+    steps, learned, found = np.diff(q, axis=0), [], []
+    for k in range(q.shape[1]):
+        span, scale = q[:, k].max() - q[:, k].min(), np.sqrt(np.mean(steps[:, k] ** 2))
+        bends = np.abs(q[2:, k] - 2 * q[1:-1, k] + q[:-2, k])
+        noise, own, why = 1.4826 * np.median(bends) / np.sqrt(6), 0.0, ""
+        if span <= 1e-12 * np.abs(q[:, k]).max():
+            why = "never moved"
+        elif span < 20 * noise:
+            why = f"hardly moved: its range is {span / noise:.1f} times its noise"
+        else:
+            own = 1.0
+            if learned:
+                # Units do not matter to the share that is left of a projection, nor to the most alike joint.
+                others = steps[:, learned] / np.sqrt(np.mean(steps[:, learned] ** 2, axis=0))
+                basis, _ = np.linalg.qr(others)
+                rest = steps[:, k] - basis @ (basis.T @ steps[:, k])
+                own = (rest @ rest) / (steps[:, k] @ steps[:, k])
+                if own < 1e-3:
+                    alike = np.abs(others.T @ steps[:, k])
+                    why = f"always moved together with {learned[int(alike.argmax())]}"
+        if not why:
+            learned.append(k)
+        found.append((0.0 if why else scale, span, own, why))
+    return found
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_each_joint_is_judged_as_defined(seed):
+    rng = np.random.default_rng(seed)
+    t = np.arange(150) / 15
+    base = np.stack([np.sin(0.7 * t), np.cos(1.3 * t), np.sin(2.9 * t + 1)], axis=1)
+    columns = [base[:, 0], base[:, 1] + 0.9 * base[:, 0], 5.0 * base[:, 0] - 0.03 * base[:, 2]]
+    columns += [0.3 * base[:, 1] + 0.2 * base[:, 0] + 1e-3 * base[:, 2], np.full(150, 2.0), base[:, 2]]
+    columns += [size * base[:, 2] + 0.01 * rng.normal(size=150) for size in (0.05, 0.09, 0.3)]
+    q = np.stack(columns, axis=1) * rng.uniform(0.1, 50.0, 9)
+    found = excitation(q)
+    for k, (scale, span, own, why) in enumerate(by_definition(q)):
+        assert found.scale[k] == pytest.approx(scale)
+        assert found.range[k] == pytest.approx(span)
+        assert found.own_share[k] == pytest.approx(own, rel=1e-6, abs=1e-12)
+        assert found.reasons.get(str(k), "") == why
+        assert found.learned[k] == (not why)
+    np.testing.assert_allclose(found.spread, np.sqrt(np.mean((q - q.mean(axis=0)) ** 2, axis=0)))
+    assert len(found.reasons) >= 3
+
+
+def test_three_positions_are_enough():
+    assert excitation(np.array([[0.0], [1.0], [2.0]])).learned.tolist() == [True]
+    with pytest.raises(DenseVSError, match="positions has 2 rows; expected at least 3"):
+        excitation(np.array([[0.0], [1.0]]))
+    with pytest.raises(DenseVSError, match="1 names for 2 joints"):
+        excitation(np.zeros((3, 2)), ("a",))

@@ -237,3 +237,65 @@ def test_no_more_than_eight_points_and_weights_up_to_a_hundred(monkeypatch):
     assert (len(points), 3 in points, 4 in points) == (7, False, True)
     points.clear()
     assert len(points) == 0
+
+
+class Followed:
+    """A tracker that is carried by a flow, and keeps how it was made and defined anew."""
+
+    made, lost = None, np.array([False])
+
+    def __init__(self, place, gray, weights=None):
+        self.points, self.events, Followed.made = np.array(place, float)[None], [("made", gray, weights)], self
+
+    def update(self, flow, gray):
+        self.points = self.points + flow
+        self.events.append(("update", gray))
+
+    def redefine(self, points, gray, weights):
+        self.events.append(("redefine", points.tolist(), gray, weights))
+
+
+@pytest.mark.parametrize(
+    ("flow", "lost", "end"),
+    [((2.0, 1.0), False, [[14.0, 22.0]]), ((40.0, -15.0), False, [[63.0, 0.0]]), ((-9.0, 20.0), False, [[0.0, 47.0]]),
+     ((2.0, 1.0), True, None)],
+)  # fmt: skip
+def test_a_click_on_an_old_frame_is_carried_to_the_present_one(monkeypatch, flow, lost, end):
+    """Its surroundings are then learned anew, inside the image, by the present J."""
+    monkeypatch.setattr(live_points, "PointTracker", Followed)
+    monkeypatch.setattr(live_points, "same_surface", lambda estimator, place: ("surface", place.tolist()))
+    sought = []
+    points = all_points()
+    points._flow = lambda before, after: np.array(flow)
+    points._following.seek = lambda *given: sought.append(given)
+    frames = [SimpleNamespace(gray=k) for k in range(3)]
+    monkeypatch.setattr(Followed, "lost", np.array([lost]))
+    one = points.add((10.0, 20.0), frames, "J", number=7)
+    events = [("made", 0, None), ("update", 1), ("update", 2)]
+    if end is not None:
+        events.append(("redefine", end, 2, ("surface", end[0])))
+    assert Followed.made.events == events
+    assert sought == [(1, one.follower, 7, frames[-1], "J")]
+    assert (one.number, one in list(points)) == (1, True)
+    second = points.add((5.0, 6.0), frames[-1:], "J")
+    assert Followed.made.events == [("made", 2, ("surface", [5.0, 6.0]))]
+    assert (second.number, len(points)) == (2, 2)
+
+
+@pytest.mark.parametrize(
+    ("knows", "lost", "asked"), [(True, False, True), (True, True, False), (False, False, False), (False, True, False)]
+)
+def test_a_body_is_asked_where_it_and_the_point_are_known(knows, lost, asked):
+    told = []
+    body = SimpleNamespace(knows=knows, follow=lambda *given: told.append(given))
+    J = np.ones((2, 2))
+    estimator = SimpleNamespace(to_numpy=lambda: J)
+    point = Placed(lost=lost)
+    Following(None, body).seek(3, point, 11, "frame", estimator)
+    assert len(told) == asked
+    for given in told:
+        assert (given[0], given[2], given[3]) == (3, 11, "frame")
+        assert given[1] is point.place
+        np.testing.assert_array_equal(given[4], J)
+        assert given[4] is not J  # the estimator goes on
+    Following(None, None).seek(3, point, 11, "frame", estimator)

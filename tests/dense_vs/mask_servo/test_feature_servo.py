@@ -43,14 +43,17 @@ def test_joint_limits_are_kept_and_told():
 
 def test_a_lost_feature_stops_the_robot_and_is_told():
     servo = FeatureServo([320, 240], patience=3)
-    for seen in (None, [np.nan, np.nan]):
+    for seen in (None, [np.nan, 240.0]):
         command = servo.step(PINV, seen)
         assert command.state == "waiting"
         assert not command.dq.any()
         assert np.isnan(command.error).all()
     assert servo.step(PINV, None).state == "lost"
     assert servo.step(PINV, [400.0, 200.0]).state == "servoing"
-    assert servo.step(PINV, None).state == "waiting"
+    assert servo.step(PINV, [320.0, np.nan]).state == "waiting"
+    servo.step(PINV, None)
+    servo.reset()
+    assert servo.step(PINV, [np.nan, np.nan]).state == "waiting"
 
 
 @pytest.mark.parametrize(
@@ -89,3 +92,10 @@ def test_no_number_is_too_large_for_a_step(gain, size):
     if size > 1e150 and gain > 1e150:
         with pytest.raises(DenseVSError, match=r"step is .*expected a smaller gain"):
             FeatureServo([0.0, 0.0], gain).step(size * PINV, [300.0, 200.0])
+
+
+def test_the_defaults_are_those_documented():
+    servo = FeatureServo([320, 240])
+    assert (servo.gain, servo.tolerance, servo.patience, servo.max_step) == (1.0, 5.0, 10, None)
+    assert servo.step(PINV, [325.0, 240.0]).state == "converged"
+    assert servo.step(PINV, [325.1, 240.0]).state == "servoing"

@@ -222,3 +222,44 @@ def test_images_are_missing_after_two_and_a_half_frames(frames, gap):
     assert [one.time for one in found] == pytest.approx([t / FPS for t in times])
     assert not any(one.evened for one in found)
     assert distinct.images == 4
+
+
+def judged(times, column):
+    """Noise, excitation and whether a joint moved, by the definitions, from readings at an even rate."""
+    rate = 1 / np.median(np.diff(times))
+    ticks = np.array([times[0] + k / rate for k in range(int(np.ceil((times[-1] - times[0]) * rate - 1e-9)))])
+    even = np.interp(ticks, times, column)
+    fourth = np.convolve(even, [1.0, -4.0, 6.0, -4.0, 1.0], "valid")
+    # White noise of 1 leaves a deviation of sqrt(1 + 16 + 36 + 16 + 1), a quarter of whose sizes are below 0.3186.
+    noise = np.quantile(np.abs(fourth), 0.25) / (0.3186 * np.sqrt(70))
+    span = round(0.2 * rate)
+    change = np.sqrt(np.mean([(even[k + span] - even[k]) ** 2 for k in range(len(even) - span)]))
+    step = np.sqrt(np.mean(np.diff(even) ** 2))
+    found = min(change / (np.sqrt(2) * noise), 9999.0)
+    return noise, found, found > 20 and len(set(column)) >= 5 and change > 1.5 * step
+
+
+@pytest.mark.parametrize("rate", [30.0, 100.0])
+def test_readings_at_uneven_times_are_judged_at_an_even_rate(rate):
+    """A log with a hole in it: at the readings themselves a slow joint would seem to have jumped."""
+    rng = np.random.default_rng(4)
+    times = np.delete(np.arange(0, 10, 1 / rate), slice(int(3 * rate), int(4 * rate)))
+    columns = [np.sin(2 * times), 0.3 * np.sin(0.5 * times), np.zeros(times.size), 0.2 * times]
+    columns = [column + 0.004 * rng.normal(size=times.size) for column in columns]
+    log = JointLog(tuple("abcd"), times, np.stack(columns, axis=1))
+    for joint, column in zip(joint_motions(log), columns, strict=True):
+        noise, found, moves = judged(times, column)
+        assert joint.noise == pytest.approx(noise, rel=0.02)
+        assert joint.excitation == pytest.approx(found, rel=0.02)
+        assert joint.moves == moves
+        assert (joint.low, joint.high) == (column.min(), column.max())
+
+
+def test_a_log_of_few_readings():
+    for count in (2, 3, 4, 5):
+        times = 0.1 * np.arange(count)
+        (joint,) = joint_motions(JointLog(("a",), times, (3.0 * times)[:, None]))
+        assert joint.high == pytest.approx(0.3 * (count - 1))
+        assert joint.noise == pytest.approx(1e-9 * 0.3 * (count - 1), rel=0.5)
+        assert joint.excitation == 9999.0
+        assert joint.moves == (count >= 5)

@@ -1,15 +1,16 @@
 """A servo task and a reach with worlds and loops made by hand: what is chosen, asked for, measured and told."""
 
-from argparse import Namespace
+from argparse import ArgumentParser, Namespace
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 from dense_vs.errors import DenseVSError
-from dense_vs.sims.papers.dije import reaching, servo_experiment
+from dense_vs.sims.papers.dije import rake, reaching, servo_experiment, vacuum
+from dense_vs.sims.papers.dije import reach as reach_task
 from dense_vs.sims.papers.dije.reaching import ReachingExperiment, Trace
-from dense_vs.sims.papers.dije.servo_experiment import parse_targets, run_seed, task_rows, well_inside
+from dense_vs.sims.papers.dije.servo_experiment import PAPER_GAIN, parse_targets, run_seed, task_rows, well_inside
 
 
 @pytest.mark.parametrize(
@@ -306,3 +307,34 @@ def test_every_frame_is_noted_from_the_first():
     one._traced = False
     one._after_frame(loop)
     assert len(trace.times) == 3
+
+
+def test_the_published_tasks():
+    """Joints and points of Fig. 7 to 9; what counts as reached is ours: 2 to 5 px, beside 12 px and more of way."""
+    parser = ArgumentParser()
+    tasks = {}
+    for experiment in (reach_task, rake, vacuum):
+        parser = ArgumentParser()
+        experiment.add_arguments(parser)
+        arguments = parser.parse_args([])
+        tasks[arguments.task.figure] = arguments.task
+        assert (arguments.targets, arguments.babble, arguments.period) == (["2"], 20.0, 0.7)
+        assert (arguments.gain, arguments.commands, arguments.compliance) == (0.5, 20, False)
+        assert (arguments.prediction, arguments.distractor, arguments.halve) == (None, "none", False)
+    left = ("left-shoulder-p", "left-shoulder-r", "left-shoulder-y", "left-elbow-p")
+    assert tasks["Fig. 7"].joints == left
+    assert tasks["Fig. 7"].points == ("left-wrist", "left-elbow")
+    assert tasks["Fig. 8"].joints == ("left-shoulder-p", "left-elbow-p", "right-elbow-p")
+    assert tasks["Fig. 9"].joints == ("left-shoulder-p", "left-elbow-p", "left-wrist-p")
+    limits = {figure: (one.close_px, one.soft_px, one.least_distance) for figure, one in tasks.items()}
+    assert limits == {"Fig. 7": (2.0, 5.0, 25.0), "Fig. 8": (3.0, 5.0, 20.0), "Fig. 9": (3.0, 5.0, 12.0)}
+    assert PAPER_GAIN == 0.034
+
+
+@pytest.mark.parametrize("wrong", [{"babble": 0.0}, {"period": 0.0}, {"commands": 0}, {"babble": float("nan")}])
+def test_times_and_commands_that_are_none(wrong):
+    parser = ArgumentParser()
+    vacuum.add_arguments(parser)
+    arguments = Namespace(**{**vars(parser.parse_args([])), "seeds": [0], **wrong})
+    with pytest.raises(DenseVSError, match="seconds above 0, --commands is a whole number of at least 1"):
+        vacuum.run(arguments)

@@ -5,6 +5,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from dense_vs.sims.mobile_manipulator.postures import above
 from dense_vs.sims.papers.vosvs import gripper_geometry, learn, object_pick, pick_place, trial
 from dense_vs.sims.papers.vosvs.configurations import CONFIGURATIONS
 from dense_vs.sims.papers.vosvs.jacobian_learning import Update
@@ -126,6 +127,7 @@ def test_the_trials_are_one_run(monkeypatch):
     assert [one[1] for one in located] == supports
     assert located[0][2:] == (f"masks of {NAMES[0]}", "J+ of base", "(11) as printed of base", "vos-de")
     assert len(world.postures) == 1  # it is never put back
+    np.testing.assert_array_equal(world.postures[0], above(1.0, 0.0, HEIGHT))
     assert len(results) == 24
     ((label, image),) = tiles
     assert label == "Mug: VS yes, DE no"
