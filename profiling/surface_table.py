@@ -9,7 +9,7 @@ from results_file import RESULTS, origin
 from surface_scores import OURS, REACHED_PX, Tally, ViewScore, mean_of, over_seeds, view_score
 
 # 4 joints after 10 s, the same on one more seed with features held to their first looks, 7 joints after 20 s
-FILES = ("surfaces", "surfaces_held", "surfaces_7")
+FILES = ("surfaces", "surfaces_7")
 STOPPED = "the run was stopped early; what it had not come to, more often long ways as of lost points, is left out"
 HEAD = (
     "arm, camera",
