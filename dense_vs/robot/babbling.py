@@ -2,9 +2,7 @@
 
 The filter learns J only along the joint steps it has seen, so their second-moment matrix sum(dq dq^T) must have
 rank N. Sinusoids of one frequency span two dimensions whatever their phases. Each joint here follows
-its own Ornstein-Uhlenbeck process, smoothed once, which spans all of them within a few seconds. In ten seconds chance
-would still leave some combination of joints with a tenth of the motion of another, so directions that have moved less
-so far are kicked harder.
+its own Ornstein-Uhlenbeck process, smoothed once, which spans all of them within a few seconds.
 """
 
 from dataclasses import dataclass, fields
@@ -14,9 +12,6 @@ import numpy as np
 
 from dense_vs.arrays import number_array
 from dense_vs.checks import check_number, check_seed, check_whole
-
-SPEEDS_UP = 1.05  # by which the pace grows in a frame that allows it; by the flow it falls at once
-EVEN = 0.2  # of the mean second moment, added to every direction's before they are compared
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -100,7 +95,7 @@ class Babbling:
             self._adapt(number_array(flow, "flow", (-1, -1, 2), finite=False))
         amplitude = self.options.amplitude
         dt = min(self.rate * self.options.frame_time / self.options.time_constant, 0.5)
-        kick = self._balance() @ self._random.normal(size=self._noise.shape)
+        kick = self._random.normal(size=self._noise.shape)
         self._noise += -dt * self._noise + np.sqrt(2 * dt) * kick
         # A first-order lag of a unit OU process of the same time constant has variance 1/2.
         goal = np.sqrt(2) * amplitude * self._noise
@@ -119,16 +114,4 @@ class Babbling:
         if fastest > self.options.max_flow:
             self.rate = max(self.rate * max(self.options.max_flow / fastest, 0.5), 0.02)
         else:
-            self.rate = min(self.rate * SPEEDS_UP, 1.0)
-
-    def _balance(self) -> np.ndarray:
-        """``(N, N)``, which turns even kicks into some that are larger where the steps so far were less.
-
-        The inverse root of their second moments, so that the two together are even; its mean square is 1.
-        """
-        joints, trace = len(self._noise), float(np.trace(self._moments))
-        if trace == 0:
-            return np.eye(joints)
-        values, vectors = np.linalg.eigh(self._moments * (joints / trace) + EVEN * np.eye(joints))
-        root = (vectors / np.sqrt(values)) @ vectors.T
-        return root * np.sqrt(joints / np.sum(root**2))
+            self.rate = min(self.rate * 1.02, 1.0)
