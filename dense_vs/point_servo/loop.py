@@ -62,8 +62,8 @@ class ServoLoop:
             looks now, where it still aligns. A surface that rotates in depth is lost otherwise; every renewal may add
             some hundredths of a pixel of drift. The first patch is kept unless given.
         joint_delay: time that joint readings are behind the images [s], below 0 where the images are late. Unless given
-            it is found in the first 2 to 5 s of babbling; where there is one, learning begins anew, and an image waits until
-            the readings of its time are there.
+            it is found in the first 2 to 5 s of babbling; where there is one, learning begins anew, and an image waits
+            until the readings of its time are there.
         max_step: largest step of a joint in one command, a number or one for each joint [rad, m]; what babbling and
             servo are set to unless given. See :class:`dense_vs.robot.CommandGate`, which every command goes through.
         max_speed: speed above which no motor moves a joint [rad/s, m/s]; readings that say so are not believed. Twice
