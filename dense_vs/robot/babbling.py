@@ -2,7 +2,9 @@
 
 The filter learns J only along the joint steps it has seen, so their second-moment matrix sum(dq dq^T) must have
 rank N. Sinusoids of one frequency span two dimensions whatever their phases. Each joint here follows
-its own Ornstein-Uhlenbeck process, smoothed once, which spans all of them within a few seconds.
+its own Ornstein-Uhlenbeck process, smoothed once, which spans all of them within a few seconds. In ten seconds chance
+would still leave some combination of joints with a tenth of the motion of another, so directions that have moved less
+so far are kicked harder.
 """
 
 from dataclasses import dataclass, fields
@@ -12,6 +14,8 @@ import numpy as np
 
 from dense_vs.arrays import number_array
 from dense_vs.checks import check_number, check_seed, check_whole
+
+SPEEDS_UP = 1.05  # by which the pace grows in a frame that allows it; by the flow it falls at once
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -95,7 +99,7 @@ class Babbling:
             self._adapt(number_array(flow, "flow", (-1, -1, 2), finite=False))
         amplitude = self.options.amplitude
         dt = min(self.rate * self.options.frame_time / self.options.time_constant, 0.5)
-        kick = self._random.normal(size=self._noise.shape)
+        kick = self._balanced(self._random.normal(size=self._noise.shape))
         self._noise += -dt * self._noise + np.sqrt(2 * dt) * kick
         # A first-order lag of a unit OU process of the same time constant has variance 1/2.
         goal = np.sqrt(2) * amplitude * self._noise
@@ -114,4 +118,16 @@ class Babbling:
         if fastest > self.options.max_flow:
             self.rate = max(self.rate * max(self.options.max_flow / fastest, 0.5), 0.02)
         else:
-            self.rate = min(self.rate * 1.02, 1.0)
+            self.rate = min(self.rate * SPEEDS_UP, 1.0)
+
+    def _balanced(self, kick: np.ndarray) -> np.ndarray:
+        """The kick, turned toward what the steps so far moved less, and as strong as before.
+
+        With their second moments M it is multiplied by (I - M / (2 tr M))^2N, about exp(-N M / tr M): by 1/e where
+        a direction has the mean moment, by 1 where it has none.
+        """
+        joints, trace = len(kick), float(np.trace(self._moments))
+        if trace == 0:
+            return kick
+        turned = np.linalg.matrix_power(np.eye(joints) - self._moments / (2 * trace), 2 * joints) @ kick
+        return turned * (np.linalg.norm(kick) / np.linalg.norm(turned))

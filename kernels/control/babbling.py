@@ -1,9 +1,12 @@
 """Motor babbling in many worlds: each joint of each follows its own smoothed Ornstein-Uhlenbeck process.
 
-With dt the rate times frame time over time constant, z normal, and a the amplitude, a joint's noise n and offset o
-from its posture take the steps
+With dt the rate times frame time over time constant, z normal, a the amplitude, and M the second moments of the N
+joints' steps so far, their noise n and their offset o from their posture take the steps
 
-    n <- n - dt n + sqrt(2 dt) z,        o <- clamp(o + dt (sqrt(2) a n - o), -3 a, 3 a).
+    k = (I - M / (2 tr M))^2N z,                n <- n - dt n + sqrt(2 dt) k |z| / |k|,
+    o <- clamp(o + dt (sqrt(2) a n - o), -3 a, 3 a),
+
+so that what has moved less so far is kicked harder.
 
 Each world's rate falls at once where its image moves faster than ``max_flow`` and recovers slowly. Image motion is
 the 99th percentile of max(|u|, |v|) over every fourth pixel. Sorting it per world would be dear; the rate only depends
@@ -24,12 +27,15 @@ COUNTS = BINS + 4  # pixels that are slower, the bins, pixels that are faster, a
 STRIDE = 4  # px between the pixels that are looked at
 PARTS = 8  # of a row that a GPU's threads look at
 PERCENTILE = 0.99
+SPEEDS_UP = 1.05  # by which the pace grows in a frame that allows it
 
 
 @dataclass(frozen=True)
 class BabblingState:
     """The random processes of all worlds."""
 
+    kick: Any  # (worlds, N) the last one; and between
+    turned: Any  # (worlds, N)
     noise: Any  # (worlds, N)
     offset: Any  # (worlds, N) rad
     moments: Any  # (worlds, N, N) sum of dq dq^T [rad^2]
@@ -43,6 +49,8 @@ class BabblingState:
         """At rest, at rate 0.5; ``seeds`` holds a whole number a world."""
         worlds = len(seeds)
         return cls(
+            kick=wp.zeros((worlds, joints), dtype=float, device=device),
+            turned=wp.zeros((worlds, joints), dtype=float, device=device),
             noise=wp.zeros((worlds, joints), dtype=float, device=device),
             offset=wp.zeros((worlds, joints), dtype=float, device=device),
             moments=wp.zeros((worlds, joints, joints), dtype=float, device=device),
@@ -113,7 +121,17 @@ def babbling_steps(
         babbling_steps_kernel,
         dim=state.rate.shape,
         inputs=[positions, limits, where, state.seeds, amplitude, frame_time / time_constant],
-        outputs=[state.noise, state.offset, state.moments, state.rate, state.counts, state.draws, steps_out],
+        outputs=[
+            state.kick,
+            state.turned,
+            state.noise,
+            state.offset,
+            state.moments,
+            state.rate,
+            state.counts,
+            state.draws,
+            steps_out,
+        ],
         device=positions.device,
     )
 
@@ -179,7 +197,7 @@ def adapted_rate(rate: float, counts: wp.array2d(dtype=int), world: int) -> floa
     rank = wp.static(PERCENTILE) * float(known - 1)
     below = counts[world, 0]
     if known == 0 or float(below - 1) >= rank:
-        return wp.min(rate * 1.02, 1.0)
+        return wp.min(rate * wp.static(SPEEDS_UP), 1.0)
     excess = float(2.0)
     bin = int(0)
     while bin < wp.static(BINS):
@@ -189,6 +207,33 @@ def adapted_rate(rate: float, counts: wp.array2d(dtype=int), world: int) -> floa
             bin = wp.static(BINS)
         bin += 1
     return wp.max(rate / excess, 0.02)
+
+
+@wp.func
+def balance(
+    kick: wp.array2d(dtype=float), turned: wp.array2d(dtype=float), moments: wp.array3d(dtype=float), world: int
+):
+    """Turn a world's kick toward what has moved less so far; it stays as strong."""
+    joints = kick.shape[1]
+    trace = float(0.0)
+    before = float(0.0)
+    for i in range(joints):
+        trace += moments[world, i, i]
+        before += kick[world, i] * kick[world, i]
+    if trace > 0.0:
+        for _ in range(2 * joints):
+            for i in range(joints):
+                share = float(0.0)
+                for j in range(joints):
+                    share += moments[world, i, j] * kick[world, j]
+                turned[world, i] = kick[world, i] - share / (2.0 * trace)
+            for i in range(joints):
+                kick[world, i] = turned[world, i]
+        after = float(0.0)
+        for i in range(joints):
+            after += kick[world, i] * kick[world, i]
+        for i in range(joints):
+            kick[world, i] = kick[world, i] * wp.sqrt(before / after)
 
 
 @wp.kernel
@@ -201,6 +246,8 @@ def babbling_steps_kernel(
     amplitude: float,
     frames: float,  # frame time over time constant
     # Out:
+    kick_out: wp.array2d(dtype=float),
+    turned_out: wp.array2d(dtype=float),
     noise_out: wp.array2d(dtype=float),
     offset_out: wp.array2d(dtype=float),
     moments_out: wp.array3d(dtype=float),
@@ -222,8 +269,11 @@ def babbling_steps_kernel(
         draws_out[world] = draw + wp.uint32(1)
         random = wp.rand_init(int(seeds_in[world]), int(draw))
         for j in range(joints):
+            kick_out[world, j] = wp.randn(random)
+        balance(kick_out, turned_out, moments_out, world)
+        for j in range(joints):
             noise = noise_out[world, j]
-            noise += wp.sqrt(2.0 * dt) * wp.randn(random) - dt * noise
+            noise += wp.sqrt(2.0 * dt) * kick_out[world, j] - dt * noise
             noise_out[world, j] = noise
             offset = offset_out[world, j]
             moved = offset + dt * (wp.sqrt(2.0) * amplitude * noise - offset)
