@@ -62,8 +62,8 @@ class BodyFitOptions:
     rounds: int = 3
     believed: float = 0.4
     seed: int = 0
-    most_tracks: int = 400
-    most_images: int = 80
+    most_tracks: int = 600
+    most_images: int = 120
 
     def __post_init__(self):
         if self.focal_length is not None:
@@ -289,7 +289,7 @@ class _Turns:
         some = self.tracks.select(believed)
         state, _, error = adjust(
             replace(turn.state, points=points[believed]), some.joints, some.pixels, links[believed], self.center,
-            prior, options.noise, 2, 8,
+            prior, options.noise, 2, 8, directions=some.directions,
         )  # fmt: skip
         points[believed] = state.points
         return _Turn(state, points, links, costs, believed, error)
@@ -298,11 +298,13 @@ class _Turns:
         """The mean robust error of the believed tracks after a short adjustment, in some of the images."""
         if turn.believed.sum() < LEAST_TRACKS:
             return np.inf
-        some, rows = self.tracks.select(turn.believed), slice(None, None, _GLANCED)
+        some = self.tracks.select(turn.believed).of_images(slice(None, None, _GLANCED))
         state = replace(turn.state, points=turn.points[turn.believed])
         links, noise = turn.links[turn.believed], self.options.noise
         prior = state.focal, FOCAL_HELD
-        return adjust(state, some.joints[rows], some.pixels[rows], links, self.center, prior, noise, 2, 8)[1]
+        return adjust(
+            state, some.joints, some.pixels, links, self.center, prior, noise, 2, 8, directions=some.directions
+        )[1]
 
 
 def assign_links(
@@ -319,9 +321,8 @@ def assign_links(
     placed: list[Placed] = []
     for link in candidates:
         on_link = np.full(count, link)
-        placed.append(
-            place_points(state.chain, state.focal, center, tracks.joints, tracks.pixels, on_link, points, noise)
-        )
+        where = state.chain, state.focal, center, tracks.joints, tracks.pixels, on_link, points
+        placed.append(place_points(*where, noise, tracks.directions))
     costs = np.array([one.cost for one in placed])
     best = costs.argmin(axis=0)
     links = np.array(candidates)[best]

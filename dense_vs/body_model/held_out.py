@@ -61,7 +61,7 @@ class ExplainedFlow:
 def first_part(tracks: PointTracks, share: float) -> PointTracks:
     """Tracks without the last share of the images."""
     first = round((1 - check_number("share", share, above=0, below=1)) * len(tracks.joints))
-    return PointTracks(tracks.joints[:first], tracks.pixels[:first], tracks.references, tracks.size)
+    return tracks.of_images(slice(first))
 
 
 def held_out_error(
@@ -90,8 +90,8 @@ def held_out_error(
         raise DenseVSError("no point of the body is seen in both parts; expected a longer recording")
     some, links, chain, focal = tracks.select(both), found.all_links[both], found.state.chain, found.state.focal
     rays = np.column_stack([(np.nanmean(some.pixels[:first], axis=0) - found.center) / focal, np.ones(len(links))])
-    before = some.pixels[:first]
-    placed = place_points(chain, focal, found.center, part.joints, before, links, rays, options.noise)
+    before, directions = some.pixels[:first], part.select(both).directions
+    placed = place_points(chain, focal, found.center, part.joints, before, links, rays, options.noise, directions)
     rotation, translation = chain.link_poses(tracks.joints[first:])
     position = np.einsum("tmij,mj->tmi", rotation[:, links], placed.points) + translation[:, links]
     predicted = focal * position[..., :2] / np.maximum(position[..., 2:], 1e-3) + found.center

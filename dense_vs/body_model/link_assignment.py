@@ -39,6 +39,7 @@ def place_points(
     links: np.ndarray,
     start: np.ndarray,
     noise: float,
+    directions: np.ndarray | None = None,
 ) -> Placed:
     """Place M points on given links.
 
@@ -50,11 +51,13 @@ def place_points(
         links: ``(M,)``.
         start: ``(M, 3)`` home positions to start from.
         noise: standard deviation of a pixel [px].
+        directions: ``(T, M, 2, 2)``, what errors are multiplied by, see :mod:`.image_directions`; 1 unless given.
     """
     image, point = np.nonzero(np.isfinite(pixels[..., 0]))
     order = np.argsort(point, kind="stable")
     image, point = image[order], point[order]
     target = pixels[image, point]
+    directed = None if directions is None else directions[image, point]
     rotation, translation = chain.link_poses(joints)
     R, t = rotation[image, links[point]], translation[image, links[point]]
     starts = np.flatnonzero(np.diff(point, prepend=-1))
@@ -73,6 +76,8 @@ def place_points(
         depth = np.maximum(p[:, 2], NEAREST)
         normal = p[:, :2] / depth[:, None]
         error = focal * normal + center - target
+        if directed is not None:
+            error = (directed @ error[..., None])[..., 0]
         squared = np.where(p[:, 2] > NEAREST, (error**2).sum(axis=1), np.inf) / noise**2
         return depth, normal, error, squared
 
@@ -88,7 +93,7 @@ def place_points(
         by_position = np.zeros((len(point), 2, 3))
         by_position[:, 0, 0] = by_position[:, 1, 1] = scale
         by_position[:, :, 2] = -normal * scale[:, None]
-        own = by_position @ R
+        own = by_position @ R if directed is None else directed @ by_position @ R
         matrix = total(np.einsum("oki,okj->oij", own, own))
         gradient = total(np.einsum("oki,ok->oi", own, error * root[:, None]))
         diagonal = np.einsum("mii->mi", matrix)

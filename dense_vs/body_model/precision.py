@@ -32,6 +32,7 @@ SINGULAR = 1e-9  # of the largest eigenvalue: directions that leave every pixel 
 NEAR = 4  # tracks around a point, whose depths its own follows
 LEAST_DEPTH, MOST_DEPTH = 0.003, 0.2  # of the relative deviation of depths
 LEAST_COMPARED = 8  # tracks of a link from which it has a deviation of its own
+LEAST_STEP = 5e-4  # a shorter step of the root of the covariance is not believed: what the model lacks is more
 BESIDE = 3.0  # px between a track and a point of the surface that are compared
 
 
@@ -55,6 +56,12 @@ class Precision:
     postures: np.ndarray
     keyframes: np.ndarray
     place: float
+
+    @property
+    def information(self) -> np.ndarray:
+        """Inverse of the covariance, ``(4 N + 1, 4 N + 1)``; 0 along what it does not know, as the unit of length."""
+        size = np.maximum(np.sum(self.lines**2, axis=1), LEAST_STEP**2)
+        return np.einsum("ri,rj,r->ij", self.lines, self.lines, 1 / (size * np.sum(self.lines**2, axis=1)))
 
 
 def precision_of(found: BodyFit, surface: Surface, postures: np.ndarray) -> Precision:
@@ -142,8 +149,9 @@ def _adjusted(found: BodyFit) -> tuple[np.ndarray, np.ndarray]:
     """Square root of the covariance ``(R, 4 N + 1)``, and how the tracks' points follow, ``(M, 3, 4 N + 1)``."""
     tracks, state = found.tracks, found.state
     whole = TrackProblem(
-        tracks.joints, tracks.pixels, found.links, found.center, np.ones(tracks.pixels.shape[:2]), (state.focal, 1.0)
-    )
+        tracks.joints, tracks.pixels, found.links, found.center, np.ones(tracks.pixels.shape[:2]), (state.focal, 1.0),
+        directions=tracks.directions,
+    )  # fmt: skip
     squared = np.minimum((whole.errors(state) ** 2).sum(axis=1), 1e12)
     scale = max(NOISE, found.error / 1.1774)
     weights = np.zeros(tracks.pixels.shape[:2])
@@ -154,9 +162,10 @@ def _adjusted(found: BodyFit) -> tuple[np.ndarray, np.ndarray]:
     groups = 0
     for group in _groups(tracks.references):
         # The focal length's prior is added once, below.
+        some = tracks.select(group)
         problem = TrackProblem(
-            tracks.joints, tracks.pixels[:, group], found.links[group], found.center, weights[:, group],
-            (state.focal, 1e6), NOISE,
+            some.joints, some.pixels, found.links[group], found.center, weights[:, group], (state.focal, 1e6), NOISE,
+            directions=some.directions,
         )  # fmt: skip
         part = type(state)(state.chain, state.points[group], state.focal)
         equations = problem.linearize(part)

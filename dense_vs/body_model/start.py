@@ -86,7 +86,10 @@ def find_starts(
         few = tracks.select(chosen).in_images(IMAGES)
         adjusted = []
         for begun in _candidates(measured.select(chosen), links, parents, slides, focal, center, starts, seed):
-            state, cost, _ = adjust(begun, few.joints, few.pixels, links, center, (focal, FOCAL_HELD), noise, 2, 8)
+            state, cost, _ = adjust(
+                begun, few.joints, few.pixels, links, center, (focal, FOCAL_HELD), noise, 2, 8,
+                directions=few.directions,
+            )  # fmt: skip
             adjusted.append((cost, Start(state, chosen)))
         found += [start for _, start in sorted(adjusted, key=lambda one: one[0])[:KEPT]]
         if dense is not None:

@@ -26,12 +26,14 @@ class BodyState:
         points: ``(M, 3)`` in the home posture, camera frame.
         focal: focal length [px].
         bend: of the lens, see :class:`.lens.Lens`.
+        moved: ``(4 N + 1,)``, all steps of the lines and of the logarithm of the focal length so far, added up.
     """
 
     chain: Chain
     points: np.ndarray
     focal: float
     bend: float = 0.0
+    moved: np.ndarray | float = 0.0
 
 
 class TrackProblem:
@@ -46,6 +48,8 @@ class TrackProblem:
         focal_prior: mean of the focal length [px] and the standard deviation of its logarithm; 0 holds it.
         noise: standard deviation of a track's pixel, which the priors are weighed against [px].
         bend_deviation: standard deviation of the lens's bend about 0; 0 holds it as it is.
+        directions: ``(T, M, 2, 2)``, what errors are multiplied by, see :mod:`.image_directions`; 1 unless given.
+        information: ``(4 N + 1, 4 N + 1)``, that there was about the state's ``moved`` before; none unless given.
     """
 
     def __init__(
@@ -58,14 +62,18 @@ class TrackProblem:
         focal_prior: tuple[float, float],
         noise: float = 0.5,
         bend_deviation: float = 0.0,
+        directions: np.ndarray | None = None,
+        information: np.ndarray | None = None,
     ):
         self.joints, self.links, self.center = joints, links, np.asarray(center)
         self.bend_deviation = bend_deviation
+        self.information = None if information is None else noise**2 * information
         self.image, self.point = np.nonzero(np.isfinite(pixels[..., 0]) & (weights > 0))
         order = np.lexsort((self.image, links[self.point], self.point))
         self.image, self.point = self.image[order], self.point[order]
         self.target = pixels[self.image, self.point]
         self.root = np.sqrt(weights[self.image, self.point])
+        self.directions = None if directions is None else directions[self.image, self.point]
         self.link = links[self.point]
         self.count = len(links)
         self.focal_prior, self.noise = focal_prior, noise
@@ -79,11 +87,17 @@ class TrackProblem:
         return np.einsum("oij,oj->oi", rotation[at], state.points[self.point]) + translation[at]
 
     def errors(self, state: BodyState) -> np.ndarray:
-        """Model less measurement, ``(O, 2)`` [px]; infinite behind the camera."""
+        """Model less measurement, ``(O, 2)`` [px], in the directions in which it counts; infinite behind the camera."""
         p = self.positions(state)
         depth = np.where(p[:, 2] > NEAREST, p[:, 2], np.nan)
         seen = self._lens(state).bent(state.focal * p[:, :2] / depth[:, None] + self.center)
-        return np.nan_to_num(seen - self.target, nan=np.inf)
+        return np.nan_to_num(self._directed(seen - self.target), nan=np.inf)
+
+    def _directed(self, values: np.ndarray) -> np.ndarray:
+        """Values ``(O, 2)`` or ``(O, 2, K)`` of x and y in the directions in which places count."""
+        if self.directions is None:
+            return values
+        return (self.directions @ values.reshape(len(values), 2, -1)).reshape(values.shape)
 
     def cost(self, state: BodyState) -> float:
         """Sum of weighted squares [px^2]."""
@@ -91,7 +105,7 @@ class TrackProblem:
         if not np.isfinite(errors).all() or state.focal <= 0:
             return np.inf
         residual = (errors * self.root[:, None]).ravel()
-        return float(residual @ residual) + self._prior(state)[0] + self._bend_prior(state)[0]
+        return float(residual @ residual) + self._prior(state)[0] + self._bend_prior(state)[0] + self._known(state)[0]
 
     def linearize(self, state: BodyState) -> NormalEquations:
         """Normal equations: joints (4 N) as :meth:`.chain.Chain.moved` has them, logarithm of the focal length, the
@@ -107,7 +121,7 @@ class TrackProblem:
         lens, straight = self._lens(state), state.focal * normal + self.center
         bends = int(self.bend_deviation > 0)
         slopes = lens.slopes(straight) if bends or lens.bend else None
-        errors = (lens.bent(straight) - self.target) * self.root[:, None]
+        errors = self._directed(lens.bent(straight) - self.target) * self.root[:, None]
         by_position = np.zeros((len(p), 2, 3))
         by_position[:, 0, 0] = by_position[:, 1, 1] = scale
         by_position[:, :, 2] = -normal * scale[:, None]
@@ -115,6 +129,7 @@ class TrackProblem:
         if slopes is not None:
             by_position = slopes @ by_position
             by_focal = np.einsum("oij,oj->oi", slopes, by_focal)
+        by_position, by_focal = self._directed(by_position), self._directed(by_focal)
         shared = np.zeros((len(p), 2, 4 * joint_count + 1 + bends))
         across, moved_by, slides = chain.across, chain.moved_by, chain.slides
         for n in range(joint_count):
@@ -137,7 +152,7 @@ class TrackProblem:
                 shared[chosen, :, 4 * n + 2 + k] = np.einsum("oij,oj->oi", by_position[chosen], shift)
         shared[:, :, 4 * joint_count] = by_focal
         if bends:
-            shared[:, :, -1] = self.root[:, None] * lens.by_bend(straight)
+            shared[:, :, -1] = self.root[:, None] * self._directed(lens.by_bend(straight))
         own = by_position @ R
         rows = shared.reshape(-1, shared.shape[2])
         equations = NormalEquations(0.0, rows.T @ rows, rows.T @ errors.ravel())
@@ -150,6 +165,11 @@ class TrackProblem:
             equations.cost += cost
             equations.shared[k, k] += information
             equations.shared_gradient[k] += gradient
+        if self.information is not None:
+            cost, pull = self._known(state)
+            equations.cost += cost
+            equations.shared[: len(pull), : len(pull)] += self.information
+            equations.shared_gradient[: len(pull)] += pull
         return equations
 
     def move(self, state: BodyState, shared: np.ndarray, local: np.ndarray | None = None) -> BodyState:
@@ -162,6 +182,7 @@ class TrackProblem:
             chain=chain,
             focal=state.focal * float(np.exp(np.clip(focal, -0.5, 0.5))),
             bend=float(np.clip(state.bend + sum(bend), -MOST_BEND, MOST_BEND)),
+            moved=state.moved + shared[: 4 * joint_count + 1],
             points=state.points + (0.0 if local is None else local),
         )
 
@@ -178,6 +199,14 @@ class TrackProblem:
             return 0.0, 0.0, 0.0
         information = (self.noise / self.bend_deviation) ** 2
         return information * state.bend**2, information * state.bend, information
+
+    def _known(self, state: BodyState) -> tuple[float, np.ndarray]:
+        """Cost and half its gradient by what was known before."""
+        if self.information is None:
+            return 0.0, np.zeros(0)
+        moved = np.broadcast_to(state.moved, len(self.information))
+        pull = self.information @ moved
+        return float(moved @ pull), pull
 
     def _lens(self, state: BodyState) -> Lens:
         return Lens.of_center(self.center, state.bend)

@@ -14,6 +14,7 @@ import cv2
 import numpy as np
 
 from dense_vs.arrays import number_array, plain_array, real_vector
+from dense_vs.body_model.image_directions import direction_weights
 from dense_vs.body_model.spread import spread
 from dense_vs.checks import check_number, check_whole
 from dense_vs.errors import DenseVSError
@@ -64,12 +65,15 @@ class PointTracks:
         pixels: ``(T, M, 2)`` x, y [px], NaN where a point was not found.
         references: ``(M,)`` image in which each point was chosen.
         size: (height, width) of the images [px].
+        directions: ``(T, M, 2, 2)``, what errors of the places are multiplied by, see :mod:`.image_directions`; None
+            where all directions count alike.
     """
 
     joints: np.ndarray
     pixels: np.ndarray
     references: np.ndarray
     size: tuple[int, int]
+    directions: np.ndarray | None = None
 
     def __post_init__(self):
         joints = real_vector(self.joints, "joints", (-1, -1))
@@ -89,6 +93,9 @@ class PointTracks:
             )
         for name, array in (("joints", joints), ("pixels", pixels), ("references", references)):
             object.__setattr__(self, name, array)
+        if self.directions is not None:
+            shape = (*pixels.shape, 2)
+            object.__setattr__(self, "directions", number_array(self.directions, "directions", shape))
 
     @property
     def seen(self) -> np.ndarray:
@@ -97,12 +104,17 @@ class PointTracks:
 
     def select(self, points: np.ndarray) -> "PointTracks":
         """Some of the points, by index or mask."""
-        return PointTracks(self.joints, self.pixels[:, points], self.references[points], self.size)
+        directions = None if self.directions is None else self.directions[:, points]
+        return PointTracks(self.joints, self.pixels[:, points], self.references[points], self.size, directions)
 
     def in_images(self, most: int) -> "PointTracks":
         """All of the points, in at most so many of the images."""
-        rows = spread(len(self.joints), most)
-        return PointTracks(self.joints[rows], self.pixels[rows], self.references, self.size)
+        return self.of_images(spread(len(self.joints), most))
+
+    def of_images(self, images: np.ndarray | slice) -> "PointTracks":
+        """All of the points, in some of the images, by index."""
+        directions = None if self.directions is None else self.directions[images]
+        return PointTracks(self.joints[images], self.pixels[images], self.references, self.size, directions)
 
 
 def follow_points(
@@ -133,7 +145,12 @@ def follow_points(
             references += [reference] * len(corners)
     if not columns:
         raise DenseVSError("no point to follow: nothing with texture moves in the images")
-    return PointTracks(q[chosen], np.concatenate(columns, axis=1), np.array(references), (height, width))
+    places = np.concatenate(columns, axis=1)
+    directions = np.zeros((*places.shape, 2))
+    for image, there, weights in zip(looked, places, directions, strict=True):
+        seen = np.isfinite(there[:, 0])
+        weights[seen] = direction_weights(image, there[seen])
+    return PointTracks(q[chosen], places, np.array(references), (height, width), directions)
 
 
 def moving_pixels(images: Sequence[np.ndarray]) -> np.ndarray:

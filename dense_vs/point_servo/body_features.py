@@ -7,11 +7,13 @@ what is learned far away holds back where it began. A new feature goes to the li
 
 from dataclasses import dataclass, replace
 from enum import IntEnum
+from functools import cached_property
 
 import numpy as np
 
 from dense_vs.body_model.adjustment import adjust
 from dense_vs.body_model.chain import Chain
+from dense_vs.body_model.image_directions import direction_weights
 from dense_vs.body_model.lens import Lens
 from dense_vs.body_model.link_assignment import place_points
 from dense_vs.body_model.spread import spread
@@ -30,6 +32,7 @@ ITERATIONS = 3
 NEAREST = 1e-3  # depth of what is before the camera, in the chain's unit of length
 FOCAL_DEVIATION = 0.02  # of its logarithm, from one adjustment to the next
 BEND_DEVIATION = 0.01  # of the lens's bend about none; a webcam has 0.035, which features across half the image tell
+BELIEVED_BEFORE = 0.25  # of the information that the fit has of the chain: it does not know of a lens that bends
 
 
 class FeatureState(IntEnum):
@@ -52,6 +55,11 @@ class Keyframe:
     places: np.ndarray
     image: np.ndarray
 
+    @cached_property
+    def directions(self) -> np.ndarray:
+        """``(K, 2, 2)``, what errors of the places are multiplied by."""
+        return direction_weights(self.image, self.places)
+
     def with_place(self, feature: int, place: np.ndarray | None) -> "Keyframe":
         """The keyframe with another place ``(2,)`` of one feature; without it for None."""
         others = self.features != feature
@@ -69,6 +77,8 @@ class BodyFeatures:
         focal: focal length [px].
         center: principal point ``(2,)`` [px].
         learned: bool ``(N,)``, joints whose lines are known.
+        information: ``(4 N + 1, 4 N + 1)`` about the chain and the focal length as given, see
+            :attr:`.Precision.information`; none unless given.
 
     Attributes:
         lens: of the camera; straight at first, its bend is adjusted with the chain.
@@ -79,8 +89,17 @@ class BodyFeatures:
         lasting: features whose keyframes are kept for longest.
     """
 
-    def __init__(self, chain: Chain, focal: float, center: np.ndarray, learned: np.ndarray):
+    def __init__(
+        self,
+        chain: Chain,
+        focal: float,
+        center: np.ndarray,
+        learned: np.ndarray,
+        information: np.ndarray | None = None,
+    ):
         self.chain, self.focal = chain, focal
+        self._information = None if information is None else BELIEVED_BEFORE * information
+        self._moved: np.ndarray | float = 0.0  # since, see BodyState.moved
         self.center, self.learned = np.asarray(center, dtype=np.float64), np.asarray(learned, dtype=bool)
         self.lens = Lens.of_center(self.center)
         self.links = np.zeros(0, int)
@@ -154,21 +173,25 @@ class BodyFeatures:
         straight = self.focal / depth * (velocity[:, :2] - np.array([x, y]) / depth * velocity[:, 2:]).T
         return self.lens.slopes(self.focal * position[0, :2] / depth + self.center) @ straight
 
-    def tracks(self, features: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Postures ``(T, N)`` of the keyframes and places ``(T, K, 2)`` of some features, NaN where not seen."""
+    def tracks(self, features: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Postures ``(T, N)`` of the keyframes, places ``(T, K, 2)`` of some features, NaN where not seen, and what
+        their errors are multiplied by ``(T, K, 2, 2)``.
+        """
         column = np.full(len(self), -1)
         column[features] = np.arange(len(features))
         places = np.full((len(self.keyframes), len(features), 2), np.nan)
+        directions = np.zeros((*places.shape, 2))
         for row, keyframe in enumerate(self.keyframes):
             at = column[keyframe.features]
             places[row, at[at >= 0]] = keyframe.places[at >= 0]
-        return np.array([keyframe.positions for keyframe in self.keyframes]), places
+            directions[row, at[at >= 0]] = keyframe.directions[at >= 0]
+        return np.array([keyframe.positions for keyframe in self.keyframes]), places, directions
 
     def assign(self, features: np.ndarray) -> None:
         """Give young features that were seen often enough to the link that explains them; drop what none explains."""
         if not len(features):
             return
-        postures, places = self.tracks(features)
+        postures, places, directions = self.tracks(features)
         seen = np.isfinite(places[..., 0])
         counts = seen.sum(axis=0)
         low = np.where(seen[..., None], places, np.inf).min(axis=0)
@@ -178,9 +201,9 @@ class BodyFeatures:
         self.states[features[still]] = FeatureState.DROPPED
         ready = (counts >= LEAST_SEEN) & (travel > LEAST_TRAVEL)
         if ready.any():
-            self._decide(features[ready], postures, places[:, ready])
+            self._decide(features[ready], postures, places[:, ready], directions[:, ready])
 
-    def _decide(self, features: np.ndarray, postures: np.ndarray, places: np.ndarray) -> None:
+    def _decide(self, features: np.ndarray, postures: np.ndarray, places: np.ndarray, directions: np.ndarray) -> None:
         count = len(features)
         last = np.array([np.flatnonzero(np.isfinite(places[:, k, 0]))[-1] for k in range(count)])
         rotation, translation = self.chain.link_poses(postures[last])
@@ -192,7 +215,9 @@ class BodyFeatures:
             start = np.einsum("kji,kj->ki", rotation[:, link], here - translation[:, link])
             on_link = np.full(count, link)
             center = float(self.center[0]), float(self.center[1])
-            tried.append(place_points(self.chain, self.focal, center, postures, straight, on_link, start, NOISE))
+            tried.append(
+                place_points(self.chain, self.focal, center, postures, straight, on_link, start, NOISE, directions)
+            )
         costs = np.array([one.cost for one in tried])
         best = costs.argmin(axis=0)
         explained = costs.min(axis=0) < BELIEVED
@@ -222,15 +247,17 @@ class BodyFeatures:
             return
         rank = counts[used] + MOST_KEYFRAMES * np.isin(used, preferred)
         used = np.sort(used[np.argsort(-rank, kind="stable")[:MOST_ADJUSTED]])
-        postures, places = self.tracks(used)
+        postures, places, directions = self.tracks(used)
         count = len(postures)
         rows = np.unique(np.append(spread(count, KEYFRAMES_ADJUSTED), np.arange(max(0, count - LATEST), count)))
         center = float(self.center[0]), float(self.center[1])
         state, _, _ = adjust(
-            BodyState(self.chain, self.points[used], self.focal, self.lens.bend), postures[rows], places[rows],
-            self.links[used], center, (self.focal, FOCAL_DEVIATION), NOISE, 1, ITERATIONS, BEND_DEVIATION,
+            BodyState(self.chain, self.points[used], self.focal, self.lens.bend, self._moved), postures[rows],
+            places[rows], self.links[used], center, (self.focal, FOCAL_DEVIATION), NOISE, 1, ITERATIONS, BEND_DEVIATION,
+            directions[rows], self._information,
         )  # fmt: skip
         self.chain, self.focal, self.lens = state.chain, state.focal, replace(self.lens, bend=state.bend)
+        self._moved = state.moved
         self.points[used] = state.points
         self._follow(np.setdiff1d(kept, used))
 
@@ -239,9 +266,9 @@ class BodyFeatures:
         features = features[self.states[features] == FeatureState.KNOWN]
         if not len(features):
             return
-        postures, places = self.tracks(features)
-        center = float(self.center[0]), float(self.center[1])
-        straight = self.lens.straight(places)
+        postures, places, directions = self.tracks(features)
+        camera = self.focal, (float(self.center[0]), float(self.center[1]))
+        links, start = self.links[features], self.points[features]
         self.points[features] = place_points(
-            self.chain, self.focal, center, postures, straight, self.links[features], self.points[features], NOISE
+            self.chain, *camera, postures, self.lens.straight(places), links, start, NOISE, directions
         ).points

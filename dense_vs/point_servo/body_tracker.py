@@ -13,6 +13,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from dense_vs.body_model.chain import Chain
+from dense_vs.body_model.image_directions import directed_mean, direction_weights
 from dense_vs.point_servo.body_features import NOISE, BodyFeatures, FeatureState, Keyframe
 from dense_vs.point_servo.feature_flow import about, carried, new_features
 from dense_vs.point_servo.feature_looks import FeatureLooks
@@ -53,7 +54,7 @@ class BodyTracker:
     """Follows one point of a body.
 
     Args:
-        chain, focal, center, learned: of the body, as :class:`BodyFeatures`.
+        chain, focal, center, learned, information: of the body, as :class:`BodyFeatures`.
         history: gray images uint8 ``(H, W)`` with joint positions ``(N,)`` [rad], oldest first, up to the present one.
         point: ``(2,)`` [px], its place in the last image.
         body: bool ``(H, W)``, pixels of the body in the last image.
@@ -86,6 +87,7 @@ class BodyTracker:
         point: np.ndarray,
         body: np.ndarray,
         *,
+        information: np.ndarray | None = None,
         error: float = NOISE,
         link: int | None = None,
         trace: Trace | None = None,
@@ -94,7 +96,7 @@ class BodyTracker:
         window: int = 25,
         lost_after: int = 15,
     ):
-        self.features = BodyFeatures(chain, focal, center, learned)
+        self.features = BodyFeatures(chain, focal, center, learned, information)
         self.features.lasting = np.array([POINT])
         self._lost_after, self._error = lost_after, error
         self._gray, positions = history[-1]
@@ -154,12 +156,13 @@ class BodyTracker:
         self._hold(gray, places, believed, due)
         expected = features.project(self._live, q)
         known = features.states[self._live] == FeatureState.KNOWN
+        directions = direction_weights(gray, places)
         for one in np.unique(features.links[self._live[known]]):
             on = believed & known & (features.links[self._live] == one)
             if on.sum() >= LEAST_SEEN:
                 off = places - expected
-                far = np.linalg.norm(off - np.median(off[on], axis=0), axis=1) > GATE
-                believed &= ~(on & far)
+                far = np.einsum("kij,kj->ki", directions, off - np.median(off[on], axis=0))
+                believed &= ~(on & (np.linalg.norm(far, axis=1) > GATE))
         self._live, self._places = self._live[believed], places[believed]
         self._correct(q, link, gray)
         self._gray, self._positions = gray, q
@@ -244,12 +247,10 @@ class BodyTracker:
         if self.seen >= LEAST_SEEN:
             on = self._trusted(on)
             there = features.project(on, q)
-            off = self._places[np.isin(self._live, on)] - there
+            places = self._places[np.isin(self._live, on)]
+            off, directions = places - there, direction_weights(gray, places)
             weights = np.exp(-np.sum((there - expected) ** 2, axis=1) / (2 * WIDE**2)) + 1e-3
-            mean = np.average(off, axis=0, weights=weights)
-            weights = weights / (1 + np.sum((off - mean) ** 2, axis=1))
-            self._offset = np.average(off, axis=0, weights=weights)
-            spread = float(np.sqrt(np.average(np.sum((off - self._offset) ** 2, axis=1), weights=weights)))
+            self._offset, spread = directed_mean(off, directions, weights)
             self._aside = BASIC + spread / np.sqrt(len(on))
             self.unseen = 0
         else:

@@ -148,9 +148,10 @@ class LearnedBody:
         surface = surface_at(seen, point)
         link = link_of_point(model, self._pipeline.estimator.at(point)[0], frame.positions, point, surface)
         near = cv2.dilate(seen.body.astype(np.uint8), np.ones((2 * BESIDE + 1,) * 2, np.uint8)) > 0
+        known = None if model.precision is None else model.precision.information
         tracker = BodyTracker(
             model.chain, model.focal_length, np.asarray(model.center), model.learned, thinned(history, LOOKED_BACK),
-            point, near, error=model.error, link=link, trace=model.trace, surface=surface,
+            point, near, error=model.error, information=known, link=link, trace=model.trace, surface=surface,
             same=same_surface(self._pipeline.estimator, point), window=window, lost_after=lost_after,
         )  # fmt: skip
         return tracker if tracker.known else None

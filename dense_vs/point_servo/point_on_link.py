@@ -69,13 +69,14 @@ class PointOnLink:
                 return
             depth = features.positions(np.array([POINT]), self.defined_at)[0, 2]
             around = PointDepth(float(max(depth, 1e-2)), UNKNOWN)
-        postures, places = features.tracks(np.array([POINT]))
+        postures, places, directions = features.tracks(np.array([POINT]))
         seen = np.isfinite(places[:, 0, 0])
         rotation, translation = features.chain.link_poses(postures[seen])
         tried = self._at(tried_depths(around))
         there = np.einsum("tij,dj->dti", rotation[:, self.link], tried) + translation[None, :, self.link]
         expected = features.pixels(there.reshape(-1, 3)).reshape(*there.shape[:2], 2)
-        self.depth = point_depth(around, np.linalg.norm(expected - places[seen, 0], axis=2))
+        errors = np.einsum("tij,dtj->dti", directions[seen, 0], expected - places[seen, 0])
+        self.depth = point_depth(around, np.linalg.norm(errors, axis=2))
         features.points[POINT] = self._at(self.depth.depth)
         features.states[POINT] = FeatureState.KNOWN
 

@@ -166,3 +166,15 @@ def test_behind_the_camera_nothing_is_known(fitted):
     covariance = covariances(found.state.chain, FOCAL, points, body.links, none, np.zeros(2))
     assert np.isinf(covariance[0]).any()
     np.testing.assert_allclose(covariance[1:], np.tile(0.09 * np.eye(2), (len(points) - 1, 1, 1)), atol=1e-9)
+
+
+def test_the_information_is_the_inverse_of_the_covariance_and_nothing_where_that_is_nothing():
+    rng = np.random.default_rng(0)
+    turn = np.linalg.qr(rng.normal(size=(9, 9)))[0]
+    sizes = np.array([0.3, 0.02, 1e-3, 1e-6])
+    precision = Precision(
+        turn[:4] * sizes[:, None], np.zeros((0, 4)), np.zeros(0), np.zeros((0, 2)), np.zeros(0, int), 0.3
+    )
+    expected = (turn[:4].T / np.maximum(sizes, 5e-4) ** 2) @ turn[:4]  # no root is known better than that
+    np.testing.assert_allclose(precision.information, expected, rtol=1e-6, atol=1e-4)
+    np.testing.assert_allclose(precision.information @ turn[4:].T, 0, atol=1e-6)

@@ -166,7 +166,7 @@ def test_a_reflection_in_depth():
 def test_of_each_tree_the_six_best_candidates_are_kept(monkeypatch, dense):
     asked, costs = [], {}
     tracks = SimpleNamespace(size=(80, WIDTH))
-    few = SimpleNamespace(joints="joints", pixels="pixels")
+    few = SimpleNamespace(joints="joints", pixels="pixels", directions="directions")
     tracks.select = lambda chosen: SimpleNamespace(in_images=lambda most: asked.append((chosen, most)) or few)
     monkeypatch.setattr(
         start, "core", lambda tracks, measured, parents, learned, noise: (f"core of {parents}", "links")
@@ -182,7 +182,7 @@ def test_of_each_tree_the_six_best_candidates_are_kept(monkeypatch, dense):
         costs.update({one: float(rng.random()) for one in found})
         return found
 
-    def adjust(begun, joints, pixels, links, center, prior, noise, *rounds):
+    def adjust(begun, joints, pixels, links, center, prior, noise, *rounds, directions):
         assert (joints, pixels, links, center, prior, noise) == (
             "joints",
             "pixels",
@@ -191,7 +191,7 @@ def test_of_each_tree_the_six_best_candidates_are_kept(monkeypatch, dense):
             (300.0, 0.03),
             0.5,
         )
-        assert rounds == (2, 8)
+        assert (*rounds, directions) == (2, 8, "directions")
         return f"{begun} adjusted", costs[begun], None
 
     monkeypatch.setattr(start, "_candidates", candidates)

@@ -1,5 +1,6 @@
 """Features on a body's links by hand: what keyframes hold, which link explains a feature, what an adjustment takes."""
 
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -22,8 +23,8 @@ def two_joints():
     return Chain(axes, np.array([[0.1, 0.0, 1.0], [-0.1, 0.0, 1.2]]), np.array([0.0, 0.1]), np.array([-1, 0]))
 
 
-def features(learned=(True, True)):
-    return BodyFeatures(two_joints(), FOCAL, CENTER, np.array(learned))
+def features(learned=(True, True), information=None):
+    return BodyFeatures(two_joints(), FOCAL, CENTER, np.array(learned), information)
 
 
 def place(link, point, q):
@@ -80,11 +81,13 @@ def test_tracks_are_of_the_features_asked_about_in_their_order():
     body.added(4)
     body.keep(keyframe([0, 2, 3], [[1, 1], [2, 2], [3, 3]], q=(0.1, 0.2)))
     body.keep(keyframe([3, 1], [[4, 4], [5, 5]], q=(0.3, 0.4)))
-    postures, places = body.tracks(np.array([3, 0]))
+    body.keyframes[0].directions[:] = np.arange(1, 4)[:, None, None]
+    postures, places, directions = body.tracks(np.array([3, 0]))
     np.testing.assert_array_equal(postures, [[0.1, 0.2], [0.3, 0.4]])
     np.testing.assert_array_equal(places[:, 0], [[3, 3], [4, 4]])
     np.testing.assert_array_equal(places[0, 1], [1, 1])
     assert np.isnan(places[1, 1]).all()
+    np.testing.assert_array_equal(directions[:, :, 0, 0], [[3, 1], [directions[1, 0, 0, 0], 0]])
 
 
 @pytest.mark.parametrize("lasting", [False, True])
@@ -191,10 +194,13 @@ def adjusting(monkeypatch):
                                      focal=focal_prior, noise=noise, rounds=rounds))  # fmt: skip
         chain = state.chain.scaled(1.0)
         return (
-            SimpleNamespace(chain=chain, focal=state.focal + 10, points=state.points + 1.0, bend=state.bend - 0.01),
+            replace(
+                state, chain=chain, focal=state.focal + 10, points=state.points + 1.0, bend=state.bend - 0.01,
+                moved=state.moved + np.arange(9.0),
+            ),
             None,
             None,
-        )
+        )  # fmt: skip
 
     monkeypatch.setattr(body_features, "adjust", adjust)
     return calls
@@ -224,6 +230,22 @@ def test_ten_features_that_were_seen_five_times_are_adjusted(adjusting, known, a
         assert call.center == (64.0, 48.0)
         assert call.focal == (FOCAL, 0.02)
         assert call.noise == 0.5
+
+
+def test_what_a_fit_knew_of_the_chain_counts_a_quarter_however_far_it_has_moved_since(adjusting):
+    told = np.diag(np.arange(1.0, 10))
+    for body, expected in ((features(), None), (features(information=told), 0.25 * told)):
+        numbers = body.added(10)
+        body.states[:], body.links[:] = KNOWN, 1
+        for k in range(5):
+            body.keep(keyframe(numbers, q=(k, 0)))
+        for turn in range(2):
+            body.refine(np.zeros(0, int), np.zeros(0, int))
+            call = adjusting[-1]
+            np.testing.assert_array_equal(call.state.moved, turn * np.arange(9.0) if turn else 0.0)
+            directions, information = call.rounds[-2:]
+            assert directions.shape == (5, 10, 2, 2)
+            np.testing.assert_array_equal(information, expected)
 
 
 def test_an_adjustment_takes_what_is_preferred_and_was_seen_most_in_spread_and_latest_keyframes(adjusting):

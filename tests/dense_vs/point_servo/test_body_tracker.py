@@ -80,7 +80,7 @@ def test_a_chain_that_is_somewhat_wrong_is_refined(plate):
 def test_the_point_itself_is_found_in_images_before_and_tells_its_depth(plate):
     history = babbled(plate)
     tracker = make(plate, history)
-    postures, places = tracker.features.tracks(np.array([0]))
+    postures, places, _ = tracker.features.tracks(np.array([0]))
     seen = np.isfinite(places[:, 0, 0])
     assert seen.sum() > 40
     off = [np.linalg.norm(place[0] - plate.place(q)) for q, place in zip(postures[seen], places[seen], strict=True)]

@@ -205,9 +205,11 @@ def test_a_model_of_another_robot_or_camera_is_refused(drawn, wrong):
     assert drawn == []
 
 
-@pytest.mark.parametrize("known", [True, False])
+@pytest.mark.parametrize(("known", "precision"), [(True, SimpleNamespace(information="told")), (False, None)])
 @pytest.mark.parametrize("seen_already", [True, False])
-def test_a_point_is_followed_on_the_model_s_outline_and_two_pixels_beside(monkeypatch, drawn, known, seen_already):
+def test_a_point_is_followed_on_the_model_s_outline_and_two_pixels_beside(
+    monkeypatch, drawn, known, precision, seen_already
+):
     outline = np.zeros((20, 30), bool)
     outline[8:12, 10:15] = True
     seen = SimpleNamespace(body=outline, links=np.where(outline, 1, -1), depths=np.where(outline, 2.5, np.inf))
@@ -226,7 +228,7 @@ def test_a_point_is_followed_on_the_model_s_outline_and_two_pixels_beside(monkey
     point = np.array([12.0, 9.0])
     assert one.tracker(point, now, window=21, lost_after=7) is None  # no model
     one.use(model(chain="chain", focal_length=300.0, center=(15.0, 10.0), learned="learned",
-                  image=lambda q: seen, trace="trace"), None)  # fmt: skip
+                  image=lambda q: seen, trace="trace", precision=precision), None)  # fmt: skip
     for k in range(100):
         one.see(frame(gray(k)))
     if seen_already:
@@ -247,6 +249,7 @@ def test_a_point_is_followed_on_the_model_s_outline_and_two_pixels_beside(monkey
     used, J, q, place, surface = options.pop("link")
     assert (used, J, q is now.positions, place is point) == (one.model, ("J at", (12.0, 9.0)), True, True)
     assert surface == options["surface"] == (1, 2.5)
+    assert options.pop("information") == ("told" if precision else None)
     assert options == {"error": 0.5, "surface": surface, "same": same, "window": 21, "lost_after": 7, "trace": "trace"}
     one.forget_images()
     one.tracker(point, now, window=21, lost_after=7)

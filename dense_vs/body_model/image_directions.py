@@ -1,0 +1,56 @@
+"""In what direction an image tells where a place is: an edge says nothing along itself (beyond the papers).
+
+Along the strongest direction of a patch's structure tensor its place is found best; along the other, with the smaller
+eigenvalue, the error is larger by the root of their ratio (Foerstner 1987). On plain links most features lie on edges:
+tracked from one image of an arm to the next they were 3 times as far off along them as across, by the truth.
+"""
+
+import cv2
+import numpy as np
+
+WINDOW = 15  # px, side of the patch
+NOISE = 0.01  # squared gray levels a px, added to the tensor: where nothing is seen all directions are alike
+LEAST = 0.1  # weight of a place along the direction that tells least: corners of noise tell something
+
+
+def direction_weights(gray: np.ndarray, places: np.ndarray) -> np.ndarray:
+    """What errors of places are multiplied by, symmetric ``(K, 2, 2)``: 1 across the strongest edge, less along it.
+
+    Args:
+        gray: uint8 ``(H, W)``.
+        places: ``(K, 2)`` [px]; of one outside the image the nearest pixel counts.
+    """
+    if not len(places):
+        return np.zeros((0, 2, 2))
+    smooth = cv2.GaussianBlur(gray, (0, 0), 0.8).astype(np.float32)
+    dx, dy = (cv2.Scharr(smooth, cv2.CV_32F, *order, scale=1 / 32) for order in ((1, 0), (0, 1)))
+    height, width = gray.shape
+    column, row = np.rint(np.clip(np.nan_to_num(places), 0, (width - 1, height - 1))).astype(int).T
+    tensor = np.empty((len(places), 2, 2))
+    for (i, j), product in {(0, 0): dx * dx, (0, 1): dx * dy, (1, 1): dy * dy}.items():
+        tensor[:, i, j] = tensor[:, j, i] = cv2.blur(product, (WINDOW, WINDOW))[row, column]
+    values, vectors = np.linalg.eigh(tensor)
+    values = np.maximum(values, 0) + NOISE
+    weights = np.maximum(np.sqrt(values / values[:, 1:]), LEAST)
+    return np.einsum("kij,kj,klj->kil", vectors, weights, vectors)
+
+
+def directed_mean(values: np.ndarray, directions: np.ndarray, weights: np.ndarray) -> tuple[np.ndarray, float]:
+    """Robust mean ``(2,)`` of vectors, of which each counts in its directions, and the spread about it.
+
+    Args:
+        values: ``(K, 2)`` [px].
+        directions: ``(K, 2, 2)`` as :func:`direction_weights` has them.
+        weights: ``(K,)``; those that are farther than a pixel from the others count less.
+    """
+    squares = directions.transpose(0, 2, 1) @ directions
+
+    def mean_of(weights: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        information = np.einsum("k,kij->kij", weights, squares)
+        mean = np.linalg.solve(information.sum(axis=0), np.einsum("kij,kj->i", information, values))
+        return mean, np.sum(np.einsum("kij,kj->ki", directions, values - mean) ** 2, axis=1)
+
+    _, far = mean_of(weights)
+    weights = weights / (1 + far)
+    mean, far = mean_of(weights)
+    return mean, float(np.sqrt(np.average(far, weights=weights)))
