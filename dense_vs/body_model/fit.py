@@ -321,8 +321,10 @@ def assign_links(
     placed: list[Placed] = []
     for link in candidates:
         on_link = np.full(count, link)
-        where = state.chain, state.focal, center, tracks.joints, tracks.pixels, on_link, points
-        placed.append(place_points(*where, noise, tracks.directions))
+        # By whole distances: across its edge alone, too many links explain a track.
+        placed.append(
+            place_points(state.chain, state.focal, center, tracks.joints, tracks.pixels, on_link, points, noise)
+        )
     costs = np.array([one.cost for one in placed])
     best = costs.argmin(axis=0)
     links = np.array(candidates)[best]

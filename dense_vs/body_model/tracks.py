@@ -43,7 +43,7 @@ class PointTrackOptions:
     reference_every: int = 10
     reach: int = 40
     per_cell: int = 2
-    window: int = 15
+    window: int = 9
     max_return: float = 0.7
     min_correlation: float = 0.75
 

@@ -5,9 +5,8 @@ every keyframe adds places of features; chain, focal length and features are adj
 what is learned far away holds back where it began. A new feature goes to the link whose motion explains its places.
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from enum import IntEnum
-from functools import cached_property
 
 import numpy as np
 
@@ -48,25 +47,34 @@ class FeatureState(IntEnum):
 
 @dataclass(frozen=True)
 class Keyframe:
-    """A posture ``(N,)`` [rad] and what was seen in it: indices ``(K,)`` of features, places ``(K, 2)`` [px], image."""
+    """A posture and what was seen in it.
+
+    Attributes:
+        positions: ``(N,)`` [rad].
+        features: indices ``(K,)``.
+        places: ``(K, 2)`` [px].
+        image: gray uint8 ``(H, W)``.
+        directions: ``(K, 2, 2)``, what errors of the places are multiplied by; by the image unless given.
+    """
 
     positions: np.ndarray
     features: np.ndarray
     places: np.ndarray
     image: np.ndarray
+    directions: np.ndarray = field(default_factory=lambda: np.zeros(0))
 
-    @cached_property
-    def directions(self) -> np.ndarray:
-        """``(K, 2, 2)``, what errors of the places are multiplied by."""
-        return direction_weights(self.image, self.places)
+    def __post_init__(self):
+        if not self.directions.size:
+            object.__setattr__(self, "directions", direction_weights(self.image, self.places))
 
-    def with_place(self, feature: int, place: np.ndarray | None) -> "Keyframe":
-        """The keyframe with another place ``(2,)`` of one feature; without it for None."""
+    def with_place(self, feature: int, place: np.ndarray | None, weight: float = 1.0) -> "Keyframe":
+        """The keyframe with another place ``(2,)`` of one feature, whose errors count so much; without it for None."""
         others = self.features != feature
-        features, places = self.features[others], self.places[others]
-        if place is None:
-            return Keyframe(self.positions, features, places, self.image)
-        return Keyframe(self.positions, np.append(features, feature), np.vstack([places, place]), self.image)
+        features, places, directions = self.features[others], self.places[others], self.directions[others]
+        if place is not None:
+            features, places = np.append(features, feature), np.vstack([places, place])
+            directions = np.concatenate([directions, weight * direction_weights(self.image, place[None])])
+        return Keyframe(self.positions, features, places, self.image, directions)
 
 
 class BodyFeatures:

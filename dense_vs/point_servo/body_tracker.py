@@ -298,7 +298,8 @@ class BodyTracker:
         expected, maps, by_depth = self.on_link.view(np.array([one.positions for one in chosen]))
         for k, one, place, map_, off in zip(keyframes, chosen, expected, maps, by_depth, strict=True):
             found, correlation = self._look.found(one.image, place, map_, self._covariance(off, ASIDE))
-            features.keyframes[k] = one.with_place(POINT, found if correlation > BELIEVED else None)
+            seen, weight = correlation > BELIEVED, NOISE / max(NOISE, self._look.drift(correlation))
+            features.keyframes[k] = one.with_place(POINT, found if seen else None, weight)
 
     def _uncertainty(self, q: np.ndarray) -> float:
         """Standard deviation [px]: by depth and chain, whose errors show as the link turns, and by the link's features.

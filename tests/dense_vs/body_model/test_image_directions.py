@@ -9,7 +9,6 @@ from synthetic_body import postures as way
 
 from dense_vs.body_model.adjustment import adjust
 from dense_vs.body_model.chain import Chain
-from dense_vs.body_model.fit import BodyFitOptions, fit_body
 from dense_vs.body_model.image_directions import LEAST, directed_mean, direction_weights
 from dense_vs.body_model.link_assignment import place_points
 from dense_vs.body_model.track_problem import BodyState, TrackProblem
@@ -106,20 +105,6 @@ def test_lines_are_found_from_places_that_slide_along_edges():
         off[name] = turned.max(), error
     assert off["directed"][0] < 0.5 * off["plain"][0]
     assert off["directed"][1] < 0.5 * off["plain"][1]
-
-
-def test_links_are_told_from_places_that_slide_along_edges():
-    body, joints = serial_body(3, seed=1), way(3, 40)
-    tracks = sliding(body, joints, np.random.default_rng(2), along=4.0)
-    right = {}
-    for name, given in (
-        ("directed", tracks),
-        ("plain", PointTracks(joints, tracks.pixels, tracks.references, SIZE)),
-    ):
-        fit = fit_body(given, BodyFitOptions(focal_length=FOCAL, slides=(False,) * 3))
-        right[name] = np.mean(fit.all_links == body.links)
-    assert right["directed"] > 0.8
-    assert right["directed"] > right["plain"] + 0.2
 
 
 def test_the_normal_equations_with_directions_and_information_are_the_gradient_of_the_cost():

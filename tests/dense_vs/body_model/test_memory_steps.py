@@ -206,10 +206,10 @@ def test_a_memory_comes_back(tmp_path):
 def test_defaults_of_tracks_and_of_a_fit():
     tracks, fit = PointTrackOptions(), BodyFitOptions()
     assert (tracks.stride, tracks.reference_every, tracks.reach, tracks.per_cell) == (3, 10, 40, 2)
-    assert (tracks.window, tracks.max_return, tracks.min_correlation) == (15, 0.7, 0.75)
+    assert (tracks.window, tracks.max_return, tracks.min_correlation) == (9, 0.7, 0.75)
     assert (fit.focal_length, fit.focal_deviation, fit.parents, fit.slides) == (None, 0.15, None, None)
     assert (fit.noise, fit.starts, fit.rounds, fit.believed, fit.seed) == (0.5, 40, 3, 0.4, 0)
-    assert (fit.most_tracks, fit.most_images) == (400, 80)
+    assert (fit.most_tracks, fit.most_images) == (600, 120)
     for name in ("starts", "rounds", "most_tracks", "most_images"):
         BodyFitOptions(**{name: 1})
         with pytest.raises(DenseVSError, match=name):

@@ -90,6 +90,18 @@ def test_tracks_are_of_the_features_asked_about_in_their_order():
     np.testing.assert_array_equal(directions[:, :, 0, 0], [[3, 1], [directions[1, 0, 0, 0], 0]])
 
 
+def test_a_place_counts_as_much_as_it_is_told_to():
+    image = (np.add.outer(np.zeros(96), np.arange(128) > 40) * 200).astype(np.uint8)  # an edge upward, at x = 40.5
+    seen = Keyframe(np.zeros(2), np.array([3, 5]), np.array([[40.5, 30], [40.5, 60]]), image)
+    np.testing.assert_allclose(seen.directions, np.tile(np.diag([1, 0.1]), (2, 1, 1)), atol=1e-6)
+    less = seen.with_place(3, np.array([40.5, 33]), 0.25)
+    assert less.features.tolist() == [5, 3]
+    np.testing.assert_allclose(less.directions, [np.diag([1, 0.1]), np.diag([0.25, 0.025])], atol=1e-6)
+    again = less.with_place(5, None)  # what stays keeps its weight
+    np.testing.assert_allclose(again.directions, [np.diag([0.25, 0.025])], atol=1e-6)
+    assert again.with_place(3, None).directions.shape == (0, 2, 2)
+
+
 @pytest.mark.parametrize("lasting", [False, True])
 def test_of_too_many_keyframes_every_sixth_of_the_older_half_goes(lasting):
     """The first stays, and those that hold a lasting feature while there are others."""

@@ -117,7 +117,7 @@ def test_it_is_found_again_by_the_features_of_its_first_image(monkeypatch):
 
 
 def test_places_of_the_own_look_are_kept_where_they_are_alike():
-    """A place of more than 0.72 tells the point's depth, one of less is forgotten."""
+    """A place of more than 0.72 tells the point's depth, by how far it may have drifted, one of less is forgotten."""
     places = np.array([[1.0, 1.0], [2.0, 2.0]])
     frames = [Keyframe(np.array([float(k)]), np.array([0, 4]), places, GRAY + k) for k in range(3)]
     features = Features(np.zeros((5, 2)), np.zeros((5, 2)))
@@ -132,7 +132,8 @@ def test_places_of_the_own_look_are_kept_where_they_are_alike():
         count = len(postures)
         return 10 * postures.repeat(2, axis=1), np.arange(count)[:, None, None] + np.eye(2), np.full((count, 2), 20.0)
 
-    tracker = bare(features, _look=SimpleNamespace(found=found))
+    drift = {0.73: 2.0, 0.71: 0.1}
+    tracker = bare(features, _look=SimpleNamespace(found=found, drift=drift.get))
     tracker.on_link = SimpleNamespace(link=1, depth=None, view=view)
     tracker._find_in([0, 2])
     assert asked == []  # nothing to expect it by
@@ -144,6 +145,8 @@ def test_places_of_the_own_look_are_kept_where_they_are_alike():
     assert features.keyframes[0].features.tolist() == [4]
     assert features.keyframes[2].features.tolist() == [4, 0]
     np.testing.assert_allclose(features.keyframes[2].places, [[2.0, 2.0], [20.5, 20.5]])
+    weights = np.linalg.norm(features.keyframes[2].directions, ord=2, axis=(1, 2))
+    np.testing.assert_allclose(weights, [1, 0.5 / 2.0])
     np.testing.assert_allclose([one[1] for one in asked], [[0.0, 0.0], [20.0, 20.0]])
     np.testing.assert_allclose(asked[1][2], 1 + np.eye(2))
     np.testing.assert_allclose(asked[0][3], np.full((2, 2), 9.0) + np.eye(2))  # 1.5 * 0.1 * 20, and 1 px beside it
