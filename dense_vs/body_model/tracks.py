@@ -147,9 +147,9 @@ def follow_points(
         raise DenseVSError("no point to follow: nothing with texture moves in the images")
     places = np.concatenate(columns, axis=1)
     directions = np.zeros((*places.shape, 2))
-    for image, there, weights in zip(looked, places, directions, strict=True):
-        seen = np.isfinite(there[:, 0])
-        weights[seen] = direction_weights(image, there[seen])
+    for k, image in enumerate(looked):
+        seen = np.isfinite(places[k, :, 0])
+        directions[k, seen] = direction_weights(image, places[k, seen])
     return PointTracks(q[chosen], places, np.array(references), (height, width), directions)
 
 
