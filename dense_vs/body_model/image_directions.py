@@ -10,6 +10,7 @@ import numpy as np
 
 WINDOW = 15  # px, side of the patch
 NOISE = 0.01  # squared gray levels a px, added to the tensor: where nothing is seen all directions are alike
+MARGIN = 13  # px about the places that their patches, blurred, reach
 LEAST = 0.1  # weight of a place along the direction that tells least: corners of noise tell something
 
 
@@ -22,13 +23,15 @@ def direction_weights(gray: np.ndarray, places: np.ndarray) -> np.ndarray:
     """
     if not len(places):
         return np.zeros((0, 2, 2))
-    smooth = cv2.GaussianBlur(gray, (0, 0), 0.8).astype(np.float32)
-    dx, dy = (cv2.Scharr(smooth, cv2.CV_32F, *order, scale=1 / 32) for order in ((1, 0), (0, 1)))
     height, width = gray.shape
     column, row = np.rint(np.clip(np.nan_to_num(places), 0, (width - 1, height - 1))).astype(int).T
+    left, top = max(0, column.min() - MARGIN), max(0, row.min() - MARGIN)
+    around = gray[top : row.max() + MARGIN + 1, left : column.max() + MARGIN + 1]
+    smooth = cv2.GaussianBlur(around, (0, 0), 0.8).astype(np.float32)
+    dx, dy = (cv2.Scharr(smooth, cv2.CV_32F, *order, scale=1 / 32) for order in ((1, 0), (0, 1)))
     tensor = np.empty((len(places), 2, 2))
     for (i, j), product in {(0, 0): dx * dx, (0, 1): dx * dy, (1, 1): dy * dy}.items():
-        tensor[:, i, j] = tensor[:, j, i] = cv2.blur(product, (WINDOW, WINDOW))[row, column]
+        tensor[:, i, j] = tensor[:, j, i] = cv2.blur(product, (WINDOW, WINDOW))[row - top, column - left]
     values, vectors = np.linalg.eigh(tensor)
     values = np.maximum(values, 0) + NOISE
     weights = np.maximum(np.sqrt(values / values[:, 1:]), LEAST)

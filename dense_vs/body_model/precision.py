@@ -60,8 +60,10 @@ class Precision:
     @property
     def information(self) -> np.ndarray:
         """Inverse of the covariance, ``(4 N + 1, 4 N + 1)``; 0 along what it does not know, as the unit of length."""
-        size = np.maximum(np.sum(self.lines**2, axis=1), LEAST_STEP**2)
-        return np.einsum("ri,rj,r->ij", self.lines, self.lines, 1 / (size * np.sum(self.lines**2, axis=1)))
+        length = np.linalg.norm(self.lines, axis=1, keepdims=True)
+        along = np.divide(self.lines, length, out=np.zeros_like(self.lines), where=length > 0)
+        known = along / np.maximum(length, LEAST_STEP)
+        return known.T @ known
 
 
 def precision_of(found: BodyFit, surface: Surface, postures: np.ndarray) -> Precision:

@@ -50,6 +50,15 @@ def test_the_weight_is_the_root_of_the_ratio_of_how_the_image_changes():
     np.testing.assert_allclose(weights, np.tile(np.diag([1, 1 / 3]), (2, 1, 1)), atol=0.04)
 
 
+def test_a_place_has_the_same_weights_alone_and_among_others():
+    """Its patch alone counts, at the border too, where the image is mirrored."""
+    image = np.random.default_rng(5).integers(0, 255, (90, 120)).astype(np.uint8)
+    places = np.array([[3.0, 2.0], [60.2, 44.6], [118.0, 88.0], [20.0, 70.0]])
+    together = direction_weights(image, places)
+    for place, weights in zip(places, together, strict=True):
+        np.testing.assert_allclose(direction_weights(image, place[None])[0], weights, atol=1e-4)
+
+
 def test_places_outside_or_of_nothing_get_weights_all_the_same():
     image = edge_image(0.0)
     odd = np.array([[-50.0, 30.0], [300.0, 300.0], [np.nan, 2.0], [1.0, 30.0]])

@@ -1,5 +1,7 @@
 """What is known of a body's errors, step by step: dense algebra, places by derivatives, usual errors."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from synthetic_body import CENTER, FOCAL, SIZE, postures, serial_body
@@ -178,3 +180,5 @@ def test_the_information_is_the_inverse_of_the_covariance_and_nothing_where_that
     expected = (turn[:4].T / np.maximum(sizes, 5e-4) ** 2) @ turn[:4]  # no root is known better than that
     np.testing.assert_allclose(precision.information, expected, rtol=1e-6, atol=1e-4)
     np.testing.assert_allclose(precision.information @ turn[4:].T, 0, atol=1e-6)
+    empty = replace(precision, lines=np.zeros((2, 9)))  # a root of no length says nothing
+    np.testing.assert_array_equal(empty.information, 0)
