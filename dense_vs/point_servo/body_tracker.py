@@ -39,14 +39,14 @@ ROUNDS = 3  # of looking back for the point itself, each with the depth that the
 AGAIN = 8  # keyframes in which it is sought again whenever there is a new one, as the chain is known better by then
 BELIEVED = 0.72  # correlation from which a place of the point's own look tells its depth
 LEAST_OPEN = 0.05  # of the logarithm of the depth, left open in a search: places that repeat a guess tell nothing
-MOST_UNCERTAIN = 0.8  # px, standard deviation of the point's place up to which it is certain
+MOST_UNCERTAIN = 1.0  # px, standard deviation of the point's place up to which it is certain
 DOUBT = 1.5  # times the depth's standard deviation: places of features around share their errors
-DEPTH_ALONE = 4.0  # times it, for a place that the point's own look does not confirm
+DEPTH_ALONE = 3.0  # times it, for a place that the point's own look does not confirm
 OWN_SHARE = 0.7  # of :meth:`PointLook.drift`, found on recordings of six views
-OFF_SHARE = 0.4  # of how far the own look is seen from where the chain has the point: one of the two is wrong
-CHAIN_DRIFT = 2.0  # times the model's error, by rad: of a place by the chain, whose faults renewed features hide
-HELD_DEPTH, HELD_DRIFT = 2.5, 0.4  # in their place where features of the point's own first image are in sight
-BASIC = 0.3  # px, of any place
+OFF_SHARE = 0.4  # of how far the own look, or the features, are from where the chain has them: one of two is wrong
+CHAIN_DRIFT = 1.5  # times the model's error, by rad: of a place by the chain, whose faults renewed features hide
+HELD_DEPTH, HELD_DRIFT = 1.0, 0.4  # in their place where features of the point's own first image are in sight
+BASIC, FEW = 0.3, 2.0  # px, of any place; by the number of features that tell it, among which wrong ones go unseen
 VOTES = 7  # features around, which say what link the point is on where its own places do not
 
 
@@ -105,7 +105,7 @@ class BodyTracker:
         self.point = np.array(point, dtype=np.float64)
         self.on_link = PointOnLink(self.features, self.point, self._positions, surface)
         self._offset = np.zeros(2)
-        self.seen, self.unseen, self.held, self._aside = 0, 0, False, BASIC + 1.0
+        self.seen, self.unseen, self._told, self.held, self._aside = 0, 0, 0, False, BASIC + 1.0
         self._by_own = np.inf
         self._sighting: np.ndarray | None = None
         self._next = self._images = 0
@@ -252,7 +252,7 @@ class BodyTracker:
             weights = np.exp(-np.sum((there - expected) ** 2, axis=1) / (2 * WIDE**2)) + 1e-3
             self._offset, spread = directed_mean(off, directions, weights)
             self._aside = BASIC + spread / np.sqrt(len(on))
-            self.unseen = 0
+            self.unseen, self._told = 0, len(on)
         else:
             self.unseen += 1
             self.held = False
@@ -304,8 +304,7 @@ class BodyTracker:
     def _uncertainty(self, q: np.ndarray) -> float:
         """Standard deviation [px]: by depth and chain, whose errors show as the link turns, and by the link's features.
 
-        The point's own look says where it is where it is distinct. That it is found where the link expects it is no
-        sign by itself: a plain look is found anywhere.
+        The point's own look tells more where it is distinct. That it is found where it is expected alone does not.
         """
         if self.on_link.depth is None:
             return np.inf
@@ -313,8 +312,9 @@ class BodyTracker:
         by_depth = depths * self.on_link.depth.deviation * float(np.linalg.norm(self.on_link.view(q[None])[2]))
         moved_by = self.features.chain.moved_by[self.on_link.link]
         turned = float(np.linalg.norm((q - self.on_link.defined_at)[moved_by]))
-        by_model = min(float(np.hypot(by_depth, drift * self._error * turned)), self._by_own)
-        return float(np.hypot(by_model, self._aside))
+        by_features = OFF_SHARE * float(np.linalg.norm(self._offset)), FEW / max(self._told, 1)
+        by_model = float(np.linalg.norm([by_depth, drift * self._error * turned, *by_features]))
+        return float(np.hypot(min(by_model, self._by_own), self._aside))
 
     def _refine(self) -> None:
         """Chain, features and the point, adjusted to all keyframes."""

@@ -3,7 +3,7 @@
 DIJE (17) goes straight through the image and knows no more than the next step: on a far way joints meet their limits,
 and the surface turns out of sight. With the chain a whole move is planned at once, as Gothoskar et al. do by their
 model. Of the postures that bring the point to its target, one is chosen that is near and in which the surface is seen
-from where it was seen when the point was defined, so that it looks alike and stays in sight.
+from where it was seen when the point was defined, so that it looks alike, and to which the point's way is in the image.
 """
 
 from collections.abc import Callable
@@ -11,12 +11,14 @@ from collections.abc import Callable
 import numpy as np
 from scipy.optimize import least_squares
 
-TRIED, REFINED = 1000, 4  # postures at random, and those of them that a search begins at
+TRIED, REFINED = 1000, 8  # postures at random, and those of them that a search begins at
 RANGE = 1.5  # rad about the present posture, for joints without limits
 MARGIN = 0.03  # rad, kept from the limits
 # px that a change of the view by 1 (about 60 degrees) and a way of 1 rad weigh as much as
 LOOK, TRAVEL = 1.6, 0.4
 NEAR = 20.0  # times less that the way to the target counts where a search begins
+OUTSIDE = 4.0  # px^2 that a way all outside of the image weighs as much as
+WAY = 12  # places that are looked at on it
 OFF = 3.0  # px from the target up to which a posture is one that brings the point there
 EVALUATIONS = 60
 
@@ -33,6 +35,7 @@ def planned_posture(
     limits: np.ndarray,
     *,
     fixed: np.ndarray,
+    size: tuple[int, int] | None = None,
     seed: int = 0,
     start: np.ndarray | None = None,
 ) -> np.ndarray | None:
@@ -45,6 +48,7 @@ def planned_posture(
         positions: ``(N,)`` the present posture [rad].
         limits: ``(N, 2)`` of the joints [rad], infinite where there are none.
         fixed: bool ``(N,)``, joints that stay where they are.
+        size: (height, width) of the image [px], in which the way should be; any way is as good unless given.
         seed: of the postures at random.
         start: a posture that is probably good; then none are tried at random.
     """
@@ -67,13 +71,20 @@ def planned_posture(
         away = np.clip(np.nan_to_num(places - target, nan=1e4), -1e4, 1e4)
         return np.hstack([away, LOOK * (views - view), TRAVEL * (some - q[free])])
 
+    def outside(some: np.ndarray) -> float:
+        """Share of the straight way to the free joints at ``(F,)`` on which the point is outside of the image."""
+        if size is None:
+            return 0.0
+        places, _ = seen(whole(q[free] + np.linspace(0, 1, WAY)[1:, None] * (some - q[free])))
+        return float(np.mean(~((places >= 0) & (places < size[::-1])).all(axis=1)))
+
     low, high = least[free], most[free]
     if start is None:
         random = np.random.default_rng(seed)
         tried = np.vstack([np.clip(q[free], low, high), random.uniform(low, high, (TRIED, int(free.sum())))])
         rough = residuals(tried) / np.append([NEAR, NEAR], np.ones(3 + len(low)))
-        cost = np.sum(rough**2, axis=1)
-        starts = tried[np.unique(np.append(0, np.argsort(cost)[:REFINED]))]
+        order = np.argsort(np.sum(rough**2, axis=1))
+        starts = tried[np.unique(np.append(0, order[:REFINED]))]
     else:
         starts = np.clip(np.asarray(start, dtype=np.float64)[free], low, high)[None]
     best, least_cost = None, np.inf
@@ -81,8 +92,9 @@ def planned_posture(
         found = least_squares(
             lambda some: residuals(some[None])[0], begin, bounds=(low, high), max_nfev=EVALUATIONS, x_scale=0.1
         )
-        if found.cost < least_cost:
-            best, least_cost = found.x, found.cost
+        cost = found.cost + OUTSIDE * outside(found.x)
+        if cost < least_cost:
+            best, least_cost = found.x, cost
     assert best is not None
     posture = whole(best[None])[0]
     off = seen(posture[None])[0][0] - target

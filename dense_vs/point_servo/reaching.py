@@ -9,6 +9,7 @@ import numpy as np
 from dense_vs.health.faults import Fault, FaultKind
 from dense_vs.point_servo.body_tracker import BodyTracker
 from dense_vs.point_servo.following import given_up
+from dense_vs.point_servo.point_on_link import POINT
 from dense_vs.point_servo.reach import Arrival, Reach, ReachEnd
 from dense_vs.point_servo.tracker import PointTracker
 
@@ -18,6 +19,7 @@ if TYPE_CHECKING:
 FAR = 0.08  # of the image's width from the target, from which on a move is planned
 NEAR = 0.025  # of it, at which DIJE (17) takes over
 ARRIVED = 0.02  # rad from the planned posture
+FASTEST = 0.02  # of the image's width a frame, by which the point moves at most: blur, and rows exposed one by one
 PLANNED_EVERY = 15  # frames, after which the posture is planned anew, as the chain is known better by then
 RETURNS = 1  # times in a reach that a lost point is looked for where it was defined
 BACK = 0.01  # rad from the posture in which it was defined
@@ -112,12 +114,14 @@ class Reaching:
         return lambda: self._toward(posture)
 
     def _toward(self, posture: np.ndarray) -> np.ndarray:
-        """Joint step ``(N,)`` straight to a posture, as long as the servo's longest."""
-        loop = self._loop
+        """Joint step ``(N,)`` straight to a posture, as long as the servo's longest and as the point may move by."""
+        loop, tracker = self._loop, self._tracker
         way = posture - loop.joints.newest
-        longest = float(np.abs(way).max())
-        most = loop.servo.options.max_step
-        return loop.group.clip_step(way * min(1.0, most / max(longest, 1e-12)), loop.joints.newest)
+        share = min(1.0, loop.servo.options.max_step / max(float(np.abs(way).max()), 1e-12))
+        if isinstance(tracker, BodyTracker) and not tracker.unseen:
+            motion = float(np.linalg.norm(tracker.features.jacobian(POINT, loop.joints.newest) @ way))
+            share = min(share, FASTEST * loop.estimator.options.width / max(motion, 1e-12))
+        return loop.group.clip_step(way * share, loop.joints.newest)
 
     def _find_again(self) -> bool:
         """Go back to the posture in which the point was defined, and look for it there; whether it is seen."""

@@ -59,7 +59,7 @@ def test_depths_are_tried_a_quarter_about_that_around():
 
 def cost(around, errors, steps):
     counted = max(1.0, errors.shape[1] / 10)
-    return np.log1p((errors / 0.5) ** 2).sum(axis=1) / counted + (steps / around.deviation) ** 2
+    return 0.3 * np.log1p((errors / 0.5) ** 2).sum(axis=1) / counted + (steps / around.deviation) ** 2
 
 
 @pytest.mark.parametrize("places", [0, 1, 5, 10, 40])

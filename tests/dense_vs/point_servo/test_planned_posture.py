@@ -79,3 +79,25 @@ def test_joints_without_limits_go_as_far_as_the_range():
     posture = planned_posture(seen, VIEW, target, HOME, endless, fixed=FREE)
     assert (np.abs(posture) <= RANGE).all()
     assert np.linalg.norm(seen(posture[None])[0][0] - target) < 1.0
+
+
+def around(postures):
+    """A point that the first joint leads in a circle through the image, in the middle half of it and out of it."""
+    angle = np.asarray(postures)[:, 0]
+    places = np.column_stack([160 + 200 * np.sin(angle), 120 - 100 * np.cos(angle)])
+    return places, np.tile([0.0, 0.0, 1.0], (len(angle), 1))
+
+
+@pytest.mark.parametrize(("size", "right"), [(None, True), ((240, 320), False)])
+def test_a_way_in_the_image_is_taken_though_it_is_farther(size, right):
+    """From (160, 220) to (160, 20) it is 0.1 rad less by the right, where the circle goes 40 px out of the image."""
+
+    def seen_so(postures):
+        places, views = around(postures)
+        places[:, 0] = np.where(places[:, 0] < 160, 160 + 0.5 * (places[:, 0] - 160), places[:, 0])
+        return places, views
+
+    now, limits = np.array([np.pi - 0.05]), np.array([[-0.5, 2 * np.pi + 0.5]])
+    target = np.array([160.0, 20.0])
+    posture = planned_posture(seen_so, np.array([0.0, 0.0, 1.0]), target, now, limits, fixed=FREE[:1], size=size)
+    assert posture[0] == pytest.approx(0.0 if right else 2 * np.pi, abs=0.02)

@@ -34,7 +34,7 @@ def placed(features, surface):
 def test_without_features_the_surface_tells_the_depth():
     features = features_at([])
     found = placed(features, (0, 1.7)).depth
-    assert (found.depth, found.deviation) == pytest.approx((1.7, 0.035), rel=1e-3)
+    assert (found.depth, found.deviation) == pytest.approx((1.7, 0.02), rel=1e-3)
     assert features.states[POINT] == FeatureState.KNOWN
     np.testing.assert_allclose(features.project(np.array([POINT]), np.zeros(1))[0], PIXEL)
     assert placed(features_at([]), None).depth is None
@@ -44,10 +44,10 @@ def test_without_features_the_surface_tells_the_depth():
 def test_features_and_surface_count_by_how_near_features_are():
     for depths, surface in (([2.0, 2.0, 2.0], 1.9), ([2.0, 2.0, 2.0], 2.1)):
         by_features = np.hypot(0.03, 0.0015 * 40)
-        share = 0.035**-2 / (0.035**-2 + by_features**-2)
+        share = 0.02**-2 / (0.02**-2 + by_features**-2)
         found = placed(features_at(depths), (0, surface)).depth
         assert np.log(found.depth / 2.0) == pytest.approx(share * np.log(surface / 2.0), abs=0.002)  # tried by 0.002
-        assert found.deviation == pytest.approx((0.035**-2 + by_features**-2) ** -0.5, rel=0.02)
+        assert found.deviation == pytest.approx((0.02**-2 + by_features**-2) ** -0.5, rel=0.02)
 
 
 def test_the_surface_follows_the_chain_s_unit_of_length():

@@ -67,9 +67,11 @@ def point_tracker(lost=False):
     return tracker
 
 
-def body_tracker(postures=()):
+def body_tracker(postures=(), by_chain=((0.0, 0.0), (0.0, 0.0))):
+    """One whose planned postures are given, and the point's J [px/rad] by its chain."""
     tracker = object.__new__(BodyTracker)
     tracker.unseen, asked, postures = 0, [], list(postures)
+    tracker.features = SimpleNamespace(jacobian=lambda feature, at: np.array(by_chain))
 
     def posture_for(target, positions, limits, *, held, start):
         asked.append((target, positions.copy(), limits, held, start))
@@ -144,6 +146,17 @@ def test_a_way_of_more_than_eight_percent_of_the_width_is_planned(away, planned)
         assert target is loop.target
         assert (positions.tolist(), limits, held.tolist(), start) == ([0.0, 0.0], "limits", [False, True], None)
         np.testing.assert_allclose(loop.steps[0], [0.03, 0.0])
+
+
+@pytest.mark.parametrize(("across", "step"), [(130.0, 0.03), (134.0, 4 / 134), (400.0, 0.01), (-400.0, 0.01)])
+def test_a_planned_way_is_not_faster_in_the_image_than_two_percent_of_its_width(across, step):
+    """Of 200 px; unless nothing of its link is in sight, where the chain may be wrong about that."""
+    for unseen, expected in ((0, step), (1, 0.03)):
+        tracker, _ = body_tracker([np.array([0.3, 0.0])], ((0.6 * across, 0.0), (0.8 * across, 9.0)))
+        tracker.unseen = unseen
+        loop = Loop(away=90.0, tracker=tracker)
+        Reaching(loop, Arrival(), 1).run()
+        np.testing.assert_allclose(loop.steps[0], [expected, 0.0])
 
 
 def test_targets_with_depth_are_not_planned():
