@@ -1,6 +1,7 @@
 """What becomes of J, labels and reaches where the robot is hidden: something in front, or out of the image.
 
-    python profiling/hidden_points.py [--seeds 0,1,2,3] [--parts covered,behind,outside] [--reaches 3] [--json FILE]
+    python profiling/hidden_points.py [--seeds 0,1,2,3] [--parts covered,behind,outside] [--reaches 3] [--jobs N]
+                                      [--json FILE]
 
 Our own arm babbles for 10 s and learns its body. Then a textured plate comes in from the side, circles in front of the
 robot for 2 s and goes, 3 s in all, while it babbles on; the truth behind the plate is the simulator's, as the plate is
@@ -11,6 +12,8 @@ the first posture, where the point is chosen anew.
 
 import argparse
 import json
+import multiprocessing
+import os
 from dataclasses import asdict, astuple, dataclass
 from typing import Any
 
@@ -163,6 +166,26 @@ def covered_score(seed: int, trial: HiddenTrial, twin: HiddenTrial) -> CoveredSc
     )  # fmt: skip
 
 
+def run_parts(run: tuple[int, list[str], argparse.Namespace]) -> tuple[list[CoveredScore], list[HiddenReach]]:
+    """One seed's parts that need the same world, told as they come."""
+    seed, parts, options = run
+    wp.config.log_level = wp.LOG_ERROR
+    covered: list[CoveredScore] = []
+    reaches: list[HiddenReach] = []
+    trial = HiddenTrial(seed, options, narrow="outside" in parts)
+    if "covered" in parts:
+        twin = HiddenTrial(seed, options)
+        covered.append(covered_score(seed, trial, twin))
+        twin.body.close()
+        print(json.dumps({**asdict(covered[-1]), "ratio": covered[-1].ratio}), flush=True)
+    for part in parts:
+        for number in range(options.reaches if part != "covered" else 0):
+            reaches.append(trial.reach(part, number))
+            print(json.dumps({**asdict(reaches[-1]), "good": reaches[-1].good}), flush=True)
+    trial.body.close()
+    return covered, reaches
+
+
 def main() -> int:
     """Run the command."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
@@ -170,31 +193,24 @@ def main() -> int:
     parser.add_argument("--parts", default=",".join(PARTS), help=f"some of {', '.join(PARTS)} (default: all)")
     parser.add_argument("--reaches", type=int, default=3, help="pairs of each kind and seed (default: 3)")
     parser.add_argument("--seconds", type=float, default=10.0, help="of babbling (default: 10)")
+    parser.add_argument("--jobs", type=int, default=1, help="runs at a time, a core each where above 1 (default: 1)")
     parser.add_argument("--no-model", dest="body_model", action="store_false", help="learn no body, for comparison")
     add_report_arguments(parser)
     options = parser.parse_args()
     parts = options.parts.split(",")
     if not set(parts) <= set(PARTS):
         parser.error(f"--parts is {options.parts}; expected some of {', '.join(PARTS)}, by comma")
-    wp.config.log_level = wp.LOG_ERROR
+    groups = [[part for part in parts if part != "outside"], [part for part in parts if part == "outside"]]
+    runs = [(int(seed), chosen, options) for seed in options.seeds.split(",") for chosen in groups if chosen]
+    results = map(run_parts, runs)
+    if options.jobs > 1:
+        os.environ |= {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1", "DENSE_VS_THREADS": "1"}
+        results = multiprocessing.get_context("spawn").Pool(options.jobs).imap(run_parts, runs)
     covered: list[CoveredScore] = []
     reaches: list[HiddenReach] = []
-    for seed in options.seeds.split(","):
-        for narrow in (False, True):
-            chosen = [part for part in parts if (part == "outside") is narrow]
-            if not chosen:
-                continue
-            trial = HiddenTrial(int(seed), options, narrow)
-            if "covered" in chosen:
-                twin = HiddenTrial(int(seed), options)
-                covered.append(covered_score(int(seed), trial, twin))
-                twin.body.close()
-                print(json.dumps({**asdict(covered[-1]), "ratio": covered[-1].ratio}), flush=True)
-            for part in chosen:
-                for number in range(options.reaches if part != "covered" else 0):
-                    reaches.append(trial.reach(part, number))
-                    print(json.dumps({**asdict(reaches[-1]), "good": reaches[-1].good}), flush=True)
-            trial.body.close()
+    for more_covered, more_reaches in results:
+        covered += more_covered
+        reaches += more_reaches
     metrics = metrics_of(covered, reaches)
     print(table(["figure", "value"], [[m.name, f"{m.value:.3g}"] for m in metrics]))
     rows: dict[str, Any] = {"covered": [asdict(row) for row in covered], "reaches": [asdict(row) for row in reaches]}

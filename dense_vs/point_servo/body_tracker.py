@@ -44,9 +44,9 @@ DOUBT = 1.5  # times the depth's standard deviation: places of features around s
 DEPTH_ALONE = 3.0  # times it, for a place that the point's own look does not confirm
 OWN_SHARE = 0.7  # of :meth:`PointLook.drift`, found on recordings of six views
 OFF_SHARE = 0.4  # of how far the own look, or the features, are from where the chain has them: one of two is wrong
-CHAIN_DRIFT = 1.5  # times the model's error, by rad: of a place by the chain, whose faults renewed features hide
+CHAIN_DRIFT = 3.0  # times the model's error, by rad: of a place by the chain, whose faults renewed features hide
 HELD_DEPTH, HELD_DRIFT = 1.0, 0.4  # in their place where features of the point's own first image are in sight
-BASIC, FEW = 0.3, 2.0  # px, of any place; by the number of features that tell it, among which wrong ones go unseen
+BASIC, FEW = 0.3, 4.0  # px, of any place; by the number of features that tell it, among which wrong ones go unseen
 VOTES = 7  # features around, which say what link the point is on where its own places do not
 
 

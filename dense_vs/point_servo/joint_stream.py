@@ -14,6 +14,7 @@ from dense_vs.robot.protocols import Robot
 DELAY_MOTIONS = 60  # of babbling, that the delay of joint readings is found in at a time
 DELAY_TRIES, AGAIN_AFTER = 3, 45  # times that it is sought until they tell it, and motions between
 DELAY_MARGIN = 3  # frames more of readings, as the longest delay that is tried
+READINGS = 8192  # that are kept: 16 s of them at 500 Hz
 DELAY_STEP = 8  # px between the pixels that it is found from
 
 
@@ -40,7 +41,7 @@ class JointStream:
 
     def restart(self) -> None:
         """Forget earlier readings, as after a gap."""
-        self._buffer = JointBuffer(len(self._group.names))
+        self._buffer = JointBuffer(len(self._group.names), READINGS)
         self.watch.restart()
         self._motion: list[tuple[float, float, np.ndarray]] = []  # stamps of two images and the flow between them
         self._begin: float | None = None  # stamp of the image that the next flow begins at
@@ -73,9 +74,13 @@ class JointStream:
         """Where the joints were at an image's time, as far as is known by now, ``(n,)`` [rad]."""
         return self._buffer.at(image_time + self.delay)
 
+    def kept_at(self, image_time: float) -> np.ndarray | None:
+        """The same of an image that may be long past; None where its readings are no longer kept."""
+        return self.at(image_time) if image_time + self.delay >= self._buffer.first_time - 1e-6 else None
+
     def has(self, image_time: float) -> bool:
         """Whether the readings of an image's time are there."""
-        return image_time + self.delay <= self._buffer.readings()[0][-1] + 1e-6  # s; stamps are rounded sums
+        return image_time + self.delay <= self._buffer.last_time + 1e-6  # s; stamps are rounded sums
 
     def find_delay(self, frame: ProcessedFrame) -> bool:
         """Note a frame's motion and, once there is enough, find the delay; true where one was found just now.

@@ -1,7 +1,7 @@
 """The body model of a robot that has babbled: from the images and joint readings that a loop has kept."""
 
 from collections import deque
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from itertools import pairwise
 
 import cv2
@@ -12,6 +12,7 @@ from dense_vs.body_model.dense_motion import DenseMotion
 from dense_vs.body_model.spread import spread
 from dense_vs.errors import DenseVSError
 from dense_vs.flow.estimator import FlowEstimator
+from dense_vs.health.faults import FaultKind
 from dense_vs.pipeline.body_prior import CHAIN_AGREEMENT, BodyPrior
 from dense_vs.pipeline.frame_pipeline import FramePipeline, ProcessedFrame
 from dense_vs.point_servo.body_tracker import BodyTracker
@@ -19,7 +20,7 @@ from dense_vs.point_servo.point_link import BESIDE, link_of_point, surface_at
 from dense_vs.point_servo.same_surface import same_surface
 from dense_vs.robot.joint_group import JointGroup
 
-HISTORY = 300  # images that J was corrected by, that are kept
+HISTORY = 600  # images that are kept: 20 s of a robot that moves all the time
 FITTED, LOOKED_BACK = 150, 60  # of these, that a body is fitted to, and that a point's features are followed through
 LEAST_IMAGES = 40
 LEAST_TURN = 0.002  # rad, m, of a joint between images that are kept: a robot that stands still shows nothing new
@@ -52,6 +53,7 @@ class LearnedBody:
         self._slides = tuple(unit != "rad" for unit in group.units)
         self._learns = given is True
         self._history: deque[tuple[np.ndarray, np.ndarray]] = deque(maxlen=HISTORY)
+        self._times: deque[float] = deque(maxlen=HISTORY)  # of these images [s]
         self.model: BodyModel | None = None
         if isinstance(given, BodyModel):
             self.use(given, None)
@@ -65,13 +67,25 @@ class LearnedBody:
         return self.model is None or prior is None or not prior.agrees
 
     def see(self, frame: ProcessedFrame) -> None:
-        """Keep a frame that J was corrected by, and in which the robot has moved since the last one kept."""
+        """Keep a frame with nothing wrong, in which the robot has moved since the last one kept."""
         if teaches(frame, self._history[-1][1] if self._history else None):
             self._history.append((frame.gray, frame.positions))
+            self._times.append(frame.time)
 
     def forget_images(self) -> None:
         """After a change of the clock their joint positions are wrong."""
-        self._history.clear()
+        self.retime(lambda time: None)
+
+    def retime(self, at: Callable[[float], np.ndarray | None]) -> None:
+        """Take the joint positions of the images anew, after a change of the clock.
+
+        Args:
+            at: positions ``(N,)`` [rad] at an image's time [s]; None where they are not known, and the image goes.
+        """
+        images = [(gray, time, at(time)) for (gray, _), time in zip(self._history, self._times, strict=True)]
+        known = [(gray, time, q) for gray, time, q in images if q is not None]
+        self._history = deque(((gray, q) for gray, _, q in known), maxlen=HISTORY)
+        self._times = deque((time for _, time, _ in known), maxlen=HISTORY)
 
     def learn(self, positions: np.ndarray) -> bool:
         """Fit a model to the images so far; whether they show one."""
@@ -158,8 +172,15 @@ class LearnedBody:
 
 
 def teaches(frame: ProcessedFrame, kept: np.ndarray | None) -> bool:
-    """Whether a body can be learned from a frame, where the last one kept was at joints ``(N,)`` [rad], or none is."""
-    return frame.measured is not None and (kept is None or np.abs(frame.positions - kept).max() >= LEAST_TURN)
+    """Whether a body can be learned from a frame, where the last one kept was at joints ``(N,)`` [rad], or none is.
+
+    Those with nothing wrong in them, whether or not J was corrected by them, which takes some of them together where
+    images are noisy. The positions of a frame in which the clock was found to be another are from before.
+    """
+    wrong = {fault.kind for fault in frame.faults} - {FaultKind.NOISE}
+    if FaultKind.LATE in wrong or (frame.measured is None and (frame.dq is None or wrong)):
+        return False
+    return kept is None or bool(np.abs(frame.positions - kept).max() >= LEAST_TURN)
 
 
 def explained_share(model: BodyModel, flow: FlowEstimator, history: Sequence[tuple[np.ndarray, np.ndarray]]) -> float:

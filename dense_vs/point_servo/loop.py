@@ -264,7 +264,7 @@ class ServoLoop:
         frame = self.step(self.when_due(self._babbling_step))
         if self.joints.finding and self.joints.find_delay(self.frame):
             self.pipeline.restart(forget=True)
-            self._body.forget_images()
+            self._body.retime(self.joints.kept_at)
         return frame
 
     def define_point(
@@ -375,7 +375,7 @@ class ServoLoop:
         late = self.joints.find_change(list(check.recent))
         if late is not None:
             self.pipeline.restart()
-            self._body.forget_images()
+            self._body.retime(self.joints.kept_at)
             self._say(late)
         return self._frame
 

@@ -2,8 +2,9 @@
 
 DIJE (17) goes straight through the image and knows no more than the next step: on a far way joints meet their limits,
 and the surface turns out of sight. With the chain a whole move is planned at once, as Gothoskar et al. do by their
-model. Of the postures that bring the point to its target, one is chosen that is near and in which the surface is seen
-from where it was seen when the point was defined, so that it looks alike, and to which the point's way is in the image.
+model. Of the postures that bring the point to its target, one is chosen that is near, that has turned little since the
+point was defined, as the chain is known best there, in which the surface is seen from where it was seen then, so that
+it looks alike, and to which the point's way is in the image.
 """
 
 from collections.abc import Callable
@@ -11,11 +12,12 @@ from collections.abc import Callable
 import numpy as np
 from scipy.optimize import least_squares
 
-TRIED, REFINED = 1000, 8  # postures at random, and those of them that a search begins at
+TRIED, REFINED = 1000, 8  # postures at random, and those of them that a search begins at,
+APART = 0.4  # rad from each other at least
 RANGE = 1.5  # rad about the present posture, for joints without limits
 MARGIN = 0.03  # rad, kept from the limits
-# px that a change of the view by 1 (about 60 degrees) and a way of 1 rad weigh as much as
-LOOK, TRAVEL = 1.6, 0.4
+# px that a change of the view by 1 (about 60 degrees), 1 rad of way and 1 rad since it was defined weigh as much as
+LOOK, TRAVEL, TURNED = 1.6, 0.2, 0.5
 NEAR = 20.0  # times less that the way to the target counts where a search begins
 OUTSIDE = 4.0  # px^2 that a way all outside of the image weighs as much as
 WAY = 12  # places that are looked at on it
@@ -35,6 +37,7 @@ def planned_posture(
     limits: np.ndarray,
     *,
     fixed: np.ndarray,
+    home: np.ndarray | None = None,
     size: tuple[int, int] | None = None,
     seed: int = 0,
     start: np.ndarray | None = None,
@@ -48,11 +51,13 @@ def planned_posture(
         positions: ``(N,)`` the present posture [rad].
         limits: ``(N, 2)`` of the joints [rad], infinite where there are none.
         fixed: bool ``(N,)``, joints that stay where they are.
+        home: ``(N,)`` the posture that the point was defined in [rad]; the present one unless given.
         size: (height, width) of the image [px], in which the way should be; any way is as good unless given.
         seed: of the postures at random.
         start: a posture that is probably good; then none are tried at random.
     """
     q = np.asarray(positions, dtype=np.float64)
+    defined = q if home is None else np.asarray(home, dtype=np.float64)
     least = np.where(np.isfinite(limits[:, 0]), limits[:, 0] + MARGIN, q - RANGE)
     most = np.where(np.isfinite(limits[:, 1]), limits[:, 1] - MARGIN, q + RANGE)
     free = ~np.asarray(fixed, dtype=bool) & (least < most)
@@ -66,10 +71,10 @@ def planned_posture(
         return postures
 
     def residuals(some: np.ndarray) -> np.ndarray:
-        """``(T, 5 + F)`` [px]."""
+        """``(T, 5 + 2 F)`` [px]."""
         places, views = seen(whole(some))
         away = np.clip(np.nan_to_num(places - target, nan=1e4), -1e4, 1e4)
-        return np.hstack([away, LOOK * (views - view), TRAVEL * (some - q[free])])
+        return np.hstack([away, LOOK * (views - view), TRAVEL * (some - q[free]), TURNED * (some - defined[free])])
 
     def outside(some: np.ndarray) -> float:
         """Share of the straight way to the free joints at ``(F,)`` on which the point is outside of the image."""
@@ -82,9 +87,8 @@ def planned_posture(
     if start is None:
         random = np.random.default_rng(seed)
         tried = np.vstack([np.clip(q[free], low, high), random.uniform(low, high, (TRIED, int(free.sum())))])
-        rough = residuals(tried) / np.append([NEAR, NEAR], np.ones(3 + len(low)))
-        order = np.argsort(np.sum(rough**2, axis=1))
-        starts = tried[np.unique(np.append(0, order[:REFINED]))]
+        rough = residuals(tried) / np.append([NEAR, NEAR], np.ones(3 + 2 * len(low)))
+        starts = _unlike(tried[np.append(0, np.argsort(np.sum(rough**2, axis=1)))])
     else:
         starts = np.clip(np.asarray(start, dtype=np.float64)[free], low, high)[None]
     best, least_cost = None, np.inf
@@ -99,3 +103,14 @@ def planned_posture(
     posture = whole(best[None])[0]
     off = seen(posture[None])[0][0] - target
     return posture if float(np.hypot(*off)) <= OFF else None
+
+
+def _unlike(postures: np.ndarray) -> np.ndarray:
+    """The first of some postures ``(T, F)`` [rad] that are unlike those before."""
+    chosen = postures[:1]
+    for posture in postures[1:]:
+        if len(chosen) > REFINED:
+            break
+        if np.abs(chosen - posture).max(axis=1).min() > APART:
+            chosen = np.vstack([chosen, posture])
+    return chosen

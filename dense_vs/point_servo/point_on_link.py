@@ -133,7 +133,17 @@ class PointOnLink:
         fixed = np.asarray(held, dtype=bool) | ~self._features.learned
         width, height = np.rint(2 * self._features.center + 1).astype(int).tolist()
         size = height, width
-        return planned_posture(self._seen_in, views[0], target, positions, limits, fixed=fixed, size=size, start=start)
+        return planned_posture(
+            self._seen_in,
+            views[0],
+            target,
+            positions,
+            limits,
+            fixed=fixed,
+            home=self.defined_at,
+            size=size,
+            start=start,
+        )
 
     def _seen_in(self, postures: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Places ``(T, 2)`` [px] and views ``(T, 3)``, see :data:`Seen`."""

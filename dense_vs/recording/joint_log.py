@@ -213,6 +213,16 @@ class JointBuffer:
         """Times ``(S,)`` [s] and positions ``(S, N)`` that are kept, the oldest first."""
         return self._times[: self._count].copy(), self._positions[: self._count].copy()
 
+    @property
+    def first_time(self) -> float:
+        """Stamp of the oldest reading that is kept [s]; infinite before any."""
+        return float(self._times[0]) if self._count else np.inf
+
+    @property
+    def last_time(self) -> float:
+        """Stamp of the newest reading [s]; minus infinity before any."""
+        return float(self._times[self._count - 1]) if self._count else -np.inf
+
     def at(self, time: float) -> np.ndarray:
         """Positions ``(N,)`` at ``time``, the first or last reading outside them.
 
@@ -221,8 +231,9 @@ class JointBuffer:
         """
         if not self._count:
             raise DenseVSError("no joint reading yet; expected add() first")
-        times, positions = self._times[: self._count], self._positions[: self._count]
-        return np.array([np.interp(time, times, q) for q in positions.T])
+        after = int(np.searchsorted(self._times[: self._count], time))
+        around = slice(max(after - 1, 0), min(after + 1, self._count))
+        return np.array([np.interp(time, self._times[around], q) for q in self._positions[around].T])
 
 
 def _is_number(cell: str) -> bool:

@@ -178,15 +178,15 @@ def test_a_search_leaves_some_depth_open(deviation, left_open):
 
 
 def test_uncertainty_is_of_depth_and_chain_or_of_the_own_look_and_of_the_features_around():
-    """1.5 times the model's error for each rad that a joint of its link has turned since then: joint 1, at 0.5 rad."""
+    """Three times the model's error for each rad that a joint of its link has turned since: joint 1, at 0.5 rad."""
     tracker, _ = looking(0.0, 0.0)
     tracker.on_link.depth = PointDepth(1.0, 0.01)
     tracker._aside, tracker._by_own, tracker._error = 0.7, np.inf, 0.7
     tracker._offset, tracker._told = np.array([0.9, -1.2]), 4
-    around = np.sqrt(0.7**2 + (0.4 * 1.5) ** 2 + (2 / 4) ** 2)
+    around = np.sqrt(0.7**2 + (0.4 * 1.5) ** 2 + (4 / 4) ** 2)
     for other in (0.5, 3.0):  # a joint that does not move the link
         assert tracker._uncertainty(np.array([other, 0.5])) == pytest.approx(np.hypot(3 * 0.01 * 50, around))
-        far = np.sqrt((3 * 0.01 * 50) ** 2 + (1.5 * 0.7 * 1.2) ** 2 + around**2)
+        far = np.sqrt((3 * 0.01 * 50) ** 2 + (3 * 0.7 * 1.2) ** 2 + around**2)
         assert tracker._uncertainty(np.array([other, 1.7])) == pytest.approx(far)
     tracker._by_own = 0.5
     assert tracker._uncertainty(np.array([0.5, 1.7])) == pytest.approx(np.hypot(0.5, 0.7))
@@ -194,7 +194,7 @@ def test_uncertainty_is_of_depth_and_chain_or_of_the_own_look_and_of_the_feature
     near = np.sqrt((1.0 * 0.01 * 50) ** 2 + (0.4 * 0.7 * 1.2) ** 2 + around**2)
     assert tracker._uncertainty(np.array([0.5, 1.7])) == pytest.approx(near)
     tracker._told = 0
-    assert tracker._uncertainty(np.array([0.5, 1.7])) == pytest.approx(np.sqrt(near**2 - 0.25 + 4))
+    assert tracker._uncertainty(np.array([0.5, 1.7])) == pytest.approx(np.sqrt(near**2 - 1 + 16))
     tracker.on_link.depth = None
     assert tracker._uncertainty(np.zeros(2)) == np.inf
 

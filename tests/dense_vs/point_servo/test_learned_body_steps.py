@@ -7,8 +7,9 @@ import numpy as np
 import pytest
 
 from dense_vs.errors import DenseVSError
+from dense_vs.health.faults import Fault, FaultKind
 from dense_vs.point_servo import learned_body
-from dense_vs.point_servo.learned_body import LearnedBody, explained_share, thinned
+from dense_vs.point_servo.learned_body import LearnedBody, explained_share, teaches, thinned
 
 POSTURE = np.array([0.1, 0.2])
 TURNS = count(1, 2)
@@ -27,11 +28,16 @@ def body(given=True, units=("rad", "rad")):
     return LearnedBody(pipeline(len(units)), SimpleNamespace(units=units), given)
 
 
-def frame(image, measured=True, turn=None):
+def frame(image, measured=True, turn=None, time=0.0, faults=(), dq=None):
     """A frame at a posture of its own, or turned by a given angle at the second joint."""
     angle = 0.002 * next(TURNS) if turn is None else turn
     return SimpleNamespace(
-        gray=image, positions=POSTURE + np.array([0, angle]), measured=object() if measured else None
+        gray=image,
+        positions=POSTURE + np.array([0, angle]),
+        measured=object() if measured else None,
+        time=time,
+        faults=faults,
+        dq=dq,
     )
 
 
@@ -72,18 +78,49 @@ def test_a_model_is_learned_where_asked_whether_joints_turn_or_slide(drawn, give
         assert one.wanted
 
 
-def test_images_are_kept_that_j_was_corrected_by_and_in_which_the_robot_has_moved():
+def test_images_are_kept_in_which_the_robot_has_moved():
     one, images = body(), [gray(k) for k in range(6)]
     turns = [(False, 0.0), (True, 0.0), (True, 0.0019), (True, 0.0021), (True, 0.0021), (True, 0.0)]
     for image, (measured, turn) in zip(images, turns, strict=True):
         one.see(frame(image, measured, turn))
     kept = [image for image, _ in one._history]
     assert [id(image) for image in kept] == [id(images[k]) for k in (1, 3, 5)]  # 2.1 mrad from the one kept before
-    for _ in range(400):
+    for _ in range(700):
         one.see(frame(gray()))
-    assert len(one._history) == 300
+    assert len(one._history) == 600
     one.forget_images()
     assert not one._history
+
+
+@pytest.mark.parametrize(
+    ("kind", "corrected", "not_corrected"),
+    [(None, True, True), (FaultKind.NOISE, True, True), (FaultKind.STUCK, True, False), (FaultKind.MISFIT, True, False),
+     (FaultKind.LATE, False, False)],
+)  # fmt: skip
+def test_a_frame_teaches_where_j_was_corrected_by_it_or_nothing_is_wrong(kind, corrected, not_corrected):
+    faults = () if kind is None else (Fault(kind, "said", stops=False, holds=False),)
+    step = np.array([0.0, 0.01])
+    assert teaches(frame(gray(), faults=faults, dq=step), None) == corrected
+    assert teaches(frame(gray(), measured=False, faults=faults, dq=step), None) == not_corrected
+    assert not teaches(frame(gray(), measured=False, faults=faults), None)  # held, or the first
+    for moved, new in ((0.0019, False), (0.0021, True)):
+        one = frame(gray(), turn=moved, dq=step)
+        assert teaches(one, POSTURE) == new
+
+
+def test_images_get_their_joint_positions_anew_where_the_clock_was_wrong():
+    one = body()
+    for k in range(610):
+        one.see(frame(gray(k), time=0.1 * k))
+    one.retime(lambda time: None if time < 2.05 else np.array([time, 7.0]))
+    times = 0.1 * np.arange(21, 610)
+    np.testing.assert_allclose([q for _, q in one._history], np.column_stack([times, np.full(589, 7.0)]))
+    assert [image[0, 0] for image, _ in one._history] == [k % 256 for k in range(21, 610)]
+    for k in range(20):
+        one.see(frame(gray(99), time=61.0 + k))
+    one.retime(lambda time: np.array([time, 8.0]))
+    assert len(one._history) == 600
+    assert (one._history[0][1][0], one._history[-1][1][0]) == (pytest.approx(3.0), 80.0)
 
 
 @pytest.fixture

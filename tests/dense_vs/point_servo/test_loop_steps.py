@@ -29,12 +29,13 @@ def bare(**given):
         watch=SimpleNamespace(stuck=np.array([False, True]), commanded=lambda sent: events.append(("sent", sent))),
         read=lambda time: events.append(("read", time)) or (), at=lambda time: np.array([time, 0.0]),
         restart=lambda: events.append("joints"), has=lambda time: False, find_change=lambda recent: None,
+        kept_at="kept",
     )  # fmt: skip
     loop.__dict__.update(
         _held=deque(), _newest=10.0, joints=stream, tracker=None, memory=None, on_frame=None,
         gate=SimpleNamespace(restart=lambda: events.append("gate")), _pace=SimpleNamespace(due=lambda time: True),
         _body=SimpleNamespace(see=lambda frame: events.append(("see", frame.time)), wanted=False,
-                              forget_images=lambda: events.append("forget images")),
+                              retime=lambda at: events.append(("retime", at))),
         estimator=SimpleNamespace(options=SimpleNamespace(joints=2, depth=False, width=64)),
         pipeline=SimpleNamespace(restart=lambda forget=False: events.append(("pipeline", forget)), check=None),
     )  # fmt: skip
@@ -201,7 +202,7 @@ def test_a_delay_that_changed_is_looked_for_when_motion_does_not_fit(monkeypatch
     assert asked == ([["motions"]] if misfit else [])
     changed = misfit and late is not None
     assert loop.faults == ((*given, late) if changed else given)
-    assert ("forget images" in loop.events) == (("pipeline", False) in loop.events) == changed
+    assert (("retime", "kept") in loop.events) == (("pipeline", False) in loop.events) == changed
     loop.pipeline.check = None
     asked.clear()
     loop._process("image", 10.2, None, given)
@@ -247,7 +248,7 @@ def test_learning_begins_anew_when_a_delay_is_found(finding, found):
     loop.joints.finding, loop.joints.find_delay = finding, lambda frame: found
     loop.step, loop._babbling_step = lambda delta: (delta.tolist(), "frame"), lambda: np.array([0.1, 0.1])
     assert loop.babble_once() == ([0.1, 0.1], "frame")
-    assert (("pipeline", True) in loop.events) == ("forget images" in loop.events) == (finding and found)
+    assert (("pipeline", True) in loop.events) == (("retime", "kept") in loop.events) == (finding and found)
 
 
 def test_what_is_forgotten_with_the_camera(monkeypatch):

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from dense_vs.body_model.chain import Chain
-from dense_vs.point_servo.planned_posture import LOOK, MARGIN, RANGE, TRAVEL, planned_posture
+from dense_vs.point_servo.planned_posture import LOOK, MARGIN, RANGE, TRAVEL, TURNED, planned_posture
 
 FOCAL, CENTER = 300.0, np.array([160.0, 120.0])
 LIMITS = np.array([[-1.2, 1.2], [-1.0, 1.0], [-0.8, 1.4], [-1.5, 1.5]])
@@ -34,10 +34,10 @@ def drawn(count=20000):
     return np.random.default_rng(1).uniform(LIMITS[:, 0], LIMITS[:, 1], (count, 4))
 
 
-def cost(places, views, target, postures):
-    """Way to the target, change of the view and way of the joints, as they are weighed."""
-    way, view, travel = places - target, LOOK * (views - VIEW), TRAVEL * postures
-    return sum(np.sum(part**2, axis=-1) for part in (way, view, travel))
+def cost(places, views, target, postures, now=HOME):
+    """Way to the target, change of the view, way of the joints and their turn since the home posture, as weighed."""
+    parts = places - target, LOOK * (views - VIEW), TRAVEL * (postures - now), TURNED * (postures - HOME)
+    return sum(np.sum(part**2, axis=-1) for part in parts)
 
 
 @pytest.mark.parametrize("number", range(6))
@@ -50,6 +50,17 @@ def test_a_target_that_can_be_reached_is_reached_from_where_it_was_seen(number):
     assert (posture <= LIMITS[:, 1] - MARGIN + 1e-9).all()
     places, views = seen(drawn())
     assert cost(place, view, target, posture) < cost(places, views, target, drawn()).min() + 0.1
+
+
+@pytest.mark.parametrize("number", range(3))
+def test_a_way_from_elsewhere_leads_back_toward_where_the_point_was_defined(number):
+    now, target = np.array([0.9, -0.8, 1.2, 1.3]), seen(drawn()[number : number + 1])[0][0]
+    posture = planned_posture(seen, VIEW, target, now, LIMITS, fixed=FREE, home=HOME)
+    (place,), (view,) = seen(posture[None])
+    places, views = seen(drawn())
+    assert cost(place, view, target, posture, now) < cost(places, views, target, drawn(), now).min() + 0.1
+    away = planned_posture(seen, VIEW, target, now, LIMITS, fixed=FREE)
+    assert np.linalg.norm(posture) < np.linalg.norm(away)
 
 
 def test_joints_that_are_held_stay():

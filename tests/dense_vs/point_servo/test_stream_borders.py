@@ -52,6 +52,17 @@ def test_readings_are_interpolated_to_the_image_s_time():
     assert not behind.finding
 
 
+def test_readings_of_long_ago_are_told_as_long_as_they_are_kept():
+    stream, robot = stream_of(delay=FRAME)
+    read(stream, robot, 8192)
+    np.testing.assert_allclose(stream.kept_at(5 + FRAME), [1.02, 2.04])  # with the delay as it is known by now
+    np.testing.assert_allclose(stream.kept_at(5 - FRAME), [1.0, 2.0])
+    assert stream.kept_at(5 - 1.1 * FRAME) is None
+    read(stream, robot, 1)  # for which there is no room: the older half goes
+    assert stream.kept_at(5 + 4000 * FRAME) is None
+    np.testing.assert_allclose(stream.kept_at(5 + 4200 * FRAME), [43.01, 86.02])
+
+
 def test_a_reading_that_cannot_be_is_not_kept():
     stream, robot = stream_of()
     read(stream, robot, 5)

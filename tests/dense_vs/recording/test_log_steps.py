@@ -63,6 +63,7 @@ def test_half_of_the_readings_are_kept_where_there_is_no_room():
         buffer.add(np.array([k, 10.0 * k]), 0.5 * k)
     times, positions = buffer.readings()
     assert times.tolist() == [1.5, 2.0, 2.5]
+    assert (buffer.first_time, buffer.last_time) == (1.5, 2.5)
     np.testing.assert_array_equal(positions, [[3, 30], [4, 40], [5, 50]])
     np.testing.assert_allclose(buffer.at(2.25), [4.5, 45.0])
     np.testing.assert_allclose(buffer.at(0.0), [3, 30])
@@ -77,6 +78,7 @@ def test_half_of_the_readings_are_kept_where_there_is_no_room():
     buffer.clear()
     with pytest.raises(DenseVSError, match="no joint reading yet"):
         buffer.at(1.0)
+    assert (buffer.first_time, buffer.last_time) == (np.inf, -np.inf)
     buffer.add(np.zeros(2), 0.0)
     assert JointBuffer(1)._times.size == 256
 
