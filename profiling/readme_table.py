@@ -12,6 +12,7 @@ from pathlib import Path
 
 from readme_depth import depth_lines
 from readme_experiments import experiment_lines, few_experiment_lines, summary_lines
+from readme_hidden import hidden_lines
 from readme_live import live_lines
 from readme_real_robot import few_real_robot_lines, real_robot_lines
 from results_file import RESULTS, Result, in_words
@@ -91,7 +92,8 @@ BATCH = (
 
 def everything() -> str:
     """All figures, for the page on performance."""
-    lines = [*_accuracy(), "", *surface_lines(), *real_robot_lines(), "", *depth_lines(), "", *_speed(), ""]
+    lines = [*_accuracy(), "", *surface_lines(), *real_robot_lines(), "", *depth_lines(), "", *hidden_lines(), ""]
+    lines += [*_speed(), ""]
     lines += [*live_lines(), "", *_batch(), "", *_scaling(), ""]
     lines += [
         "Arms and objects, on seeds that nothing was tuned on; one figure a seed or that of all (`dense-vs reproduce "

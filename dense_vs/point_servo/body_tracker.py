@@ -106,7 +106,7 @@ class BodyTracker:
         self.on_link = PointOnLink(self.features, self.point, self._positions, surface)
         self._offset = np.zeros(2)
         self.seen, self.unseen, self._told, self.held, self._aside = 0, 0, 0, False, BASIC + 1.0
-        self._by_own = np.inf
+        self._by_own, self._apart = np.inf, 0.0
         self._sighting: np.ndarray | None = None
         self._next = self._images = 0
         self._looks, self._sure = FeatureLooks(), np.zeros(0, int)
@@ -260,7 +260,7 @@ class BodyTracker:
         if not np.isfinite(place).all() or np.abs(place).max() > 1e5:  # behind the camera, by a chain that is wrong
             self.unseen = max(self.unseen, 1)
             return
-        self._by_own, self._sighting = np.inf, None
+        self._by_own, self._apart, self._sighting = np.inf, 0.0, None
         if self.on_link.depth is not None:
             place = self._by_look(q, gray, place, self._aside)
         self.point = place
@@ -276,9 +276,9 @@ class BodyTracker:
             found, correlation = (other, alike) if alike > 0 else (found, correlation)
         self.correlation = np.array([correlation], np.float32)
         share = float(np.clip((correlation - LIKE) / (ALIKE - LIKE), 0, 1))
+        self._apart = OFF_SHARE * share * float(np.linalg.norm(found - place))
         if share == 1:
-            off = OFF_SHARE * float(np.linalg.norm(found - place))
-            self._by_own = max(OWN_SHARE * self._look.drift(correlation), off, OWN_DRIFT)
+            self._by_own = max(OWN_SHARE * self._look.drift(correlation), OWN_DRIFT)
         if share > 0 and as_expected:
             self._sighting = found
         return place + share * (found - place)
@@ -314,7 +314,7 @@ class BodyTracker:
         turned = float(np.linalg.norm((q - self.on_link.defined_at)[moved_by]))
         by_features = OFF_SHARE * float(np.linalg.norm(self._offset)), FEW / max(self._told, 1)
         by_model = float(np.linalg.norm([by_depth, drift * self._error * turned, *by_features]))
-        return float(np.hypot(min(by_model, self._by_own), self._aside))
+        return float(np.hypot(max(min(by_model, self._by_own), self._apart), self._aside))
 
     def _refine(self) -> None:
         """Chain, features and the point, adjusted to all keyframes."""

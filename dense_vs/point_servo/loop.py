@@ -310,7 +310,7 @@ class ServoLoop:
         self.aim.follow(self.point)
         return True
 
-    def reach(self, target: Any, *, tolerance: float = 1.0, settle_frames: int = 5, max_frames: int = 400) -> Reach:
+    def reach(self, target: Any, *, tolerance: float = 1.0, settle_frames: int = 5, max_frames: int = 600) -> Reach:
         """Servo the defined point to a target by DIJE (17), in the image or in image and depth.
 
         A point that is followed by its link goes far ways by planned moves, and counts as reached only where what is

@@ -55,7 +55,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="point to control: a site, body or geom of the model, or X,Y in pixels (default: tip)",
     )
     parser.add_argument(
-        "--max-frames", type=int, default=400, metavar="N", help="frames after which a reach is given up (default: 400)"
+        "--max-frames", type=int, default=600, metavar="N", help="frames after which a reach is given up (default: 600)"
     )
     parser.add_argument("--gain", type=float, default=0.2, metavar="K", help="gain k_p of DIJE (17) (default: 0.2)")
     parser.add_argument(

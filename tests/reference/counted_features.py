@@ -76,7 +76,7 @@ def bare(features, live=(), places=(), **given):
         on_link=SimpleNamespace(link=1, depth=None), _offset=np.zeros(2), _aside=1.3, seen=0, unseen=0,
         point=np.array([7.0, 7.0]), _positions=np.zeros(1), _kept_at=np.zeros(1), _by_own=np.inf, _sighting=None,
         _gray=GRAY, _lost_after=5, uncertainty=0.0, correlation=np.ones(1, np.float32),
-        _looks=Looks(), _sure=np.zeros(0, int), _first=np.zeros(0, int), _images=0, held=False, _told=0,
+        _looks=Looks(), _sure=np.zeros(0, int), _first=np.zeros(0, int), _images=0, held=False, _told=0, _apart=0.0,
     )  # fmt: skip
     tracker.__dict__.update(given)
     return tracker

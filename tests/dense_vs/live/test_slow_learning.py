@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from sliding_scene import SlidingRobot, wait_for
 
-from dense_vs.live import body_task
+from dense_vs.live import learning
 from dense_vs.live.learning import LEAST_SECONDS, MOST_FOR_BODY, MOST_SECONDS, Learning
 from dense_vs.live.mode import Mode
 from dense_vs.live.options import LiveOptions
@@ -65,15 +65,15 @@ def test_it_goes_on_until_the_body_has_its_images(learn):
 
 
 def test_it_ends_where_too_few_come_and_says_so(learn, monkeypatch):
-    monkeypatch.setattr(body_task, "LEAST_IMAGES", 80)  # that is, 114 s
+    monkeypatch.setattr(learning, "MOST_FOR_BODY", 45.0)  # the fewest images that are of one clock have it after 57 s
     session, seconds, told = learn(0.7)
-    assert MOST_FOR_BODY - 6 < seconds < MOST_FOR_BODY + 12  # images are 1.4 s apart, and looked at by sixes
-    assert told[-1]["have"] < 80
+    assert 45 - 6 < seconds < 45 + 12  # images are 1.4 s apart, and looked at by sixes
+    assert told[-1]["have"] < LEAST_IMAGES
     assert wait_for(lambda: any("the body was not found" in line for line in lines(session)), 60)
     said = next(line for line in lines(session) if "the body was not found" in line)
     came = int(said.split(": ")[1].split()[0])
     assert told[-1]["have"] <= came <= told[-1]["have"] + 1  # the last image ends the learning
-    assert f"{came} images came, it takes 80" in said
+    assert f"{came} images came, it takes {LEAST_IMAGES}" in said
 
 
 def test_a_verdict_waits_for_the_images_that_are_missing():

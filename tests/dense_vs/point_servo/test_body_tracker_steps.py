@@ -143,14 +143,7 @@ def looking(found, turned):
         (0.88, 0.0, [10.6, 19.2], 0.84, [10.6, 19.2], 0.88),
         (0.835, 0.0, [10.3, 19.6], np.inf, [10.6, 19.2], 0.835),  # halfway between 0.8 and 0.87
         (0.80, 0.99, [10, 20], np.inf, None, 0.80),  # as expected, but hardly
-        (
-            0.79,
-            0.99,
-            [10, 24],
-            1.6,
-            None,
-            0.99,
-        ),  # turned otherwise: its place counts, but tells no depth, and is 4 px off
+        (0.79, 0.99, [10, 24], 0.5, None, 0.99),  # turned otherwise: its place counts, but tells no depth
         (0.79, -1.0, [10, 20], np.inf, None, 0.79),
         (0.79, 0.835, [10, 22], np.inf, None, 0.835),
     ],
@@ -160,6 +153,7 @@ def test_the_own_look_counts_by_how_alike_it_is(found, turned, place, own, sight
     corrected = tracker._by_look(np.zeros(1), GRAY, np.array([10.0, 20.0]), 0.5)
     np.testing.assert_allclose(corrected, place, atol=1e-9)
     assert tracker._by_own == pytest.approx(own)
+    assert tracker._apart == pytest.approx(0.4 * np.hypot(*(np.array(place) - [10, 20])))
     np.testing.assert_equal(tracker._sighting, None if sighting is None else np.array(sighting, float))
     assert tracker.correlation[0] == np.float32(correlation)
     ((affine, covariance),) = asked
@@ -190,6 +184,9 @@ def test_uncertainty_is_of_depth_and_chain_or_of_the_own_look_and_of_the_feature
         assert tracker._uncertainty(np.array([other, 1.7])) == pytest.approx(far)
     tracker._by_own = 0.5
     assert tracker._uncertainty(np.array([0.5, 1.7])) == pytest.approx(np.hypot(0.5, 0.7))
+    tracker._apart = 2.0  # look and chain disagree: neither is sure
+    assert tracker._uncertainty(np.array([0.5, 1.7])) == pytest.approx(np.hypot(2.0, 0.7))
+    tracker._apart = 0.0
     tracker._by_own, tracker.held = np.inf, True  # features of its first image are in sight: less is open
     near = np.sqrt((1.0 * 0.01 * 50) ** 2 + (0.4 * 0.7 * 1.2) ** 2 + around**2)
     assert tracker._uncertainty(np.array([0.5, 1.7])) == pytest.approx(near)
