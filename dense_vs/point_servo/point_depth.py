@@ -9,6 +9,7 @@ LEAST_SPREAD = 0.03  # of the logarithm of the depth by the features around
 RELIEF = 0.0015  # of the logarithm by px to the next feature: surfaces are aslant by some 25 degrees
 LEAST_NEAR = 3  # features on the link
 SURFACE = 0.02  # of the logarithm of a body model's surface, found on six views of commercial arms
+BULGE = 0.015  # of the logarithm: links are nearer between their edges, which tell depth; found on 37 views
 OWN_WEIGHT = 0.3  # of the point's own places: its look holds outlines at other depths, which pull all of them alike
 OWN_PLACES = 10  # as many places of their own count, however many there are
 NOISE = 0.5  # px, of its own places

@@ -1,10 +1,13 @@
 """A point of a link, known by its pixel when it was defined and a depth: where and how it is seen in other postures."""
 
+from dataclasses import replace
+
 import numpy as np
 
 from dense_vs.point_servo.body_features import BodyFeatures, FeatureState
 from dense_vs.point_servo.planned_posture import planned_posture
 from dense_vs.point_servo.point_depth import (
+    BULGE,
     SURFACE,
     UNKNOWN,
     PointDepth,
@@ -69,6 +72,8 @@ class PointOnLink:
                 return
             depth = features.positions(np.array([POINT]), self.defined_at)[0, 2]
             around = PointDepth(float(max(depth, 1e-2)), UNKNOWN)
+        else:
+            around = replace(around, depth=around.depth * float(np.exp(-BULGE)))
         postures, places, directions = features.tracks(np.array([POINT]))
         seen = np.isfinite(places[:, 0, 0])
         rotation, translation = features.chain.link_poses(postures[seen])
