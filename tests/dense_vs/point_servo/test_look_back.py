@@ -4,7 +4,7 @@ import cv2
 import numpy as np
 import pytest
 
-from dense_vs.point_servo.look_back import followed_back
+from dense_vs.point_servo.look_back import _apart, _nearest_first, followed_back
 
 STEP = np.array([26.0, 9.0])  # px a radian, by which everything moves
 
@@ -55,3 +55,37 @@ def test_without_a_body_slow_features_are_found():
     frames = followed_back(slow, np.arange(9), BEGUN)
     np.testing.assert_allclose(frames[0].places, BEGUN - [2.0, 0.0], atol=0.1)
     assert followed_back(slow[:1], np.arange(9), BEGUN)[0].places is not None
+
+
+def test_images_are_reached_from_the_nearest_that_was_reached_before():
+    at = np.array([0.0, 10.0, 11.0, 1.0, 5.0])
+    assert [*_nearest_first(np.abs(at[:, None] - at), 4)] == [(4, 3), (3, 0), (4, 1), (1, 2)]
+    assert [*_nearest_first(np.zeros((1, 1)), 0)] == []
+
+
+def test_images_are_as_far_apart_as_most_of_their_places_or_else_as_their_joints():
+    """75 of 100 places are nearer; places that are not known in some image say nothing."""
+    postures = np.array([[0.0, 0.0], [3.0, 4.0], [0.0, 1.0]])
+    expected = np.zeros((3, 5, 2))
+    expected[1, :, 0], expected[2, :, 1] = [1.0, 2.0, 3.0, 4.0, 90.0], 2.0
+    expected[2, 4] = np.nan
+    one_three = np.quantile(np.hypot([1.0, 2.0, 3.0, 4.0], 2.0), 0.75)
+    wanted = np.array([[0, 3.25, 2.0], [3.25, 0, one_three], [2.0, one_three, 0]])
+    np.testing.assert_allclose(_apart(expected, postures), wanted)
+    by_joints = np.array([[0, 5, 1], [5, 0, np.sqrt(18)], [1, np.sqrt(18), 0]])
+    for nothing in (np.zeros((3, 5, 2)), np.full((3, 5, 2), np.nan)):  # no body, or one that does not know them
+        np.testing.assert_allclose(_apart(nothing, postures), by_joints)
+
+
+def test_an_image_is_followed_to_though_it_was_taken_long_before_the_last():
+    """In order of time the last step would be 104 px: more than a body that is 20 % off leaves to be found."""
+    images = history()
+    shuffled = [images[k] for k in (3, 2, 1, 0, 4)]
+
+    def rough(places, q_seen, q):
+        return places + 0.8 * STEP * (q - q_seen)
+
+    frames = followed_back(shuffled, np.arange(9), BEGUN, rough)
+    for frame in frames:
+        assert len(frame.features) == 9
+        np.testing.assert_allclose(frame.places, BEGUN + STEP * (frame.positions - 4), atol=0.1)
