@@ -44,6 +44,7 @@ class Client:
         self.changed, self.ready = asyncio.Event(), asyncio.Event()
         self.layer, self.style = "", STYLES[0]
         self.sent = self.shown = 0  # images
+        self.heard = 0  # messages of the page that were carried out or refused
         self.last_frame = 0
         self.last_line = 0
         self.opened = time.monotonic()
@@ -176,6 +177,9 @@ class Clients:
             "mode": session.mode.value,
             "open": session.gate.open,
             "reason": session.gate.reason,
+            "speed": session.gate.max_speed,
+            "dead_man": session.gate.dead_man,
+            "heard": client.heard,
             "control": "yours" if holder == client.number else "free" if holder is None else "taken",
             "pages": len(self._clients),
             "lines": lines,
@@ -197,6 +201,7 @@ class Clients:
                 self._answer(client, parse(text))
             except DenseVSError as error:
                 self._session.board.log(str(error), "error")
+            client.heard += 1
 
     def _answer(self, client: Client, message: dict[str, Any]) -> None:
         kind = message.get("do")

@@ -109,8 +109,6 @@ def state_of(session: "LiveSession", frame: ProcessedFrame) -> dict[str, Any]:
         "mode": session.mode.value,
         "open": gate.open,
         "reason": gate.reason,
-        "dead_man": gate.dead_man,
-        "speed": gate.max_speed,
         "period": plain(session.robot.frame_seconds, 4),
         "joints": joints,
         "points": points,

@@ -18,6 +18,7 @@ export class Connection {
     const scheme = location.protocol === "https:" ? "wss" : "ws";
     this.socket = new WebSocket(`${scheme}://${location.host}/socket`);
     this.socket.binaryType = "arraybuffer";
+    this.sent = 0;
     this.socket.onmessage = (event) => this.take(event.data);
     this.socket.onclose = () => {
       this.onBreak();
@@ -25,8 +26,13 @@ export class Connection {
     };
   }
 
+  // The number of messages sent through this socket; the state's `heard` reaches it once the last one was heard.
   send(message) {
-    if (this.socket.readyState === WebSocket.OPEN) this.socket.send(JSON.stringify(message));
+    if (this.socket.readyState === WebSocket.OPEN) {
+      this.socket.send(JSON.stringify(message));
+      this.sent++;
+    }
+    return this.sent;
   }
 
   // A hidden page says nothing: its timers are slowed down, and nobody looks at the robot through it.

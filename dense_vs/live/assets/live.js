@@ -14,12 +14,14 @@ const picture = new Picture(ask, () => refresh());
 const points = new PointList(ask, (number) => picture.choose(number));
 let latest = null;
 let shown = [];
+let chosen = {}; // by setting: the number of the message that last chose it here
 
 const connection = new Connection(onState, onImage, onBreak);
 
 function onState(state) {
   latest = { ...latest, ...state };
   if (state.hello) {
+    chosen = {};
     log.reset();
     plots.reset(state.plots);
     look();
@@ -62,9 +64,9 @@ function refresh() {
   if (latest.joints) {
     points.show(latest.points, picture.chosen, steers);
     $("go").disabled = !steers || latest.mode === "reaching" || !latest.points.some((point) => point.target);
-    if (document.activeElement !== $("speed")) $("speed").value = Math.log10(latest.speed);
+    if (isHeard("speed")) $("speed").value = Math.log10(latest.speed);
     $("speed-value").textContent = `${latest.speed.toFixed(2)} rad/s`;
-    $("dead-man").checked = latest.dead_man;
+    if (isHeard("dead-man")) $("dead-man").checked = latest.dead_man;
     $("held").hidden = !latest.dead_man;
     $("record").textContent = latest.recording ? "Stop recording" : "Record";
     $("object-panel").hidden = !latest.object;
@@ -76,6 +78,9 @@ function refresh() {
   offerLayers(latest.layers ?? []);
   say();
 }
+
+// A state that was sent before a choice arrived does not take it back.
+const isHeard = (id) => latest.heard >= (chosen[id] ?? 0);
 
 function enable(steers) {
   for (const element of document.querySelectorAll(".steer")) if (element.id !== "go") element.disabled = !steers;
@@ -144,8 +149,12 @@ $("center").addEventListener("click", () => ask({ do: "center" }));
 $("drop").addEventListener("click", () => ask({ do: "drop_object" }));
 $("chase").addEventListener("click", () => ask({ do: "chase", point: picture.chosen }));
 $("record").addEventListener("click", () => ask({ do: "record", on: !latest.recording }));
-$("dead-man").addEventListener("change", (event) => ask({ do: "dead_man", on: event.target.checked }));
-$("speed").addEventListener("input", (event) => ask({ do: "speed", value: 10 ** Number(event.target.value) }));
+$("dead-man").addEventListener("change", (event) => {
+  chosen["dead-man"] = ask({ do: "dead_man", on: event.target.checked });
+});
+$("speed").addEventListener("input", (event) => {
+  chosen.speed = ask({ do: "speed", value: 10 ** Number(event.target.value) });
+});
 $("layer").addEventListener("change", look);
 $("style").addEventListener("change", look);
 $("trails").addEventListener("change", (event) => {

@@ -182,6 +182,31 @@ def test_a_held_key_moves_and_its_release_holds_still(page, session, robot):
         session.gate.dead_man = False
 
 
+def test_a_choice_stays_while_it_travels_and_follows_the_session_after(page, session):
+    assert until(page, lambda: page.locator("#dead-man").is_enabled())
+    page.evaluate(
+        """() => {
+            const send = WebSocket.prototype.send;
+            WebSocket.prototype.send = function (text) { setTimeout(() => send.call(this, text), 300); };
+        }"""
+    )
+    try:
+        frame = shown_frame(page)
+        page.check("#dead-man")
+        page.locator("#speed").fill("-1.5")
+        while not session.gate.dead_man:  # states that were sent before arrive meanwhile
+            assert page.locator("#dead-man").is_checked()
+            assert page.locator("#speed").input_value() == "-1.5"
+        assert until(page, lambda: session.gate.max_speed == pytest.approx(10**-1.5))
+        assert until(page, lambda: shown_frame(page) > frame + 5)
+        assert page.locator("#dead-man").is_checked()
+        session.gate.dead_man, session.gate.max_speed = False, 1.0  # as by another page
+        assert until(page, lambda: not page.locator("#dead-man").is_checked())
+        assert until(page, lambda: page.locator("#speed").input_value() == "0")
+    finally:
+        session.gate.dead_man = False
+
+
 def test_a_second_page_watches_until_control_is_free(page, chromium, address, session):
     assert until(page, lambda: page.locator("#learn").is_enabled())
     second = opened(chromium, f"http://{address}/")
