@@ -249,7 +249,9 @@ class BodyModel:
             )
         scale = float(np.median(found))
         surface = replace(self.surface, points=scale * self.surface.points)
-        return BodyModel(replace(self._content(), chain=self.chain.scaled(scale), surface=surface))
+        precision = None if self.precision is None else self.precision.scaled(scale, self.chain.slides)
+        chain = self.chain.scaled(scale)
+        return BodyModel(replace(self._content(), chain=chain, surface=surface, precision=precision))
 
     def flow(self, q: Any, dq: Any) -> np.ndarray:
         """Flow, float32 ``(H, W, 2)`` [px], stored at the pixels of the posture ``q`` that was reached by ``dq``.

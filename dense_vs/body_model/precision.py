@@ -15,7 +15,7 @@ with theta_j along the columns of a square root of C, s the relative deviation o
 Beyond the papers.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -64,6 +64,14 @@ class Precision:
         along = np.divide(self.lines, length, out=np.zeros_like(self.lines), where=length > 0)
         known = along / np.maximum(length, LEAST_STEP)
         return known.T @ known
+
+    def scaled(self, factor: float, slides: np.ndarray) -> "Precision":
+        """The same in another unit of length, as :meth:`.Chain.scaled`; ``slides`` bool ``(N,)``: joints that do."""
+        joints = len(slides)
+        lines = self.lines.copy()
+        of_lines = lines[:, : 4 * joints].reshape(len(lines), joints, 4)  # a view
+        of_lines *= np.where(slides[:, None], factor, [1.0, 1.0, factor, factor])
+        return replace(self, lines=lines)
 
 
 def precision_of(found: BodyFit, surface: Surface, postures: np.ndarray) -> Precision:

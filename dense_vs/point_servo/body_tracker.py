@@ -3,9 +3,8 @@
 On plain links a patch slides along outlines and shading, turns out of sight, or is covered. But links are rigid and the
 joint readings are exact: with the chain that a body model has, the link's features say where the point is, and while
 the robot moves on they refine the chain. Features are followed from image to image; those that turn out of sight are
-replaced by new ones, each on the link whose motion explains it. The point itself is known by its pixel when it was
-defined and a depth, which follows from the features around it and from where its own look, turned as the chain says, is
-seen before and on the way.
+replaced by new ones, each on the link whose motion explains it. The point is known by its pixel when it was defined and
+a depth, by the features around it and by where its own look, turned as the chain says, is seen before and on the way.
 """
 
 from collections.abc import Sequence
@@ -20,6 +19,7 @@ from dense_vs.point_servo.feature_looks import FeatureLooks
 from dense_vs.point_servo.look_back import Trace, followed_back
 from dense_vs.point_servo.point_look import PointLook
 from dense_vs.point_servo.point_on_link import POINT, PointOnLink
+from dense_vs.point_servo.surface_place import SurfacePlace
 
 FIRST_FEATURES = 180  # in the image in which the point is defined
 ON_LINK, ON_OTHERS = 70, 25  # features that are kept in sight, of the point's link and of each other one
@@ -61,7 +61,7 @@ class BodyTracker:
         error: median distance of the body's tracks from the chain [px].
         link: that the point is on; found from its track and its neighbors' unless given.
         trace: of the body model, by which features are looked for in the history.
-        surface: link and depth of the body model's surface at the point, in the chain's unit; None where it has none.
+        surface: of the body model at the point, in the chain's unit; None where it has none.
         same: bool ``(H, W)``, pixels of the last image that move as the point does; others do not count in its look.
         window: side of the patch that is the point's own look [px], odd.
         lost_after: images without enough features in sight after which the point counts as lost.
@@ -91,7 +91,7 @@ class BodyTracker:
         error: float = NOISE,
         link: int | None = None,
         trace: Trace | None = None,
-        surface: tuple[int, float] | None = None,
+        surface: SurfacePlace | None = None,
         same: np.ndarray | None = None,
         window: int = 25,
         lost_after: int = 15,

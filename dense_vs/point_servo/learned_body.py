@@ -16,8 +16,9 @@ from dense_vs.health.faults import FaultKind
 from dense_vs.pipeline.body_prior import CHAIN_AGREEMENT, BodyPrior
 from dense_vs.pipeline.frame_pipeline import FramePipeline, ProcessedFrame
 from dense_vs.point_servo.body_tracker import BodyTracker
-from dense_vs.point_servo.point_link import BESIDE, link_of_point, surface_at
+from dense_vs.point_servo.point_link import link_of_point
 from dense_vs.point_servo.same_surface import same_surface
+from dense_vs.point_servo.surface_place import BESIDE, surface_at
 from dense_vs.robot.joint_group import JointGroup
 
 HISTORY = 600  # images that are kept: 20 s of a robot that moves all the time
@@ -159,7 +160,7 @@ class LearnedBody:
         if not history or history[-1][0] is not frame.gray:
             history.append((frame.gray, frame.positions))
         seen = model.image(frame.positions)
-        surface = surface_at(seen, point)
+        surface = surface_at(seen, point, model.precision)
         link = link_of_point(model, self._pipeline.estimator.at(point)[0], frame.positions, point, surface)
         near = cv2.dilate(seen.body.astype(np.uint8), np.ones((2 * BESIDE + 1,) * 2, np.uint8)) > 0
         known = None if model.precision is None else model.precision.information

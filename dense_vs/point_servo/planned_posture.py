@@ -2,31 +2,36 @@
 
 DIJE (17) goes straight through the image and knows no more than the next step: on a far way joints meet their limits,
 and the surface turns out of sight. With the chain a whole move is planned at once, as Gothoskar et al. do by their
-model. Of the postures that bring the point to its target, one is chosen that is near, that has turned little since the
-point was defined, as the chain is known best there, in which the surface is seen from where it was seen then, so that
-it looks alike, and to which the point's way is in the image.
+model. Of the postures that bring the point to its target, one is chosen that is near, in which it is well known where
+the point will be, by what the body model leaves open and by the point's depth, in which the surface is seen from where
+it was seen when the point was defined, so that it looks alike, and to which the point's way is in the image.
 """
 
 from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from scipy.optimize import least_squares
 
-TRIED, REFINED = 1000, 8  # postures at random, and those of them that a search begins at,
+TRIED, REFINED = 1000, 4  # postures at random, and those of them that a search begins at,
 APART = 0.4  # rad from each other at least
 RANGE = 1.5  # rad about the present posture, for joints without limits
 MARGIN = 0.03  # rad, kept from the limits
+AIM = 5.0  # times that the way to the target counts more than errors, which a plan does not stay away from it for
 # px that a change of the view by 1 (about 60 degrees), 1 rad of way and 1 rad since it was defined weigh as much as
-LOOK, TRAVEL, TURNED = 1.6, 0.2, 0.5
-NEAR = 20.0  # times less that the way to the target counts where a search begins
+LOOK, TRAVEL, TURNED = 1.6, 0.2, 0.25
+NEAR = 100.0  # times less that the way to the target counts where a search begins
 OUTSIDE = 4.0  # px^2 that a way all outside of the image weighs as much as
 WAY = 12  # places that are looked at on it
 OFF = 3.0  # px from the target up to which a posture is one that brings the point there
 EVALUATIONS = 60
 
-Seen = Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]]
-"""Of postures ``(T, N)`` [rad]: places of the point ``(T, 2)`` [px] and unit vectors ``(T, 3)`` from which its surface
-is seen, in the frame of its link."""
+STEP = 1e-6  # rad, for derivatives
+
+Seen = Callable[[np.ndarray], tuple[np.ndarray, np.ndarray, np.ndarray]]
+"""Of postures ``(T, N)`` [rad]: places of the point ``(T, 2)`` [px], unit vectors ``(T, 3)`` from which its surface is
+seen, in the frame of its link, and errors ``(T, E)`` [px] that the places may have, one standard deviation each."""
 
 
 def planned_posture(
@@ -64,45 +69,68 @@ def planned_posture(
     if not free.any():
         return None
 
-    def whole(some: np.ndarray) -> np.ndarray:
-        """Postures ``(T, N)`` with the free joints at ``(T, F)``."""
-        postures = np.tile(q, (len(some), 1))
-        postures[:, free] = some
-        return postures
-
-    def residuals(some: np.ndarray) -> np.ndarray:
-        """``(T, 5 + 2 F)`` [px]."""
-        places, views = seen(whole(some))
-        away = np.clip(np.nan_to_num(places - target, nan=1e4), -1e4, 1e4)
-        return np.hstack([away, LOOK * (views - view), TRAVEL * (some - q[free]), TURNED * (some - defined[free])])
-
-    def outside(some: np.ndarray) -> float:
-        """Share of the straight way to the free joints at ``(F,)`` on which the point is outside of the image."""
-        if size is None:
-            return 0.0
-        places, _ = seen(whole(q[free] + np.linspace(0, 1, WAY)[1:, None] * (some - q[free])))
-        return float(np.mean(~((places >= 0) & (places < size[::-1])).all(axis=1)))
-
+    plan = _Plan(seen, view, target, q, defined, free, size)
     low, high = least[free], most[free]
     if start is None:
         random = np.random.default_rng(seed)
         tried = np.vstack([np.clip(q[free], low, high), random.uniform(low, high, (TRIED, int(free.sum())))])
-        rough = residuals(tried) / np.append([NEAR, NEAR], np.ones(3 + 2 * len(low)))
+        rough = plan.residuals(tried)
+        rough[:, :2] /= NEAR
         starts = _unlike(tried[np.append(0, np.argsort(np.sum(rough**2, axis=1)))])
     else:
         starts = np.clip(np.asarray(start, dtype=np.float64)[free], low, high)[None]
     best, least_cost = None, np.inf
     for begin in starts:
+        jac: Any = plan.slopes  # SciPy's stubs know names alone
         found = least_squares(
-            lambda some: residuals(some[None])[0], begin, bounds=(low, high), max_nfev=EVALUATIONS, x_scale=0.1
+            lambda some: plan.residuals(some[None])[0], begin, jac, (low, high), max_nfev=EVALUATIONS, x_scale=0.1
         )
-        cost = found.cost + OUTSIDE * outside(found.x)
+        cost = found.cost + OUTSIDE * plan.outside(found.x)
         if cost < least_cost:
             best, least_cost = found.x, cost
     assert best is not None
-    posture = whole(best[None])[0]
+    posture = plan.whole(best[None])[0]
     off = seen(posture[None])[0][0] - target
     return posture if float(np.hypot(*off)) <= OFF else None
+
+
+@dataclass(frozen=True)
+class _Plan:
+    """What :func:`planned_posture` was asked for: of postures, their free joints alone ``(T, F)`` [rad]."""
+
+    seen: Seen
+    view: np.ndarray
+    target: np.ndarray
+    now: np.ndarray
+    defined: np.ndarray
+    free: np.ndarray
+    size: tuple[int, int] | None
+
+    def whole(self, some: np.ndarray) -> np.ndarray:
+        """Postures ``(T, N)`` [rad]."""
+        postures = np.tile(self.now, (len(some), 1))
+        postures[:, self.free] = some
+        return postures
+
+    def residuals(self, some: np.ndarray) -> np.ndarray:
+        """``(T, 5 + 2 F + E)`` [px]."""
+        places, views, errors = self.seen(self.whole(some))
+        away = np.clip(np.nan_to_num(places - self.target, nan=1e4), -1e4, 1e4)
+        ways = TRAVEL * (some - self.now[self.free]), TURNED * (some - self.defined[self.free])
+        return np.hstack([AIM * away, LOOK * (views - self.view), *ways, errors])
+
+    def slopes(self, some: np.ndarray) -> np.ndarray:
+        """Of the residuals at one posture's free joints ``(F,)``, ``(5 + 2 F + E, F)`` [px/rad]."""
+        values = self.residuals(some + STEP * np.vstack([np.zeros(len(some)), np.eye(len(some))]))
+        return (values[1:] - values[0]).T / STEP
+
+    def outside(self, some: np.ndarray) -> float:
+        """Share of the straight way to the free joints at ``(F,)`` on which the point is outside of the image."""
+        if self.size is None:
+            return 0.0
+        now = self.now[self.free]
+        places, *_ = self.seen(self.whole(now + np.linspace(0, 1, WAY)[1:, None] * (some - now)))
+        return float(np.mean(~((places >= 0) & (places < self.size[::-1])).all(axis=1)))
 
 
 def _unlike(postures: np.ndarray) -> np.ndarray:

@@ -8,17 +8,15 @@ each link, in which J is linear by the inverse.
 import numpy as np
 
 from dense_vs.body_model import BodyModel
-from dense_vs.body_model.chain import BACKGROUND
-from dense_vs.body_model.model import BodyImage
+from dense_vs.point_servo.surface_place import SurfacePlace
 
-BESIDE = 2  # px by which the model's outline may be off
 LEAST_INVERSE = 1e-3  # of the depth's inverse: what is seen is before the camera
 MOST_LEFT = 0.5  # share of J that the best link may leave, for J to say which it is
 AS_GOOD = 1.25  # times that share, up to which the surface's link is as good
 
 
 def link_of_point(
-    model: BodyModel, jacobian: np.ndarray, positions: np.ndarray, point: np.ndarray, surface: tuple[int, float] | None
+    model: BodyModel, jacobian: np.ndarray, positions: np.ndarray, point: np.ndarray, surface: SurfacePlace | None
 ) -> int | None:
     """Link that a point is on; None where neither J nor the surface tells.
 
@@ -27,14 +25,14 @@ def link_of_point(
         jacobian: ``(2, N)`` [px/rad] at the point, as it was learned.
         positions: joint positions ``(N,)`` [rad].
         point: ``(2,)`` [px].
-        surface: link and depth of the model's surface there, see :func:`surface_at`.
+        surface: of the model there; None where it has none.
     """
     left = left_by_links(model, jacobian, positions, point)
     best = min(left, key=left.__getitem__, default=None)
     if best is None or not left[best] <= MOST_LEFT:
-        return None if surface is None else surface[0]
-    if surface is not None and left.get(surface[0], np.inf) <= AS_GOOD * left[best]:
-        return surface[0]
+        return None if surface is None else surface.link
+    if surface is not None and left.get(surface.link, np.inf) <= AS_GOOD * left[best]:
+        return surface.link
     return best
 
 
@@ -63,14 +61,3 @@ def left_by_links(model: BodyModel, jacobian: np.ndarray, positions: np.ndarray,
         inverse = float(np.sum(shift * (J - turn)) / max(float(np.sum(shift**2)), 1e-12))
         left[int(link)] = float(np.linalg.norm(turn + max(inverse, LEAST_INVERSE) * shift - J)) / size
     return left
-
-
-def surface_at(seen: BodyImage, point: np.ndarray) -> tuple[int, float] | None:
-    """Link and depth of a body at and around a place ``(2,)`` [px], those of most pixels; None where it is not."""
-    rows, columns = (slice(max(0, round(float(at)) - BESIDE), round(float(at)) + BESIDE + 1) for at in point[::-1])
-    links, depths = seen.links[rows, columns], seen.depths[rows, columns]
-    on = links != BACKGROUND
-    if not on.any():
-        return None
-    link = int(np.bincount(links[on]).argmax())
-    return link, float(np.median(depths[links == link]))

@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 
 from dense_vs.point_servo.body_features import BodyFeatures, FeatureState
+from dense_vs.point_servo.place_errors import PlaceErrors
 from dense_vs.point_servo.planned_posture import planned_posture
 from dense_vs.point_servo.point_depth import (
     BULGE,
@@ -16,6 +17,7 @@ from dense_vs.point_servo.point_depth import (
     together,
     tried_depths,
 )
+from dense_vs.point_servo.surface_place import SurfacePlace
 
 POINT = 0  # index of the point among the features
 SMALL = 0.01  # of the logarithm of the depth, for derivatives
@@ -29,8 +31,7 @@ class PointOnLink:
         features: of the body; index 0 is the point.
         pixel: ``(2,)`` [px], where it was defined.
         positions: joint positions ``(N,)`` [rad] then.
-        surface: link and depth there of a body model's surface, in the unit of the features' chain as it is now; None
-            where it has none.
+        surface: there, of a body model in the unit of the features' chain as it is now; None where it has none.
 
     Attributes:
         depth: then; None where nothing tells.
@@ -41,7 +42,7 @@ class PointOnLink:
         features: BodyFeatures,
         pixel: np.ndarray,
         positions: np.ndarray,
-        surface: tuple[int, float] | None = None,
+        surface: SurfacePlace | None = None,
     ):
         self._features = features
         self._pixel, self.defined_at = np.array(pixel, dtype=np.float64), np.array(positions, dtype=np.float64)
@@ -88,7 +89,7 @@ class PointOnLink:
     def _by_surface(self, first: np.ndarray) -> PointDepth | None:
         """Its depth by the body model's surface, in the chain's unit of length, which drifts with the chain."""
         features = self._features
-        if self._surface is None or self._surface[0] != self.link:
+        if self._surface is None or self._surface.link != self.link:
             return None
         known = features.seen_on(self.link, first) & (first != POINT)
         depths = features.positions(first, self.defined_at)[:, 2]
@@ -97,7 +98,7 @@ class PointOnLink:
             self._first_depths = depths
         drift = depths / self._first_depths
         unit = float(np.nanmedian(drift)) if np.isfinite(drift).any() else 1.0
-        return PointDepth(self._surface[1] * unit, SURFACE)
+        return PointDepth(self._surface.depth * unit, SURFACE)
 
     def view(self, postures: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """How the point's surroundings are seen in postures ``(T, N)`` [rad].
@@ -134,12 +135,17 @@ class PointOnLink:
         """
         if self.depth is None:
             return None
+        errors = PlaceErrors(self._features, self._pixel, self.defined_at, self.depth, self._surface, self.link)
         _, views = self._seen_in(self.defined_at[None])
+
+        def seen(postures: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+            return *self._seen_in(postures), errors(postures).reshape(len(postures), -1)
+
         fixed = np.asarray(held, dtype=bool) | ~self._features.learned
         width, height = np.rint(2 * self._features.center + 1).astype(int).tolist()
         size = height, width
         return planned_posture(
-            self._seen_in,
+            seen,
             views[0],
             target,
             positions,
@@ -151,7 +157,7 @@ class PointOnLink:
         )
 
     def _seen_in(self, postures: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Places ``(T, 2)`` [px] and views ``(T, 3)``, see :data:`Seen`."""
+        """Places ``(T, 2)`` [px] and views ``(T, 3)``, see :data:`.Seen`."""
         rotation, translation = self._features.chain.link_poses(postures)
         rotation, translation = rotation[:, self.link], translation[:, self.link]
         there = rotation @ self._features.points[POINT] + translation

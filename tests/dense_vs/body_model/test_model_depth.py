@@ -1,11 +1,14 @@
 """Depth by a body model: its derivatives against finite differences, and its scale from noisy depth images."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from dense_vs.body_model import BodyModel
 from dense_vs.body_model.chain import Chain
 from dense_vs.body_model.model_file import ModelContent
+from dense_vs.body_model.precision import Precision
 from dense_vs.body_model.surface import Surface
 from dense_vs.errors import DenseVSError
 
@@ -60,6 +63,32 @@ def test_some_noisy_depth_images_give_the_scale(model):
     np.testing.assert_allclose(metric.jacobian(Q), model.jacobian(Q), atol=1e-3)
     np.testing.assert_allclose(metric.flow(Q, [0.02, 0.03]), model.flow(Q, [0.02, 0.03]), atol=1e-4)
     assert metric.focal_length == model.focal_length
+
+
+@pytest.mark.parametrize("slide", [False, True])
+def test_a_model_in_meters_is_as_well_known_in_pixels(model, slide):
+    rng = np.random.default_rng(3)
+    content = model._content()
+    count = len(content.surface.links)
+    precision = Precision(
+        0.01 * rng.standard_normal((5, 4 * JOINTS + 1)), 0.01 * rng.standard_normal((count, 5)), np.full(count, 0.01),
+        np.array([[0.1, 0.3]]), np.zeros(count, int), 0.4,
+    )  # fmt: skip
+    points = (
+        content.chain.points - np.sum(content.chain.points * content.chain.axes, axis=1)[:, None] * content.chain.axes
+    )
+    chain = replace(content.chain, points=points)
+    if slide:
+        axes, travel = chain.axes.copy(), np.zeros((JOINTS, 3))
+        axes[1], travel[1] = 0.0, [0.3, 0.1, 0.2]
+        chain = replace(chain, axes=axes, travel=travel)
+    known = BodyModel(replace(content, precision=precision, chain=chain))
+    metric = known.in_meters([np.where(np.isfinite(known.image(Q).depths), 0.4 * known.image(Q).depths, 0)], Q[None])
+    q = np.array([-0.4, 0.5])
+    expected = known.points(q).covariances
+    np.testing.assert_allclose(metric.points(q).covariances, expected, rtol=1e-3, atol=1e-4)
+    unscaled = BodyModel(replace(metric._content(), precision=precision)).points(q).covariances
+    assert np.median(np.abs(unscaled / expected - 1)) > 0.05
 
 
 def test_refuses_what_tells_no_scale(model):

@@ -242,14 +242,20 @@ def test_a_model_of_another_robot_or_camera_is_refused(drawn, wrong):
     assert drawn == []
 
 
-@pytest.mark.parametrize(("known", "precision"), [(True, SimpleNamespace(information="told")), (False, None)])
+PRECISION = SimpleNamespace(information="told", lines="lines", depth_steps=np.full((600, 2), 0.1))
+
+
+@pytest.mark.parametrize(("known", "precision"), [(True, PRECISION), (False, None)])
 @pytest.mark.parametrize("seen_already", [True, False])
 def test_a_point_is_followed_on_the_model_s_outline_and_two_pixels_beside(
     monkeypatch, drawn, known, precision, seen_already
 ):
     outline = np.zeros((20, 30), bool)
     outline[8:12, 10:15] = True
-    seen = SimpleNamespace(body=outline, links=np.where(outline, 1, -1), depths=np.where(outline, 2.5, np.inf))
+    seen = SimpleNamespace(
+        body=outline, links=np.where(outline, 1, -1), depths=np.where(outline, 2.5, np.inf),
+        points=np.arange(600).reshape(20, 30),
+    )  # fmt: skip
     asked = []
 
     def tracker(*given, **options):
@@ -285,7 +291,9 @@ def test_a_point_is_followed_on_the_model_s_outline_and_two_pixels_beside(
     same = ("same", (12.0, 9.0))
     used, J, q, place, surface = options.pop("link")
     assert (used, J, q is now.positions, place is point) == (one.model, ("J at", (12.0, 9.0)), True, True)
-    assert surface == options["surface"] == (1, 2.5)
+    assert surface is options["surface"]
+    assert (surface.link, surface.depth) == (1, 2.5)
+    assert (surface.steps and surface.steps[0]) == (precision and "lines")
     assert options.pop("information") == ("told" if precision else None)
     assert options == {"error": 0.5, "surface": surface, "same": same, "window": 21, "lost_after": 7, "trace": "trace"}
     one.forget_images()

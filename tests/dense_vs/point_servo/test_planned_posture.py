@@ -1,10 +1,10 @@
-"""Planned postures against thousands of postures at random: near, in the limits, and seen from where it was seen."""
+"""Planned postures against thousands at random: near, in the limits, well known, and seen from where it was seen."""
 
 import numpy as np
 import pytest
 
 from dense_vs.body_model.chain import Chain
-from dense_vs.point_servo.planned_posture import LOOK, MARGIN, RANGE, TRAVEL, TURNED, planned_posture
+from dense_vs.point_servo.planned_posture import AIM, LOOK, MARGIN, RANGE, TRAVEL, TURNED, planned_posture
 
 FOCAL, CENTER = 300.0, np.array([160.0, 120.0])
 LIMITS = np.array([[-1.2, 1.2], [-1.0, 1.0], [-0.8, 1.4], [-1.5, 1.5]])
@@ -24,7 +24,8 @@ def seen(postures):
     rotation, translation = (value[:, 3] for value in CHAIN.link_poses(np.asarray(postures, float)))
     there = rotation @ POINT + translation
     views = np.einsum("tji,tj->ti", rotation, there)
-    return CENTER + FOCAL * there[:, :2] / there[:, 2:], views / np.linalg.norm(views, axis=1, keepdims=True)
+    places = CENTER + FOCAL * there[:, :2] / there[:, 2:]
+    return places, views / np.linalg.norm(views, axis=1, keepdims=True), np.zeros((len(places), 0))
 
 
 VIEW = seen(HOME[None])[1][0]
@@ -36,7 +37,7 @@ def drawn(count=20000):
 
 def cost(places, views, target, postures, now=HOME):
     """Way to the target, change of the view, way of the joints and their turn since the home posture, as weighed."""
-    parts = places - target, LOOK * (views - VIEW), TRAVEL * (postures - now), TURNED * (postures - HOME)
+    parts = AIM * (places - target), LOOK * (views - VIEW), TRAVEL * (postures - now), TURNED * (postures - HOME)
     return sum(np.sum(part**2, axis=-1) for part in parts)
 
 
@@ -44,11 +45,11 @@ def cost(places, views, target, postures, now=HOME):
 def test_a_target_that_can_be_reached_is_reached_from_where_it_was_seen(number):
     target = seen(drawn()[number : number + 1])[0][0]
     posture = planned_posture(seen, VIEW, target, HOME, LIMITS, fixed=FREE)
-    (place,), (view,) = seen(posture[None])
+    (place,), (view,), _ = seen(posture[None])
     assert np.linalg.norm(place - target) < 1.0
     assert (posture >= LIMITS[:, 0] + MARGIN - 1e-9).all()
     assert (posture <= LIMITS[:, 1] - MARGIN + 1e-9).all()
-    places, views = seen(drawn())
+    places, views, _ = seen(drawn())
     assert cost(place, view, target, posture) < cost(places, views, target, drawn()).min() + 0.1
 
 
@@ -56,11 +57,29 @@ def test_a_target_that_can_be_reached_is_reached_from_where_it_was_seen(number):
 def test_a_way_from_elsewhere_leads_back_toward_where_the_point_was_defined(number):
     now, target = np.array([0.9, -0.8, 1.2, 1.3]), seen(drawn()[number : number + 1])[0][0]
     posture = planned_posture(seen, VIEW, target, now, LIMITS, fixed=FREE, home=HOME)
-    (place,), (view,) = seen(posture[None])
-    places, views = seen(drawn())
+    (place,), (view,), _ = seen(posture[None])
+    places, views, _ = seen(drawn())
     assert cost(place, view, target, posture, now) < cost(places, views, target, drawn(), now).min() + 0.1
     away = planned_posture(seen, VIEW, target, now, LIMITS, fixed=FREE)
     assert np.linalg.norm(posture) < np.linalg.norm(away)
+
+
+@pytest.mark.parametrize("joint", range(4))
+def test_a_joint_that_is_badly_known_turns_less(joint):
+    target = seen(drawn()[7:8])[0][0]
+    usual = planned_posture(seen, VIEW, target, HOME, LIMITS, fixed=FREE)
+
+    def seen_so(postures):
+        places, views, _ = seen(postures)
+        return places, views, 15.0 * postures[:, joint : joint + 1]
+
+    careful = planned_posture(seen_so, VIEW, target, HOME, LIMITS, fixed=FREE)
+    assert abs(careful[joint]) <= abs(usual[joint]) + 0.02
+    (place,), (view,), (error,) = seen_so(careful[None])
+    places, views, errors = seen_so(drawn())
+    assert np.linalg.norm(place - target) < 1.0
+    all_drawn = cost(places, views, target, drawn()) + np.sum(errors**2, axis=1)
+    assert cost(place, view, target, careful) + np.sum(error**2) < all_drawn.min() + 0.1
 
 
 def test_joints_that_are_held_stay():
@@ -96,7 +115,7 @@ def around(postures):
     """A point that the first joint leads in a circle through the image, in the middle half of it and out of it."""
     angle = np.asarray(postures)[:, 0]
     places = np.column_stack([160 + 200 * np.sin(angle), 120 - 100 * np.cos(angle)])
-    return places, np.tile([0.0, 0.0, 1.0], (len(angle), 1))
+    return places, np.tile([0.0, 0.0, 1.0], (len(angle), 1)), np.zeros((len(angle), 0))
 
 
 @pytest.mark.parametrize(("size", "right"), [(None, True), ((240, 320), False)])
@@ -104,9 +123,9 @@ def test_a_way_in_the_image_is_taken_though_it_is_farther(size, right):
     """From (160, 220) to (160, 20) it is 0.1 rad less by the right, where the circle goes 40 px out of the image."""
 
     def seen_so(postures):
-        places, views = around(postures)
+        places, *others = around(postures)
         places[:, 0] = np.where(places[:, 0] < 160, 160 + 0.5 * (places[:, 0] - 160), places[:, 0])
-        return places, views
+        return places, *others
 
     now, limits = np.array([np.pi - 0.05]), np.array([[-0.5, 2 * np.pi + 0.5]])
     target = np.array([160.0, 20.0])

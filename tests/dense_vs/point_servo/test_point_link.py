@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from dense_vs.body_model.chain import Chain
-from dense_vs.point_servo.point_link import left_by_links, link_of_point, surface_at
+from dense_vs.point_servo.point_link import left_by_links, link_of_point
+from dense_vs.point_servo.surface_place import SurfacePlace
 
 FOCAL, CENTER = 280.0, np.array([159.5, 119.5])
 PARENTS = np.array([-1, 0, 1, 1])  # a branch: link 2 is not moved by joint 3, nor link 3 by joint 2
@@ -93,23 +94,11 @@ def test_a_joint_that_is_not_learned_says_nothing():
 )
 def test_j_and_surface_together(monkeypatch, left, surface, expected):
     monkeypatch.setattr("dense_vs.point_servo.point_link.left_by_links", lambda *given: left)
-    assert link_of_point(None, None, None, None, surface) == expected
+    place = surface and SurfacePlace(*surface)
+    assert link_of_point(None, None, None, None, place) == expected
 
 
 @pytest.mark.parametrize("J", [np.zeros((2, 4)), np.full((2, 4), np.nan)])
 def test_where_nothing_moves_j_says_nothing(J):
     model, _ = model_of(0)
     assert left_by_links(model, J, model.chain.home, CENTER) == {}
-
-
-def test_the_surface_at_a_point_is_that_of_most_pixels_around_it():
-    links, depths = np.full((20, 30), -1), np.full((20, 30), np.inf)
-    links[8:12, 10:13], depths[8:12, 10:13] = 2, 1.5
-    links[8:12, 13:15], depths[8:12, 13:15] = 0, 0.5
-    depths[9, 11] = 1.9
-    there = SimpleNamespace(links=links, depths=depths)
-    assert surface_at(there, np.array([11.4, 9.6])) == (2, 1.5)
-    assert surface_at(there, np.array([16.0, 9.0])) == (0, 0.5)  # two pixels beside it
-    assert surface_at(there, np.array([17.0, 9.0])) is None
-    links[:2, :2], depths[:2, :2] = 1, 3.0
-    assert surface_at(there, np.array([0.0, 0.0])) == (1, 3.0)

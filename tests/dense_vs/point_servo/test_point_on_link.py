@@ -6,6 +6,7 @@ import pytest
 from dense_vs.body_model.chain import Chain
 from dense_vs.point_servo.body_features import BodyFeatures, FeatureState, Keyframe
 from dense_vs.point_servo.point_on_link import POINT, PointOnLink
+from dense_vs.point_servo.surface_place import SurfacePlace
 
 FOCAL, CENTER = 300.0, np.array([159.5, 119.5])
 PIXEL = np.array([100.0, 80.0])
@@ -26,7 +27,7 @@ def features_at(depths):
 
 
 def placed(features, surface):
-    point = PointOnLink(features, PIXEL, np.zeros(1), surface)
+    point = PointOnLink(features, PIXEL, np.zeros(1), surface and SurfacePlace(*surface))
     point.place(np.arange(len(features)))
     return point
 
@@ -64,3 +65,28 @@ def test_the_surface_follows_the_chain_s_unit_of_length():
     features.states[1:] = FeatureState.DROPPED
     point.place(np.arange(4))  # nothing does any more: as it was
     assert point.depth.depth == pytest.approx(2.0 * np.exp(-0.015), rel=0.003)
+
+
+def test_a_posture_is_planned_by_how_well_the_model_knows_each_joint():
+    """Two joints do alike to the point; the one whose line the model knows badly is left where it is."""
+    axis = np.array([0.0, 0.0, 1.0])
+    chain = Chain(
+        np.array([axis, axis]), np.array([[-0.6, 0.0, 0.0], [-0.6, 0.0, 0.0]]), np.zeros(2), np.array([-1, 0])
+    )
+    features = BodyFeatures(chain, FOCAL, CENTER, np.ones(2, bool))
+    features.added(1)
+    features.links[POINT] = 1
+    features.keyframes = [Keyframe(np.zeros(2), np.zeros(0, int), np.zeros((0, 2)), np.zeros((240, 320), np.uint8))]
+    limits = np.array([[-2.0, 2.0]] * 2)
+    for bad in (0, 1):
+        lines = np.zeros((2, 9))
+        lines[:, 4 * bad + 2 : 4 * bad + 4] = 0.05 * np.eye(2)  # shifts of its line
+        surface = SurfacePlace(1, 2.0, (lines, np.zeros(2)))
+        point = PointOnLink(features, PIXEL, np.zeros(2), surface)
+        point.place(np.zeros(1, int))
+        target = point._seen_in(np.array([[0.2, 0.2]]))[0][0]
+        posture = point.posture_for(target, np.zeros(2), limits, held=np.zeros(2, bool))
+        assert posture is not None
+        np.testing.assert_allclose(point._seen_in(posture[None])[0][0], target, atol=1.0)
+        assert abs(posture[bad]) < 0.05
+        assert posture[1 - bad] > 0.3

@@ -1,0 +1,48 @@
+"""Where a body model has its surface about a pixel, and how that goes with what the model leaves open."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from dense_vs.body_model.chain import BACKGROUND
+from dense_vs.body_model.model import BodyImage
+from dense_vs.body_model.precision import Precision
+
+BESIDE = 2  # px by which the model's outline may be off
+
+
+@dataclass(frozen=True)
+class SurfacePlace:
+    """A place on the surface.
+
+    Attributes:
+        link: that it is on.
+        depth: in the chain's unit.
+        steps: ``(R, 4 N + 1)`` of one standard deviation each of lines and focal length, see :attr:`.Precision.lines`,
+            and ``(R,)`` by which the logarithm of the depth follows each of them; None where the model has none.
+    """
+
+    link: int
+    depth: float
+    steps: tuple[np.ndarray, np.ndarray] | None = None
+
+
+def surface_at(seen: BodyImage, point: np.ndarray, precision: Precision | None = None) -> SurfacePlace | None:
+    """Link and depth of a body at and around a place, those of most pixels; None where it is not.
+
+    Args:
+        seen: the body in a posture.
+        point: ``(2,)`` [px].
+        precision: of the body.
+    """
+    rows, columns = (slice(max(0, round(float(at)) - BESIDE), round(float(at)) + BESIDE + 1) for at in point[::-1])
+    links, depths = seen.links[rows, columns], seen.depths[rows, columns]
+    on = links != BACKGROUND
+    if not on.any():
+        return None
+    link = int(np.bincount(links[on]).argmax())
+    depth = float(np.median(depths[links == link]))
+    if precision is None:
+        return SurfacePlace(link, depth)
+    there = seen.points[rows, columns][links == link]
+    return SurfacePlace(link, depth, (precision.lines, precision.depth_steps[there].mean(axis=0)))

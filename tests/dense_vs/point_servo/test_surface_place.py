@@ -1,0 +1,34 @@
+"""Where the surface is about a pixel, on images made by hand."""
+
+from types import SimpleNamespace
+
+import numpy as np
+
+from dense_vs.point_servo.surface_place import SurfacePlace, surface_at
+
+
+def body_seen():
+    links, depths = np.full((20, 30), -1), np.full((20, 30), np.inf)
+    links[8:12, 10:13], depths[8:12, 10:13] = 2, 1.5
+    links[8:12, 13:15], depths[8:12, 13:15] = 0, 0.5
+    depths[9, 11] = 1.9
+    points = np.where(links < 0, -1, np.arange(600).reshape(20, 30))
+    return SimpleNamespace(links=links, depths=depths, points=points)
+
+
+def test_it_is_that_of_most_pixels_around():
+    seen = body_seen()
+    assert surface_at(seen, np.array([11.4, 9.6])) == SurfacePlace(2, 1.5)
+    assert surface_at(seen, np.array([16.0, 9.0])) == SurfacePlace(0, 0.5)  # two pixels beside it
+    assert surface_at(seen, np.array([17.0, 9.0])) is None
+    seen.links[:2, :2], seen.depths[:2, :2] = 1, 3.0
+    assert surface_at(seen, np.array([0.0, 0.0])) == SurfacePlace(1, 3.0)
+
+
+def test_its_depth_follows_the_lines_as_those_points_of_the_surface_do():
+    seen, random = body_seen(), np.random.default_rng(0)
+    precision = SimpleNamespace(lines=random.normal(size=(3, 9)), depth_steps=random.normal(size=(600, 3)))
+    lines, follows = surface_at(seen, np.array([12.0, 9.0]), precision).steps
+    on = [30 * y + x for y in range(8, 12) for x in range(10, 13)]  # not those of link 0 beside it
+    np.testing.assert_array_equal(lines, precision.lines)
+    np.testing.assert_allclose(follows, precision.depth_steps[on].mean(axis=0))
