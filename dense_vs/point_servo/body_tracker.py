@@ -18,7 +18,7 @@ from dense_vs.point_servo.feature_flow import about, carried, new_features
 from dense_vs.point_servo.feature_looks import FeatureLooks
 from dense_vs.point_servo.look_back import Trace, followed_back
 from dense_vs.point_servo.point_look import PointLook
-from dense_vs.point_servo.point_on_link import POINT, PointOnLink
+from dense_vs.point_servo.point_on_link import POINT, WIDE, PointOnLink
 from dense_vs.point_servo.surface_place import SurfacePlace
 
 FIRST_FEATURES = 180  # in the image in which the point is defined
@@ -30,7 +30,6 @@ AROUND = 3  # known features around a young one, which it is taken along with
 HELD, OTHERS_HELD = 2, 3  # images, in one of which a feature of the point's link, or another's, is held to its look
 KEYFRAME_MOTION = 4.0  # px that a feature moves by between keyframes
 GATE = 2.0  # px from where its link's features are, at which one is given up
-WIDE = 28.0  # px, standard deviation of the weight by which the link's features correct the point
 LEAST_SEEN = 3  # features of the link that have to be in sight
 LIKE, ALIKE = 0.8, 0.87  # correlations between which the point's own look comes to count alone
 OWN_DRIFT = 0.5  # px, standard deviation of the place by the own look at least
@@ -106,9 +105,8 @@ class BodyTracker:
         self.on_link = PointOnLink(self.features, self.point, self._positions, surface)
         self._offset = np.zeros(2)
         self.seen, self.unseen, self._told, self.held, self._aside = 0, 0, 0, False, BASIC + 1.0
-        self._by_own, self._apart = np.inf, 0.0
+        self._by_own, self._apart, self._next, self._images = np.inf, 0.0, 0, 0
         self._sighting: np.ndarray | None = None
-        self._next = self._images = 0
         self._looks, self._sure = FeatureLooks(), np.zeros(0, int)
         self._look = PointLook(self._gray, self.point, same, window)
         self.correlation = np.ones(1, np.float32)
@@ -250,7 +248,8 @@ class BodyTracker:
             places = self._places[np.isin(self._live, on)]
             off, directions = places - there, direction_weights(gray, places)
             weights = np.exp(-np.sum((there - expected) ** 2, axis=1) / (2 * WIDE**2)) + 1e-3
-            self._offset, spread = directed_mean(off, directions, weights)
+            mean, spread = directed_mean(off, directions, weights)
+            self._offset = mean - self.on_link.astray(q)
             self._aside = BASIC + spread / np.sqrt(len(on))
             self.unseen, self._told = 0, len(on)
         else:
@@ -384,6 +383,7 @@ class BodyTracker:
         begun = np.vstack([self.point, new_features(gray, body, [self.point], FIRST_FEATURES, APART + 1)])
         self._first = numbers = features.added(len(begun))
         self._begun = begun
+        self.on_link.begin(begun, direction_weights(gray, begun))
         self._looks.take(numbers, gray, begun)
         features.keyframes = followed_back(history, numbers, begun, trace)
         self._live, self._places = numbers, begun.copy()

@@ -4,11 +4,13 @@ from dataclasses import replace
 
 import numpy as np
 
+from dense_vs.body_model.image_directions import directed_mean
 from dense_vs.point_servo.body_features import BodyFeatures, FeatureState
 from dense_vs.point_servo.place_errors import PlaceErrors
 from dense_vs.point_servo.planned_posture import planned_posture
 from dense_vs.point_servo.point_depth import (
     BULGE,
+    LEAST_NEAR,
     SURFACE,
     UNKNOWN,
     PointDepth,
@@ -20,6 +22,7 @@ from dense_vs.point_servo.point_depth import (
 from dense_vs.point_servo.surface_place import SurfacePlace
 
 POINT = 0  # index of the point among the features
+WIDE = 28.0  # px, standard deviation of the weight by which the link's features correct the point
 SMALL = 0.01  # of the logarithm of the depth, for derivatives
 NOWHERE = np.zeros(2)
 
@@ -49,21 +52,45 @@ class PointOnLink:
         self.depth: PointDepth | None = None
         self._surface = surface
         self._first_depths: np.ndarray | None = None  # of the features that were seen then, by the chain at first
+        self._begun = np.zeros((0, 2)), np.zeros((0, 2, 2))  # their places then and directions
+        self._astray = np.zeros(2)
 
     @property
     def link(self) -> int:
         """That it is on."""
         return int(self._features.links[POINT])
 
+    def begin(self, places: np.ndarray, directions: np.ndarray) -> None:
+        """Take the places of the features that were seen when it was defined.
+
+        Args:
+            places: ``(K, 2)`` [px].
+            directions: ``(K, 2, 2)``, what errors of these are multiplied by.
+        """
+        self._begun = places, directions
+
+    def astray(self, q: np.ndarray) -> np.ndarray:
+        """How far from its place the chain has it in a posture ``(N,)`` [rad] because of where it was defined [px].
+
+        There it is at its pixel whatever the chain says, and the features about it are not: by what these are off
+        there, turned as the link has turned, their places tell less of the point's.
+        """
+        if self.depth is None or not self._astray.any():
+            return NOWHERE
+        return self.view(q[None])[1][0] @ self._astray
+
     def place(self, first: np.ndarray) -> None:
-        """Find its depth, by what is known now.
+        """Find its depth, and what the features about it were off where it was defined, by what is known now.
 
         Args:
             first: indices of features that were seen when it was defined, always the same ones.
         """
         features = self._features
         surface = self._by_surface(first)
-        first = first[features.seen_on(self.link, first) & (first != POINT)]
+        on = features.seen_on(self.link, first) & (first != POINT)
+        if len(self._begun[0]) == len(first):
+            self._astray = self._off_about(first[on], *(known[on] for known in self._begun))
+        first = first[on]
         there = features.positions(first, self.defined_at)
         front = there[:, 2] > 1e-3
         by_features = depth_of_features(features.pixels(there[front]), there[front, 2], self._pixel)
@@ -85,6 +112,14 @@ class PointOnLink:
         self.depth = point_depth(around, np.linalg.norm(errors, axis=2))
         features.points[POINT] = self._at(self.depth.depth)
         features.states[POINT] = FeatureState.KNOWN
+
+    def _off_about(self, numbers: np.ndarray, begun: np.ndarray, directions: np.ndarray) -> np.ndarray:
+        """How far from where the chain has them features were seen about the point when it was defined [px]."""
+        if len(numbers) < LEAST_NEAR:
+            return NOWHERE
+        off = begun - self._features.project(numbers, self.defined_at)
+        weights = np.exp(-np.sum((begun - self._pixel) ** 2, axis=1) / (2 * WIDE**2)) + 1e-3
+        return directed_mean(off, directions, weights)[0]
 
     def _by_surface(self, first: np.ndarray) -> PointDepth | None:
         """Its depth by the body model's surface, in the chain's unit of length, which drifts with the chain."""

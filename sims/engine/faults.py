@@ -15,6 +15,7 @@ from dense_vs.sims.engine.scene import FRAME_SECONDS
 from dense_vs.sims.engine.world import SimWorld
 
 LATE_FRAMES = 3
+BUMP = 5  # px to the right
 FAULTS = {
     "dropped images": "20 % of the images never come",
     "delayed images": "images come 3 frames late with their true stamps",
@@ -58,6 +59,7 @@ class FaultInjector(WrappedRobot):
 
     Attributes:
         fault: name of the present fault; empty for none.
+        shift: ``(2,)`` [px], whole numbers, by which the last image shows things elsewhere than the world's camera.
 
     Raises:
         DenseVSError: a world of several robots.
@@ -70,6 +72,7 @@ class FaultInjector(WrappedRobot):
         self._recent: deque[tuple[np.ndarray, float]] = deque(maxlen=LATE_FRAMES + 1)
         self._hand = self._random.integers(0, 256, (12, 9, 3), dtype=np.uint8)
         self.slipped = np.zeros(len(world.joint_names))
+        self.shift = np.zeros(2, int)
         self.fault, self._until, self._begun = "", 0.0, 0.0
         self._state, self._joint, self._at = FaultState(), 0, np.zeros(2)
 
@@ -109,6 +112,7 @@ class FaultInjector(WrappedRobot):
             while self._random.random() < 0.2:
                 self.world.step()
         self._remember()
+        self.shift = np.array([BUMP if self._is("bump") else 0, 0])
         image, time = self._recent[-1]
         if self._is("delayed images"):
             return self._recent[0]
@@ -162,7 +166,7 @@ class FaultInjector(WrappedRobot):
         if self._is("exposure jump"):
             return _exposed(image, 1 / 3)
         if self._is("bump"):
-            return np.roll(image, 5, axis=1)
+            return np.roll(image, BUMP, axis=1)
         for share in (2, 10):
             if self._is(f"salt and pepper {share} %"):
                 shown, drawn = image.copy(), self._random.random(image.shape[:2])

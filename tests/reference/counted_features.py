@@ -68,12 +68,18 @@ class Looks:
         self.calls.append(("renumber", list(renumbered)))
 
 
+def link_of(**given):
+    """What the chain says of the point: it is on link 1, and nothing more."""
+    nothing = {"depth": None, "astray": lambda q: np.zeros(2), "begin": lambda *begun: None}
+    return SimpleNamespace(**{"link": 1, **nothing, **given})
+
+
 def bare(features, live=(), places=(), **given):
     """A tracker with some of its parts, without the images that it is made from."""
     tracker = object.__new__(BodyTracker)
     tracker.__dict__.update(
         features=features, _live=np.array(live, int), _places=np.array(places, float).reshape(-1, 2),
-        on_link=SimpleNamespace(link=1, depth=None), _offset=np.zeros(2), _aside=1.3, seen=0, unseen=0,
+        on_link=link_of(), _offset=np.zeros(2), _aside=1.3, seen=0, unseen=0,
         point=np.array([7.0, 7.0]), _positions=np.zeros(1), _kept_at=np.zeros(1), _by_own=np.inf, _sighting=None,
         _gray=GRAY, _lost_after=5, uncertainty=0.0, correlation=np.ones(1, np.float32),
         _looks=Looks(), _sure=np.zeros(0, int), _first=np.zeros(0, int), _images=0, held=False, _told=0, _apart=0.0,

@@ -104,6 +104,7 @@ class ReachingExperiment:
         self._seed = seed
         self._on_frame = on_frame
         self._traced = traced
+        self._injector = injector
         joints = len(world.joint_names)
         pace = loop.get("command_period") or FRAME_SECONDS
         loop.setdefault("babbling", Babbling(joints, seed=seed, frame_time=pace))
@@ -146,8 +147,11 @@ class ReachingExperiment:
         return np.concatenate([self._scaled(targets[:, :2]), targets[:, 2:]], axis=1)
 
     def project(self, point: str | SurfacePoint) -> np.ndarray:
-        """Where a point truly is in the loop's images, ``(2,)`` [px]; see :meth:`SimWorld.project`."""
-        return self._scaled(np.asarray(self.world.project(point)))
+        """Where a point truly is in the loop's images, ``(2,)`` [px]; see :meth:`SimWorld.project`.
+
+        A camera that was bumped sees it elsewhere than the world's.
+        """
+        return self._scaled(np.asarray(self.world.project(point)) + self._shift())
 
     def reach(self, target: Any, **options: Any) -> MeasuredReach:
         """Servo to a target and measure; options of :meth:`ServoLoop.reach`."""
@@ -182,6 +186,8 @@ class ReachingExperiment:
         A pixel of a scaled image takes the mean J of those it covers, and is the robot's where all of them are.
         """
         jacobian, mask = self.world.true_jacobian(), self.world.robot_mask()
+        columns, rows = self._shift()
+        jacobian, mask = (np.roll(truth, (rows, columns), axis=(0, 1)) for truth in (jacobian, mask))
         side = round(1 / self.scale)
         if side == 1:
             return jacobian, mask
@@ -190,6 +196,10 @@ class ReachingExperiment:
         whole = slice(height * side), slice(width * side)
         mean = jacobian[whole].reshape(*squares, *jacobian.shape[2:]).mean(axis=(1, 3))
         return mean * np.float32(self.scale), mask[whole].reshape(squares).min(axis=(1, 3))
+
+    def _shift(self) -> np.ndarray:
+        """Whole pixels ``(2,)`` by which the camera shows things elsewhere than the world's does."""
+        return np.zeros(2, int) if self._injector is None else self._injector.shift
 
     def _come_to_rest(self) -> None:
         """Command nothing until the joints stand still."""

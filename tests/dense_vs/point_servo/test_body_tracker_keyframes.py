@@ -4,7 +4,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from counted_features import DROPPED, GRAY, KNOWN, YOUNG, Features, Looks, bare
+from counted_features import DROPPED, GRAY, KNOWN, YOUNG, Features, Looks, bare, link_of
 
 from dense_vs.point_servo import body_tracker
 from dense_vs.point_servo.body_features import Keyframe
@@ -134,7 +134,7 @@ def test_places_of_the_own_look_are_kept_where_they_are_alike():
 
     drift = {0.73: 2.0, 0.71: 0.1}
     tracker = bare(features, _look=SimpleNamespace(found=found, drift=drift.get))
-    tracker.on_link = SimpleNamespace(link=1, depth=None, view=view)
+    tracker.on_link = link_of(view=view)
     tracker._find_in([0, 2])
     assert asked == []  # nothing to expect it by
     tracker.on_link.depth = PointDepth(1.0, 0.1)

@@ -90,3 +90,43 @@ def test_a_posture_is_planned_by_how_well_the_model_knows_each_joint():
         np.testing.assert_allclose(point._seen_in(posture[None])[0][0], target, atol=1.0)
         assert abs(posture[bad]) < 0.05
         assert posture[1 - bad] > 0.3
+
+
+@pytest.mark.parametrize("turned", [0.0, 0.4])
+def test_what_features_were_off_where_the_point_was_defined_is_known_and_turns_with_the_link(turned):
+    """The chain has all features 3 px left of and 1 px below where they were seen: so does it not have the point."""
+    axis = np.array([0.0, 0.0, 1.0])
+    chain = Chain(axis[None], np.array([[0.1, 0.2, 0.0]]), np.zeros(1), np.array([-1]))
+    features = BodyFeatures(chain, FOCAL, CENTER, np.array([True]))
+    numbers = features.added(7)
+    places = PIXEL + np.array([[0, 0], [20, 5], [-9, 12], [4, -15], [11, 30], [-25, -8], [30, -30]])
+    features.points[:] = 2.0 * features.rays(places)
+    features.links[:], features.states[1:] = 0, FeatureState.KNOWN
+    features.states[6] = FeatureState.YOUNG  # what is not known to be on the link does not count
+    features.keyframes = [Keyframe(np.zeros(1), np.zeros(0, int), np.zeros((0, 2)), np.zeros((240, 320), np.uint8))]
+    point = PointOnLink(features, PIXEL, np.zeros(1), SurfacePlace(0, 2.0))
+    off = np.array([3.0, -1.0])
+    begun = places + off
+    begun[6] += 50
+    point.place(numbers)
+    np.testing.assert_array_equal(point.astray(np.array([turned])), 0.0)  # nothing is known of where they were seen
+    point.begin(begun, np.tile(np.eye(2), (7, 1, 1)))
+    point.place(numbers)
+    turn = np.array([[np.cos(turned), -np.sin(turned)], [np.sin(turned), np.cos(turned)]])
+    np.testing.assert_allclose(point.astray(np.array([turned])), turn @ off, atol=1e-6)
+    features.states[3:] = FeatureState.DROPPED
+    point.place(numbers)  # two are too few
+    np.testing.assert_array_equal(point.astray(np.array([turned])), 0.0)
+
+
+def test_features_about_the_point_tell_most_of_what_it_is_off():
+    features = features_at([2.0] * 30)
+    numbers = np.arange(31)
+    places = features.project(numbers, np.zeros(1))
+    off = np.zeros((31, 2))
+    off[1:4, 0] = 1.0
+    off[20:, 0] = -1.0  # more of them, but far
+    point = PointOnLink(features, PIXEL, np.zeros(1), SurfacePlace(0, 2.0))
+    point.begin(places + off, np.tile(np.eye(2), (31, 1, 1)))
+    point.place(numbers)
+    assert point.astray(np.zeros(1))[0] > 0.25

@@ -49,6 +49,19 @@ def test_a_fault_begins_and_ends(world, fault):
         assert stamp == read_at == time
 
 
+def test_a_bump_shifts_what_the_camera_shows_while_it_lasts(world):
+    injector = FaultInjector(world)
+    injector.read()
+    assert injector.shift.tolist() == [0, 0]
+    injector.begin("bump", 2.6 * FRAME_SECONDS)
+    for image, *_, true, _, _ in frames(world, injector, 2):
+        x, y = injector.shift
+        assert (x, y) == (5, 0)
+        np.testing.assert_array_equal(image[:, x:], true[:, :-x])
+    frames(world, injector, 2)
+    assert injector.shift.tolist() == [0, 0]
+
+
 def test_late_images_are_old_and_delayed_ones_say_so(world):
     injector = FaultInjector(world)
     first = frames(world, injector, 4)

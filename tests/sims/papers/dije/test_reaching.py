@@ -5,6 +5,7 @@ import pytest
 
 from dense_vs.errors import DenseVSError
 from dense_vs.sims import SimWorld
+from dense_vs.sims.engine.faults import FaultInjector
 from dense_vs.sims.engine.targets import reachable_targets
 from dense_vs.sims.papers.dije.reaching import ReachingExperiment
 
@@ -28,6 +29,23 @@ def test_truth_of_halved_images_is_that_of_a_camera_of_half_the_size():
     np.testing.assert_allclose(targets[0], targets[1], atol=1e-6)
     with pytest.raises(DenseVSError, match=r"scale is 0\.4"):
         ReachingExperiment(large, scale=0.4)
+
+
+@pytest.mark.parametrize("scale", [1.0, 0.5])
+def test_truth_is_that_of_a_camera_that_was_bumped(scale):
+    world = SimWorld("planar", seed=5, device="cpu", height=60, width=80)
+    injector = FaultInjector(world)
+    experiment = ReachingExperiment(world, scale=scale, seed=5, injector=injector)
+    place, whole = experiment.project("tip"), (world.true_jacobian(), world.robot_mask())
+    injector.begin("bump")
+    injector.read()
+    np.testing.assert_allclose(experiment.project("tip"), place + np.array([5 * scale, 0]))
+    if scale == 1:
+        for truth, usual in zip(experiment.truth(), whole, strict=True):
+            np.testing.assert_array_equal(truth[:, 5:], usual[:, :-5])
+    injector.end()
+    injector.read()
+    np.testing.assert_allclose(experiment.project("tip"), place)
 
 
 def test_targets_near_home_come_from_postures_near_home():
