@@ -179,7 +179,7 @@ def test_every_point_goes_to_its_targets(monkeypatch, targets, halve, compliance
 def experiment_of(scale=1.0):
     one = ReachingExperiment.__new__(ReachingExperiment)
     one.scale, one._point, one._seed, one.trace = scale, "tip", 3, Trace()
-    one.surface_point, one._on_frame, one._traced = None, None, True
+    one.surface_point, one._on_frame, one._traced, one._injector = None, None, True, None
     one.events = []
     one.world = SimpleNamespace(
         project=lambda point: np.array([101.0, 51.0]),
