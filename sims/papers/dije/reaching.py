@@ -187,7 +187,8 @@ class ReachingExperiment:
         """
         jacobian, mask = self.world.true_jacobian(), self.world.robot_mask()
         columns, rows = self._shift()
-        jacobian, mask = (np.roll(truth, (rows, columns), axis=(0, 1)) for truth in (jacobian, mask))
+        if columns or rows:
+            jacobian, mask = (np.roll(truth, (rows, columns), axis=(0, 1)) for truth in (jacobian, mask))
         side = round(1 / self.scale)
         if side == 1:
             return jacobian, mask
