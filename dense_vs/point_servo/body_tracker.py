@@ -12,13 +12,13 @@ from collections.abc import Sequence
 import numpy as np
 
 from dense_vs.body_model.chain import Chain
-from dense_vs.body_model.image_directions import directed_mean, direction_weights
+from dense_vs.body_model.image_directions import direction_weights
 from dense_vs.point_servo.body_features import NOISE, BodyFeatures, FeatureState, Keyframe
 from dense_vs.point_servo.feature_flow import about, carried, new_features
 from dense_vs.point_servo.feature_looks import FeatureLooks
 from dense_vs.point_servo.look_back import Trace, followed_back
 from dense_vs.point_servo.point_look import PointLook
-from dense_vs.point_servo.point_on_link import POINT, WIDE, PointOnLink
+from dense_vs.point_servo.point_on_link import POINT, PointOnLink, mean_about
 from dense_vs.point_servo.surface_place import SurfacePlace
 
 FIRST_FEATURES = 180  # in the image in which the point is defined
@@ -246,9 +246,7 @@ class BodyTracker:
             on = self._trusted(on)
             there = features.project(on, q)
             places = self._places[np.isin(self._live, on)]
-            off, directions = places - there, direction_weights(gray, places)
-            weights = np.exp(-np.sum((there - expected) ** 2, axis=1) / (2 * WIDE**2)) + 1e-3
-            mean, spread = directed_mean(off, directions, weights)
+            mean, spread = mean_about(expected, there, places - there, direction_weights(gray, places))
             self._offset = mean - self.on_link.astray(q)
             self._aside = BASIC + spread / np.sqrt(len(on))
             self.unseen, self._told = 0, len(on)

@@ -4,6 +4,9 @@ The fit leaves lines and focal length with a covariance (:mod:`dense_vs.body_mod
 its pixel in one posture is where it is there whatever they are; elsewhere its place u moves with each step of one
 standard deviation of them, with which its depth goes as the surface's does, and with its own depth. So errors are small
 where the point is seen from where it was seen then, or where the joints that turned are those that are known well.
+
+The point alone is carried along all chains at once: a plan asks hundreds of times, and whole chains one by one are five
+times slower.
 """
 
 import numpy as np

@@ -22,7 +22,7 @@ from dense_vs.point_servo.point_depth import (
 from dense_vs.point_servo.surface_place import SurfacePlace
 
 POINT = 0  # index of the point among the features
-WIDE = 28.0  # px, standard deviation of the weight by which the link's features correct the point
+WIDE = 28.0  # px, standard deviation of the weight by which the link's features tell what the point is off
 SMALL = 0.01  # of the logarithm of the depth, for derivatives
 NOWHERE = np.zeros(2)
 
@@ -117,9 +117,8 @@ class PointOnLink:
         """How far from where the chain has them features were seen about the point when it was defined [px]."""
         if len(numbers) < LEAST_NEAR:
             return NOWHERE
-        off = begun - self._features.project(numbers, self.defined_at)
-        weights = np.exp(-np.sum((begun - self._pixel) ** 2, axis=1) / (2 * WIDE**2)) + 1e-3
-        return directed_mean(off, directions, weights)[0]
+        there = self._features.project(numbers, self.defined_at)
+        return mean_about(self._pixel, there, begun - there, directions)[0]
 
     def _by_surface(self, first: np.ndarray) -> PointDepth | None:
         """Its depth by the body model's surface, in the chain's unit of length, which drifts with the chain."""
@@ -206,3 +205,18 @@ class PointOnLink:
         ray = features.rays((self._pixel + beside)[None])[0]
         here = np.multiply.outer(depth, ray)
         return (here - translation[0, self.link]) @ rotation[0, self.link]
+
+
+def mean_about(
+    point: np.ndarray, places: np.ndarray, off: np.ndarray, directions: np.ndarray
+) -> tuple[np.ndarray, float]:
+    """What features of a link are off about a point ``(2,)`` [px], the near ones most, and the spread about that [px].
+
+    Args:
+        point: where the chain has it.
+        places: ``(K, 2)``, where the chain has the features [px].
+        off: ``(K, 2)``, by which they are seen elsewhere [px].
+        directions: as :func:`.directed_mean` has them.
+    """
+    weights = np.exp(-np.sum((places - point) ** 2, axis=1) / (2 * WIDE**2)) + 1e-3
+    return directed_mean(off, directions, weights)

@@ -194,9 +194,11 @@ def test_a_choice_stays_while_it_travels_and_follows_the_session_after(page, ses
         frame = shown_frame(page)
         page.check("#dead-man")
         page.locator("#speed").fill("-1.5")
-        while not session.gate.dead_man:  # states that were sent before arrive meanwhile
+        end = time.monotonic() + 10
+        while not session.gate.dead_man and time.monotonic() < end:  # states that were sent before arrive meanwhile
             assert page.locator("#dead-man").is_checked()
             assert page.locator("#speed").input_value() == "-1.5"
+        assert session.gate.dead_man
         assert until(page, lambda: session.gate.max_speed == pytest.approx(10**-1.5))
         assert until(page, lambda: shown_frame(page) > frame + 5)
         assert page.locator("#dead-man").is_checked()
