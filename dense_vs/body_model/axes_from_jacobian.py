@@ -79,27 +79,25 @@ class AxesProblem:
         chain, rho = state.chain, state.inverse_depths
         residual = self.residuals(state)
         joints, points = chain.joint_count, len(rho)
-        across, slides = chain.across, chain.slides
         moments = np.cross(chain.points, chain.axes) + chain.travel
-        shared = np.zeros((points, 2, joints, 4 * joints))
-        for n in range(joints):
-            if slides[n]:
-                shared[:, :, n, 4 * n : 4 * n + 3] = rho[:, None, None] * self.shift * self.root[:, None, n, None]
-                continue
-            for k in range(2):
-                by_axis = np.cross(across[n, k], chain.axes[n])
-                turned = self.turn @ by_axis + rho[:, None] * (self.shift @ np.cross(chain.points[n], by_axis))
-                shifted = rho[:, None] * (self.shift @ np.cross(across[n, k], chain.axes[n]))
-                shared[:, :, n, 4 * n + k] = turned * self.root[:, None, n]
-                shared[:, :, n, 4 * n + 2 + k] = shifted * self.root[:, None, n]
+        by_axis = np.cross(chain.across, chain.axes[:, None])  # (N, 2, 3)
+        by_moment = np.cross(chain.points[:, None], by_axis)
+        # A joint's column of J follows its own line alone: slopes (N, M, 2, 4), the normal matrix in blocks of 4.
+        near = rho[:, None, None] * self.shift
+        slopes = np.zeros((joints, points, 2, 4))
+        slopes[..., :2] = self.turn @ by_axis.swapaxes(1, 2)[:, None] + near @ by_moment.swapaxes(1, 2)[:, None]
+        slopes[..., 2:] = near @ by_axis.swapaxes(1, 2)[:, None]
+        slopes[chain.slides, ..., :3], slopes[chain.slides, ..., 3] = near, 0.0
+        slopes *= self.root.T[:, :, None, None]
         own = (self.shift @ moments.T) * self.root[:, None, :]
-        rows = shared.reshape(points, 2 * joints, -1)
-        own, errors = own.reshape(points, -1), residual.reshape(points, -1)
-        flat = rows.reshape(-1, rows.shape[2])
-        equations = NormalEquations(self.cost(state), flat.T @ flat, flat.T @ errors.ravel())
-        equations.local = ((own**2).sum(axis=1) + self.pull)[:, None, None]
-        equations.local_gradient = ((own * errors).sum(axis=1) + self.pull * (rho - 1))[:, None]
-        equations.coupling = np.einsum("mr,mrs->ms", own, rows)[:, None]
+        rows = slopes.reshape(joints, 2 * points, 4)
+        gradient = rows.swapaxes(1, 2) @ residual.transpose(2, 0, 1).reshape(joints, -1, 1)
+        matrix = np.zeros((joints, 4, joints, 4))
+        matrix[range(joints), :, range(joints)] = rows.swapaxes(1, 2) @ rows
+        equations = NormalEquations(self.cost(state), matrix.reshape(4 * joints, -1), gradient.ravel())
+        equations.local = ((own**2).sum(axis=(1, 2)) + self.pull)[:, None, None]
+        equations.local_gradient = ((own * residual).sum(axis=(1, 2)) + self.pull * (rho - 1))[:, None]
+        equations.coupling = np.einsum("min,nmik->mnk", own, slopes).reshape(points, 1, -1)
         return equations
 
     def move(self, state: AxesState, shared: np.ndarray, local: np.ndarray | None = None) -> AxesState:

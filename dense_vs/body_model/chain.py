@@ -8,6 +8,7 @@ open, as images leave it.
 """
 
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -123,7 +124,7 @@ class Chain:
         points = self.points + np.where(slides, 0.0, np.einsum("nk,nki->ni", step[:, 2:], across))
         return replace(self, axes=axes, points=points, travel=self.travel + np.where(slides, step[:, :3], 0.0))
 
-    @property
+    @cached_property
     def across(self) -> np.ndarray:
         """Two unit vectors across each direction, ``(N, 2, 3)``."""
         return tangents(self.directions)

@@ -18,6 +18,7 @@ Beyond the papers.
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.spatial import cKDTree
 
 from dense_vs.body_model.chain import Chain
 from dense_vs.body_model.fit import BodyFit
@@ -97,13 +98,12 @@ def precision_of(found: BodyFit, surface: Surface, postures: np.ndarray) -> Prec
             if not len(own):
                 continue
             places = there[on, :2] / there[on, 2:]
-            distance = np.linalg.norm(places[:, None] - seen.places[own][None], axis=2)
-            near = np.argsort(distance, axis=1)[:, :NEAR]
-            weight = 1 / (np.take_along_axis(distance, near, axis=1) + 1 / found.state.focal)
+            distance, near = cKDTree(seen.places[own]).query(places, k=np.arange(min(NEAR, len(own))) + 1)
+            weight = 1 / (distance + 1 / found.state.focal)
             weight /= weight.sum(axis=1, keepdims=True)
             steps[chosen[on]] = np.einsum("pk,pkr->pr", weight, seen.steps[own[near]])
-            nearest = distance.argmin(axis=0)
-            close = distance.min(axis=0) * found.state.focal < BESIDE
+            beside, nearest = cKDTree(places).query(seen.places[own])
+            close = beside * found.state.focal < BESIDE
             ratio = np.abs(np.log(there[on, 2][nearest] / seen.depths[own]))
             ratios[int(link)].append(ratio[close])
     usual = _deviation(np.concatenate([ratio for of_link in ratios.values() for ratio in of_link] or [np.zeros(0)]))

@@ -78,7 +78,14 @@ class TrackProblem:
         self.count = len(links)
         self.focal_prior, self.noise = focal_prior, noise
         starts = np.flatnonzero(np.diff(self.point, prepend=-1))
-        self._starts, self._present = starts, self.point[starts]
+        self._starts, self._ends, self._present = starts, np.append(starts[1:], len(self.point)), self.point[starts]
+        # Observations of one image on one link side by side, and rows of both coordinates from where to where.
+        self._by_image = np.lexsort((self.link, self.image))
+        self._to_point = np.argsort(self._by_image)
+        at = np.column_stack([self.link, self.image])[self._by_image]
+        firsts = np.flatnonzero((np.diff(at, axis=0, prepend=-2) != 0).any(axis=1))
+        ends = np.append(firsts[1:], len(at))
+        self._runs = np.column_stack([at[firsts], 2 * firsts, 2 * ends]).tolist()
 
     def positions(self, state: BodyState) -> np.ndarray:
         """Where the model has the observed points, ``(O, 3)`` in the camera frame."""
@@ -111,55 +118,39 @@ class TrackProblem:
         """Normal equations: joints (4 N) as :meth:`.chain.Chain.moved` has them, logarithm of the focal length, the
         bend where it is asked for, and blocks of 3 for the points.
         """
-        chain, joint_count = state.chain, state.chain.joint_count
-        rotation, translation = chain.link_poses(self.joints)
+        rotation, translation = state.chain.link_poses(self.joints)
         at = self.image, self.link
-        R = rotation[at]
-        p = np.einsum("oij,oj->oi", R, state.points[self.point]) + translation[at]
-        scale = self.root * state.focal / p[:, 2]
+        p = np.einsum("oij,oj->oi", rotation[at], state.points[self.point]) + translation[at]
+        joint_count, bends = state.chain.joint_count, int(self.bend_deviation > 0)
         normal = p[:, :2] / p[:, 2:]
         lens, straight = self._lens(state), state.focal * normal + self.center
-        bends = int(self.bend_deviation > 0)
-        slopes = lens.slopes(straight) if bends or lens.bend else None
-        errors = self._directed(lens.bent(straight) - self.target) * self.root[:, None]
+        scale = self.root * state.focal / p[:, 2]
         by_position = np.zeros((len(p), 2, 3))
         by_position[:, 0, 0] = by_position[:, 1, 1] = scale
         by_position[:, :, 2] = -normal * scale[:, None]
         by_focal = state.focal * self.root[:, None] * normal
-        if slopes is not None:
-            by_position = slopes @ by_position
-            by_focal = np.einsum("oij,oj->oi", slopes, by_focal)
-        by_position, by_focal = self._directed(by_position), self._directed(by_focal)
-        shared = np.zeros((len(p), 2, 4 * joint_count + 1 + bends))
-        across, moved_by, slides = chain.across, chain.moved_by, chain.slides
-        for n in range(joint_count):
-            chosen = np.flatnonzero(moved_by[self.link, n])
-            if not len(chosen):
-                continue
-            image, parent = self.image[chosen], chain.parents[n]
-            Ra, Rn = rotation[image, parent], rotation[image, n]
-            if slides[n]:
-                shift = Ra * (self.joints[image, n] - chain.home[n])[:, None, None]
-                shared[chosen, :, 4 * n : 4 * n + 3] = by_position[chosen] @ shift
-                continue
-            z = np.einsum("oji,oj->oi", Ra, p[chosen] - translation[image, parent]) - chain.points[n]
-            y = np.einsum("oji,oj->oi", Rn, p[chosen] - translation[image, n]) - chain.points[n]
-            for k in range(2):
-                a = across[n, k]
-                turn = np.einsum("oij,oj->oi", Ra, np.cross(a, z)) - np.einsum("oij,oj->oi", Rn, np.cross(a, y))
-                shift = (Ra - Rn) @ a
-                shared[chosen, :, 4 * n + k] = np.einsum("oij,oj->oi", by_position[chosen], turn)
-                shared[chosen, :, 4 * n + 2 + k] = np.einsum("oij,oj->oi", by_position[chosen], shift)
-        shared[:, :, 4 * joint_count] = by_focal
+        if bends or lens.bend:
+            slopes = lens.slopes(straight)
+            by_position, by_focal = slopes @ by_position, np.einsum("oij,oj->oi", slopes, by_focal)
+        by_position = self._directed(by_position)
+        # Columns: the point's own three, the shared ones, the error.
+        rows = np.empty((len(p), 2, 3 + 4 * joint_count + 1 + bends + 1))
+        rows[:, :, : 3 + 4 * joint_count] = self._by_screws(state.chain, rotation, translation, p, by_position)
+        rows[:, :, 3 + 4 * joint_count] = self._directed(by_focal)
         if bends:
-            shared[:, :, -1] = self.root[:, None] * self._directed(lens.by_bend(straight))
-        own = by_position @ R
-        rows = shared.reshape(-1, shared.shape[2])
-        equations = NormalEquations(0.0, rows.T @ rows, rows.T @ errors.ravel())
-        equations.local = self._sum(np.einsum("oki,okj->oij", own, own))
-        equations.local_gradient = self._sum(np.einsum("oki,ok->oi", own, errors))
-        equations.coupling = self._sum(own.transpose(0, 2, 1) @ shared)
-        equations.cost = float((errors**2).sum())
+            rows[:, :, -2] = self.root[:, None] * self._directed(lens.by_bend(straight))
+        errors = rows[:, :, -1]
+        errors[:] = self._directed(lens.bent(straight) - self.target) * self.root[:, None]
+        shared = rows[:, :, 3:].reshape(2 * len(p), -1)
+        products = shared[:, :-1].T @ shared
+        equations = NormalEquations(float((errors**2).sum()), products[:, :-1].copy(), products[:, -1].copy())
+        by_point = np.zeros((self.count, 3, rows.shape[2]))
+        for m, first, end in zip(self._present, self._starts, self._ends, strict=True):
+            of_one = rows[first:end].reshape(-1, rows.shape[2])
+            by_point[m] = of_one[:, :3].T @ of_one
+        equations.local = by_point[:, :, :3].copy()
+        equations.coupling = by_point[:, :, 3:-1].copy()
+        equations.local_gradient = by_point[:, :, -1].copy()
         priors = [self._prior(state), self._bend_prior(state)]
         for k, (cost, gradient, information) in enumerate(priors[: 1 + bends], start=4 * joint_count):
             equations.cost += cost
@@ -171,6 +162,41 @@ class TrackProblem:
             equations.shared[: len(pull), : len(pull)] += self.information
             equations.shared_gradient[: len(pull)] += pull
         return equations
+
+    def _by_screws(
+        self, chain: Chain, rotation: np.ndarray, translation: np.ndarray, p: np.ndarray, by_position: np.ndarray
+    ) -> np.ndarray:
+        """Slopes ``(O, 2, 3 + 4 N)`` by each point's home position and by the joints.
+
+        A turn of joint n's line about its point, at w in an image, moves a point p by d x (p - w) and a shift by d,
+        with d the difference of the turn's axis, or the shift, as the joint's parent and the joint itself carry it. For
+        a row b of the slopes by position, b . (d x p) is d . (p x b): so one product of the six numbers (b, p x b) with
+        those of an image gives all joints' columns.
+        """
+        images, joint_count = len(self.joints), chain.joint_count
+        carried = rotation[:, chain.parents]  # (T, N, 3, 3)
+        across = np.swapaxes(chain.across, 1, 2)  # (N, 3, 2)
+        d = (carried - rotation[:, :-1]) @ across  # (T, N, 3, 2)
+        line = (carried @ chain.points[:, :, None])[..., 0] + translation[:, chain.parents]
+        screws = np.zeros((images, 6, joint_count, 4))
+        screws[:, :3, :, :2] = np.cross(line[..., None], d, axisa=2, axisb=2, axisc=2).swapaxes(1, 2)
+        screws[:, 3:, :, :2] = screws[:, :3, :, 2:] = d.swapaxes(1, 2)
+        since = self.joints - chain.home
+        for n in np.flatnonzero(chain.slides):
+            screws[:, :, n] = 0.0
+            screws[:, :3, n, :3] = carried[:, n] * since[:, n, None, None]
+        on_link = np.zeros((len(chain.moved_by), images, 6, 3 + 4 * joint_count))
+        on_link[:, :, :3, :3] = rotation.swapaxes(0, 1)
+        on_link[:, :, :, 3:] = (screws * chain.moved_by[:, None, None, :, None]).reshape(len(on_link), images, 6, -1)
+        six = np.empty((len(p), 2, 6))
+        six[:, :, :3] = by_position
+        b, (x, y, z) = np.moveaxis(by_position, 2, 0), p.T[:, :, None]
+        six[:, :, 3], six[:, :, 4], six[:, :, 5] = y * b[2] - z * b[1], z * b[0] - x * b[2], x * b[1] - y * b[0]
+        six = six[self._by_image].reshape(-1, 6)
+        slopes = np.empty((2 * len(p), on_link.shape[3]))
+        for link, image, first, end in self._runs:
+            np.matmul(six[first:end], on_link[link, image], out=slopes[first:end])
+        return slopes.reshape(len(p), 2, -1)[self._to_point]
 
     def move(self, state: BodyState, shared: np.ndarray, local: np.ndarray | None = None) -> BodyState:
         """The state after a step of the unknowns."""
@@ -210,10 +236,3 @@ class TrackProblem:
 
     def _lens(self, state: BodyState) -> Lens:
         return Lens.of_center(self.center, state.bend)
-
-    def _sum(self, values: np.ndarray) -> np.ndarray:
-        """Sums of the observations' values over each point."""
-        total = np.zeros((self.count, *values.shape[1:]))
-        if len(values):
-            total[self._present] = np.add.reduceat(values, self._starts, axis=0)
-        return total

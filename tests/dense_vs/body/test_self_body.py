@@ -317,7 +317,7 @@ def test_what_is_not_the_robot_does_not_slow_its_babbling(scene):
     rates = {}
     for name, body in (("known", make(method="motion")), ("unknown", None)):
         robot, rates[name] = PlaneRobot(), []
-        loop = ServoLoop(StreetCamera(robot, scene), robot, device="cpu", seed=2, body=body)
+        loop = ServoLoop(StreetCamera(robot, scene), robot, device="cpu", seed=2, body=body, body_model=False)
         robot.commanded = lambda loop=loop, rates=rates[name]: rates.append(loop.babbling.rate)
         loop.babble(3.0)
     known, unknown = (np.mean(rates[name][-30:]) for name in ("known", "unknown"))  # while somebody runs past
