@@ -34,7 +34,7 @@ class ServoOptions:
         gain: k_p of DIJE (17), the share of the error to remove per command.
         damping: d [px/rad]; 0 is the pseudoinverse of DIJE (17) as printed.
         max_step: largest joint step per command [rad]; a larger one is shortened as a whole.
-        dither: standard deviation of the joint step that is added [rad].
+        dither: standard deviation of the joint step that is added [rad], at most the step's largest entry.
     """
 
     gain: float = 0.2
@@ -59,7 +59,7 @@ class VisualServo:
         gain: k_p, the share of the error to remove per command.
         damping: d [px/rad]; 0 is the pseudoinverse as printed.
         max_step: largest joint step per command [rad]; a larger one is shortened as a whole.
-        dither: standard deviation of the joint step that is added [rad].
+        dither: standard deviation of the joint step that is added [rad], at most the step's largest entry.
 
     Raises:
         DenseVSError: limits of another shape or in the wrong order, an option out of range.
@@ -160,7 +160,7 @@ class VisualServo:
             room[np.asarray(held, dtype=bool)] = 0.0
         step = self._within(room, J, np.clip(motion, -MOST_MOTION, MOST_MOTION))
         if self.options.dither and np.any(step):
-            step = step + self._random.normal(0.0, self.options.dither, self.joints)
+            step = step + self._random.normal(0.0, min(self.options.dither, np.abs(step).max()), self.joints)
         return np.clip(step, room[:, 0], room[:, 1])
 
     def _within(self, room: np.ndarray, J: np.ndarray, motion: np.ndarray) -> np.ndarray:

@@ -5,7 +5,8 @@
 over the joints that are free. A step whose largest entry is above ``max_step`` is shortened as a whole. Joints
 that meet their limit stop there and the others are solved again for what is left. With d = 0 the inverse is the
 pseudoinverse of J J^T. At the end a normal dither is added, from a random stream of each world's own, and the
-step is held within the limits once more. A thread a world; float64 inside, for J J^T squares J's condition.
+step is held within the limits once more. Its deviation is at most the step's largest entry, so that it fades at the
+target, where it would keep the point away. A thread a world; float64 inside, for J J^T squares J's condition.
 """
 
 from typing import Any
@@ -48,7 +49,7 @@ def servo_steps(
         gain: k_p, the share of the error to remove per command.
         damping: d [px/rad].
         max_step: largest joint step [rad].
-        dither: standard deviation of the joint step that is added [rad]; none to a step of zero.
+        dither: standard deviation of the joint step that is added [rad], at most the step's largest entry.
 
     A world whose J, point, target or positions are not numbers gets a step of zero.
     """
@@ -156,14 +157,15 @@ def servo_steps_kernel(
             steps_out[world, j] = step
 
     if dither > 0.0:
-        moving = bool(False)
+        largest = float(0.0)
         for j in range(joints):
-            moving = moving or steps_out[world, j] != 0.0
-        if moving:
+            largest = wp.max(largest, wp.abs(steps_out[world, j]))
+        if largest > 0.0:
             # A stream from the seed and the count: worlds with different seeds never fall into one another's.
             state = wp.rand_init(int(seeds_in[world]), int(draw))
+            deviation = wp.min(dither, largest)
             for j in range(joints):
-                step = steps_out[world, j] + dither * wp.randn(state)
+                step = steps_out[world, j] + deviation * wp.randn(state)
                 steps_out[world, j] = within_limits(step, positions_in[world, j], limits_in[j])
 
 

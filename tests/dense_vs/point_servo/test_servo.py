@@ -106,11 +106,11 @@ def test_dither_stays_within_the_limits():
 
 
 def test_dither():
-    J, error = RNG.normal(0, 100, (2, 3)), np.array([1.0, 2.0])
+    J, error = RNG.normal(0, 100, (2, 3)), np.array([10.0, 20.0])
 
-    def steps(seed, dither, count=400):
+    def steps(seed, dither, count=400, share=1.0):
         servo = VisualServo(3, dither=dither, seed=seed)
-        return np.array([servo(J, np.zeros(2), error) for _ in range(count)])
+        return np.array([servo(J, np.zeros(2), share * error) for _ in range(count)])
 
     silent = steps(0, 0.0, count=3)
     np.testing.assert_array_equal(silent, np.broadcast_to(silent[0], silent.shape))
@@ -119,6 +119,9 @@ def test_dither():
     assert (dithered != steps(2, 0.002)).any()
     np.testing.assert_allclose(dithered.mean(axis=0), silent[0], atol=5 * 0.002 / 20)
     np.testing.assert_allclose(dithered.std(axis=0), 0.002, rtol=0.2)
+    near, still = steps(1, 0.002, share=0.01), steps(1, 0.0, count=1, share=0.01)
+    assert 0 < np.abs(still).max() < 0.001
+    np.testing.assert_allclose(near.std(axis=0), np.abs(still).max(), rtol=0.2)  # it fades at the target
 
 
 @pytest.mark.parametrize(

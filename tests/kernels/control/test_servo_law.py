@@ -105,8 +105,9 @@ def test_only_the_chosen_worlds_step():
 
 def test_dither():
     jacobian = np.repeat(np.random.default_rng(0).normal(0, 100, (1, 2, 3)), 300, axis=0)
-    batch = Batch(jacobian, np.zeros((300, 2)), np.tile([1.0, 2.0], (300, 1)))
+    batch = Batch(jacobian, np.zeros((300, 2)), np.tile([10.0, 20.0], (300, 1)))
     silent = batch()
+    assert np.abs(silent).max() > 0.002
     np.testing.assert_array_equal(silent, silent[:1].repeat(300, axis=0))
     many = np.array([batch(dither=0.002) for _ in range(20)]) - silent
     np.testing.assert_allclose(many.mean(axis=(0, 1)), 0, atol=5 * 0.002 / np.sqrt(6000))
@@ -116,9 +117,17 @@ def test_dither():
     assert np.abs(np.corrcoef(flat.T) - np.eye(3)).max() < 0.06
     assert abs(np.corrcoef(many[:-1].ravel(), many[1:].ravel())[0, 1]) < 0.06
     assert abs(np.corrcoef(many[:, :-1].ravel(), many[:, 1:].ravel())[0, 1]) < 0.06
-    again = Batch(jacobian, np.zeros((300, 2)), np.tile([1.0, 2.0], (300, 1)))
+    again = Batch(jacobian, np.zeros((300, 2)), np.tile([10.0, 20.0], (300, 1)))
     again()
     np.testing.assert_array_equal(again(dither=0.002) - silent, many[0])
+
+
+def test_dither_fades_at_the_target():
+    jacobian = np.repeat(np.random.default_rng(0).normal(0, 100, (1, 2, 3)), 300, axis=0)
+    batch = Batch(jacobian, np.zeros((300, 2)), np.tile([0.1, 0.2], (300, 1)))
+    silent = batch()
+    many = np.array([batch(dither=0.002) for _ in range(20)]) - silent
+    np.testing.assert_allclose(many.std(axis=(0, 1)), np.abs(silent).max(), rtol=0.05)
 
 
 def test_dither_stays_within_the_limits():
