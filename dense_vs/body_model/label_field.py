@@ -11,14 +11,16 @@ import numpy as np
 from dense_vs.body_model.chain import BACKGROUND
 from dense_vs.body_model.link_sweep import Hypotheses
 
-RADIUS, SMOOTHNESS = 5, 30.0  # px and gray levels^2, of the guided filter
+RADIUS, SMOOTHNESS = 8, 30.0  # px and gray levels^2, of the guided filter
 DEPTH_PRICE, LINK_PRICE = 0.5, 4.0  # gray levels
-BODY_PRICE = 0.3  # gray levels by which a link must explain a pixel better than rest does
+BODY_PRICE = 0.2  # gray levels by which a link must explain a pixel better than rest does
 EDGE = 12.0  # gray levels, at which the price of a change of link has fallen to 1 / e
 
 
-def choose_hypotheses(cost: np.ndarray, image: np.ndarray, hypotheses: Hypotheses) -> np.ndarray:
-    """Index of the best hypothesis for every pixel, ``(h, w)``.
+def choose_hypotheses(cost: np.ndarray, image: np.ndarray, hypotheses: Hypotheses) -> tuple[np.ndarray, np.ndarray]:
+    """Link ``(h, w)`` and inverse depth ``(h, w)`` of the best hypothesis for every pixel.
+
+    The inverse depth is that of the lowest point of a parabola through the costs of the best one and its neighbors.
 
     Args:
         cost: ``(L, h, w)`` [gray levels].
@@ -27,7 +29,21 @@ def choose_hypotheses(cost: np.ndarray, image: np.ndarray, hypotheses: Hypothese
     """
     guide = image.astype(np.float32)
     cost = cost + np.where(hypotheses.links == BACKGROUND, 0.0, BODY_PRICE).astype(np.float32)[:, None, None]
-    return _along_lines(_guided(cost, guide), guide, hypotheses.same_link).argmin(axis=0)
+    summed = _along_lines(_guided(cost, guide), guide, hypotheses.same_link)
+    best = summed.argmin(axis=0)
+    return hypotheses.links[best], _between(summed, best, hypotheses)
+
+
+def _between(cost: np.ndarray, best: np.ndarray, hypotheses: Hypotheses) -> np.ndarray:
+    """Inverse depth ``(h, w)`` at the lowest point of a parabola; the best one's beside no two neighbors."""
+    inverse, joined = hypotheses.inverse_depths, np.append(hypotheses.same_link, False)
+    y, x = np.nonzero(joined[best] & joined[best + 1])
+    middle = best[y, x]
+    before, least, after = (cost[middle + k, y, x] for k in (-1, 0, 1))
+    bend = np.maximum(before - 2 * least + after, np.finfo(np.float32).tiny)
+    found = inverse[best]
+    found[y, x] += np.clip((before - after) / (2 * bend), -0.5, 0.5) * (inverse[middle + 1] - inverse[middle])
+    return found
 
 
 def _guided(cost: np.ndarray, guide: np.ndarray) -> np.ndarray:

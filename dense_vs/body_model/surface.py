@@ -31,10 +31,10 @@ class SurfaceOptions:
         same_depth: share of its depth by which two keyframes' points of one place may differ.
     """
 
-    keyframes: int = 5
-    compared: int = 14
+    keyframes: int = 9
+    compared: int = 10
     reach: int = 40
-    depth_steps: int = 10
+    depth_steps: int = 12
     same_depth: float = 0.08
 
     def __post_init__(self):
@@ -135,10 +135,10 @@ def _look(chain, focal, center, images, joints, moving, anchors, index, options:
     hypotheses = depth_hypotheses(depths, options.depth_steps)
     box = _box(moving)
     cost = link_costs(chain, focal, center, images, joints, index, others, hypotheses, box)
-    best = choose_hypotheses(cost, images[index][box], hypotheses)
+    chosen, inverse = choose_hypotheses(cost, images[index][box], hypotheses)
     where, far = np.full(moving.shape, BACKGROUND), np.full(moving.shape, np.inf)
-    where[box] = hypotheses.links[best]
-    far[box] = 1 / hypotheses.inverse_depths[best]
+    where[box] = chosen
+    far[box] = 1 / inverse
     far[where == BACKGROUND] = np.inf
     return _View(index, where, far)
 

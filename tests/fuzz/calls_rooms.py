@@ -139,7 +139,7 @@ def learning_targets() -> list[Target]:
                lambda: {"focal_length": 60.0, "focal_deviation": 0.15, "noise": 0.5, "starts": 2, "rounds": 2,
                         "believed": 0.4, "seed": 0, "most_tracks": 40, "most_images": 10}),
         Target("SurfaceOptions", lambda **o: SurfaceOptions(**o).keyframes,
-               lambda: {"keyframes": 5, "compared": 14, "reach": 40, "depth_steps": 10, "same_depth": 0.08}),
+               lambda: {"keyframes": 9, "compared": 10, "reach": 40, "depth_steps": 12, "same_depth": 0.08}),
         Target("PointTracks", lambda **o: PointTracks(**o).seen.sum(), tracks, kept=("size",), weight=2.0),
         Target("follow_points",
                lambda images, joints: follow_points(images, joints, PointTrackOptions(stride=1)).seen.sum(),

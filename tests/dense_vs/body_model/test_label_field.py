@@ -62,30 +62,45 @@ def test_lines_run_in_four_directions_and_pay_less_at_edges():
 
 
 def test_costs_are_filtered_along_the_edges_of_the_image():
-    """He et al. (2010): in every window of 11 px a line through cost over gray value, with 30 added to the variance."""
+    """He et al. (2010): in every window of 17 px a line through cost over gray value, with 30 added to the variance."""
     rng = np.random.default_rng(2)
     guide = rng.uniform(0, 50, (40, 44)).astype(np.float32)
     cost = rng.uniform(0, 10, (2, 40, 44)).astype(np.float32)
     found = _guided(cost, guide)
 
     def mean(values):
-        return sliding_window_view(values.astype(float), (11, 11)).mean(axis=(2, 3))
+        return sliding_window_view(values.astype(float), (17, 17)).mean(axis=(2, 3))
 
     for one, filtered in zip(cost, found, strict=True):
         middle, average = mean(guide), mean(one)
         slope = (mean(guide * one) - middle * average) / (mean(guide * guide) - middle**2 + 30.0)
         offset = average - slope * middle
-        inner = mean(slope) * guide[10:-10, 10:-10] + mean(offset)
-        np.testing.assert_allclose(filtered[10:-10, 10:-10], inner, atol=2e-3)
+        inner = mean(slope) * guide[16:-16, 16:-16] + mean(offset)
+        np.testing.assert_allclose(filtered[16:-16, 16:-16], inner, atol=2e-3)
 
 
-@pytest.mark.parametrize(("better", "on_body"), [(0.25, False), (0.35, True)])
+@pytest.mark.parametrize(("better", "on_body"), [(0.15, False), (0.25, True)])
 def test_a_link_must_explain_a_plain_pixel_somewhat_better_than_rest(better, on_body):
     hypotheses = Hypotheses(np.array([0, -1]), np.array([1.0, 1.0]))
     cost = np.full((2, 20, 20), 5.0, np.float32)
     cost[0] -= better
-    chosen = choose_hypotheses(cost, np.full((20, 20), 90, np.uint8), hypotheses)
-    assert (chosen == (0 if on_body else 1)).all()
+    links, inverse = choose_hypotheses(cost, np.full((20, 20), 90, np.uint8), hypotheses)
+    assert (links == (0 if on_body else -1)).all()
+    assert (inverse == 1.0).all()
+
+
+def test_depth_is_found_between_hypotheses():
+    """Costs that are a parabola of the inverse depth are lowest there, which filters and sums hardly change."""
+    inverse = np.array([*np.linspace(0.5, 1.5, 6), *np.linspace(0.2, 1.2, 6), 1.0])
+    hypotheses = Hypotheses(np.array([3] * 6 + [1] * 6 + [-1]), inverse)
+    for true, found in ((1.04, 1.04), (0.83, 0.83), (0.5, 0.5), (1.7, 1.5)):
+        cost = np.full((13, 20, 20), 15.0, np.float32)
+        cost[:6] = (1 + 30 * (inverse[:6] - true) ** 2)[:, None, None]
+        links, depths = choose_hypotheses(cost, np.full((20, 20), 90, np.uint8), hypotheses)
+        assert (links == 3).all()
+        np.testing.assert_allclose(depths, found, atol=0.03)
+    cost[5] = cost[4] = 0.0  # two that are as good: in the middle, but not beyond the last
+    np.testing.assert_allclose(choose_hypotheses(cost, np.full((20, 20), 90, np.uint8), hypotheses)[1], 1.4, atol=1e-6)
 
 
 def test_hypotheses_span_the_depths_of_each_link_and_somewhat_beyond():
