@@ -126,6 +126,11 @@ class BodyPrior:
         """Bool ``(H, W)``, pixels of the body that something else covers; None where that is not known."""
         return None if self._occlusion is None else self._occlusion.hidden
 
+    @property
+    def doubtful(self) -> bool:
+        """Whether nearly all of the body seemed covered by the last motion: rather, this was not the joints'."""
+        return self._occlusion is not None and self._occlusion.doubtful
+
     def labels(self, own: np.ndarray, positions: np.ndarray, image: np.ndarray) -> np.ndarray:
         """Labels ``(H, W)`` of the body: what was seen, what the model has to the image's edges, and what is hidden.
 

@@ -275,12 +275,12 @@ class FramePipeline:
         if not self._is_due(span):
             self.estimator.predict(step, shown.depth)
             return followed()
-        flow = calculate() if self._span_frames == 1 else self.flow(first.gray, gray)
-        flow = flow if self.camera_sway is not None else self._uncovered(flow, q, span)
-        fault = None
+        flow = raw = calculate() if self._span_frames == 1 else self.flow(first.gray, gray)
+        flow, fault = flow if self.camera_sway is not None else self._uncovered(flow, q, span), None
         if self.check is not None and spans and self.estimator.updates > LEARNED_UPDATES:
             columns, rows = self._grid.astype(int).T
-            fault = self.check.judge(flow[rows, columns], self._on_grid(), span, first.time, shown.time)
+            judged = raw if self.prior is not None and self.prior.doubtful else flow
+            fault = self.check.judge(judged[rows, columns], self._on_grid(), span, first.time, shown.time)
         if fault is not None:
             self.estimator.predict(step, shown.depth)
             if self.prior is not None:

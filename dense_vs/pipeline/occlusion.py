@@ -33,6 +33,7 @@ class Occlusion:
         cover: bool ``(H, W)``, what is in front of the body and beside it, by the last motion.
         hidden: bool ``(H, W)``, pixels of the body behind it.
         lately: bool ``(H, W)``, pixels that were covered within the last :data:`LATELY` motions.
+        doubtful: whether nearly all of the body seemed covered by the last motion: rather, this was not the joints'.
     """
 
     def __init__(self, size: tuple[int, int]):
@@ -41,7 +42,7 @@ class Occlusion:
         self._moved = np.zeros(size, np.float32)
         self._since = np.zeros(size, np.int32)  # motions that each has been covered for
         self._ago = np.full(size, LATELY + 1, np.int32)
-        self._doubted = 0
+        self._doubted, self.doubtful = 0, False
 
     def observe(self, body: np.ndarray, flow: np.ndarray, by_model: np.ndarray, by_estimate: np.ndarray) -> np.ndarray:
         """Take a measured motion; :attr:`hidden` by then.
@@ -63,8 +64,8 @@ class Occlusion:
         told = self._moved > FAINT
         strange = told & (self._off > STRANGE * self._moved)
         self._since[told & ~strange] = 0
-        doubtful = (strange & body).sum() > MOST_COVERED * (told & body).sum()
-        self._doubted = self._doubted + 1 if doubtful else 0
+        self.doubtful = bool((strange & body).sum() > MOST_COVERED * (told & body).sum())
+        self._doubted = self._doubted + 1 if self.doubtful else 0
         if self._doubted > PATIENCE:
             strange[...] = False
         strange |= ~told & self.cover  # nothing moves: nothing has come or gone

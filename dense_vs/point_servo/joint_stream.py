@@ -6,7 +6,7 @@ from dense_vs.health.faults import Fault, FaultKind
 from dense_vs.health.joint_watch import JointWatch
 from dense_vs.health.motion_check import Motion
 from dense_vs.pipeline.frame_pipeline import ProcessedFrame
-from dense_vs.recording.joint_delay import find_changed_delay, find_joint_delay
+from dense_vs.recording.joint_delay import find_changed_delay, find_joint_delay, find_jumped_delay
 from dense_vs.recording.joint_log import JointBuffer
 from dense_vs.robot.joint_group import JointGroup
 from dense_vs.robot.protocols import Robot
@@ -107,16 +107,20 @@ class JointStream:
 
     def find_change(self, recent: list[Motion]) -> Fault | None:
         """Find and take out a delay that explains motions which the present one does not; None where there is none."""
-        motions = recent[1:]  # the first may span the moment at which the delay changed
+        first, *motions = recent  # the first may span the moment at which the delay changed
         frame_time = self.watch.frame_time
-        found = find_changed_delay(
-            [motion.flow for motion in motions],
-            [motion.jacobian for motion in motions],
-            np.array([(motion.begin, motion.end) for motion in motions]).reshape(-1, 2),
-            *self._buffer.readings(),
-            now=self.delay,
-            frame_time=frame_time,
-        )
+        known: dict[str, float] = {"now": self.delay, "frame_time": frame_time}
+        if not motions:
+            span = first.begin, first.end
+            found = find_jumped_delay(first.flow, first.jacobian, span, *self._buffer.readings(), **known)
+        else:
+            found = find_changed_delay(
+                [motion.flow for motion in motions],
+                [motion.jacobian for motion in motions],
+                np.array([(motion.begin, motion.end) for motion in motions]),
+                *self._buffer.readings(),
+                **known,
+            )
         if found is None or abs(found - self.delay) < 0.4 * frame_time:
             return None
         self.delay = found

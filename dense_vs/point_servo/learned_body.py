@@ -77,14 +77,16 @@ class LearnedBody:
         """After a change of the clock their joint positions are wrong."""
         self.retime(lambda time: None)
 
-    def retime(self, at: Callable[[float], np.ndarray | None]) -> None:
-        """Take the joint positions of the images anew, after a change of the clock.
+    def retime(self, at: Callable[[float], np.ndarray | None], since: float = -np.inf) -> None:
+        """Take the joint positions of images anew, after a change of the clock.
 
         Args:
             at: positions ``(N,)`` [rad] at an image's time [s]; None where they are not known, and the image goes.
+            since: time of the first image that is meant [s]; those before keep theirs.
         """
-        images = [(gray, time, at(time)) for (gray, _), time in zip(self._history, self._times, strict=True)]
-        known = [(gray, time, q) for gray, time, q in images if q is not None]
+        images = zip(self._history, self._times, strict=True)
+        anew = [(gray, time, q if time < since else at(time)) for (gray, q), time in images]
+        known = [(gray, time, q) for gray, time, q in anew if q is not None]
         self._history = deque(((gray, q) for gray, _, q in known), maxlen=HISTORY)
         self._times = deque((time for _, time, _ in known), maxlen=HISTORY)
 

@@ -374,8 +374,8 @@ class ServoLoop:
             return frame
         late = self.joints.find_change(list(check.recent))
         if late is not None:
+            self._body.retime(self.joints.kept_at, check.recent[0].end)
             self.pipeline.restart()
-            self._body.retime(self.joints.kept_at)
             self._say(late)
         return self._frame
 

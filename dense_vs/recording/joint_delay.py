@@ -6,9 +6,9 @@ the images, below 0 where images are late. Motion is explained by J where J is k
 two J changes little: a ridge regression of the flow on the joint steps predicts each image pair from the others
 (beyond the papers, which have one clock).
 
-Three functions search so, each with what it has: :func:`find_joint_delay` with two seconds of babbling,
-:func:`find_changed_delay` with the last images where J is known, :func:`dense_vs.recording.find_clock_offset` with a
-whole recording.
+Four functions search so, each with what it has: :func:`find_joint_delay` with two seconds of babbling,
+:func:`find_jumped_delay` with the first image that is late where J is known, :func:`find_changed_delay` with the last
+images then, :func:`dense_vs.recording.find_clock_offset` with a whole recording.
 """
 
 from collections.abc import Sequence
@@ -30,6 +30,9 @@ LEAST_CHANGED = 0.75  # frames of one that counts: so few motions tell it to abo
 LEAST_STEP = 1.0  # px that joints must have moved the image in half of them
 MOST_LEFT = 0.5  # of what is unexplained without the change that may be left with it
 MOST_SHARE = 0.2  # of the motion that may be left with it
+LEAST_PLACES = 12  # where an image has moved, by which a jump is judged
+JUMP_FRAMES = -6.0, 6.0  # that an image is tried to be older or newer than the one before says
+LEAST_JUMP, MOST_JUMP_SHARE = 1.5, 0.1  # frames of one that counts: one alone is an image that came twice; share left
 NOISE = 0.3  # px of flow
 LEAST_NOISE = 0.15  # px of the flow's best components
 
@@ -131,6 +134,48 @@ def find_changed_delay(
         return None
     moved = [float(((J @ step) ** 2).sum(axis=1).mean()) for J, step in zip(jacobians, steps[-1], strict=True)]
     if np.count_nonzero(np.array(moved) > LEAST_STEP**2) < LEAST_MOTIONS // 2:
+        return None
+    return curve.best if abs(curve.best) >= LEAST_CHANGED * frame_time else 0.0
+
+
+def find_jumped_delay(
+    flow: np.ndarray,
+    jacobian: np.ndarray,
+    pair: tuple[float, float],
+    times: np.ndarray,
+    positions: np.ndarray,
+    *,
+    now: float,
+    frame_time: float,
+) -> float | None:
+    """The delay from an image on that is older or newer than its stamp says, by its motion from the one before.
+
+    An image that is late for the first time shows the robot where it was: the motion in it is backward, and as far as
+    the robot went meanwhile.
+
+    Args:
+        flow: ``(P, 2)`` at P places [px].
+        jacobian: ``(P, 2, N)`` there [px/rad].
+        pair: stamps of the two images [s].
+        times: ``(S,)`` stamps of the joint readings [s], increasing.
+        positions: ``(S, N)`` the readings [rad, m].
+        now: the delay of the first image [s].
+        frame_time: time between images [s].
+
+    Returns:
+        The delay [s]; None where the joints' way to no other time is what is seen.
+    """
+    delays = now + _tried(JUMP_FRAMES, frame_time)
+    delays = delays[pair[1] + delays <= times[-1] + 1e-6]
+    moved = np.flatnonzero(np.linalg.norm(flow, axis=1) > LEAST_STEP)
+    if len(moved) < LEAST_PLACES or not len(delays):
+        return None
+    ends = np.append(pair[1] + delays, pair[0] + now)
+    way = np.stack([np.interp(ends, times, q) for q in positions.T], axis=1)
+    predicted = np.einsum("pin,ln->lpi", jacobian[moved], way[:-1] - way[-1])
+    energy = (flow[moved] ** 2).sum(axis=1) + (predicted**2).sum(axis=2)
+    curve = DelayCurve(delays, np.median(((flow[moved] - predicted) ** 2).sum(axis=2) / energy, axis=1))
+    if curve.least >= MOST_JUMP_SHARE or abs(curve.best - now) < LEAST_JUMP * frame_time:
         return None
     return curve.best if abs(curve.best) >= LEAST_CHANGED * frame_time else 0.0
 

@@ -159,7 +159,8 @@ def test_motion_that_joints_do_not_explain_is_not_learned(updates):
     asked, drawn = [], []
     line.check = SimpleNamespace(judge=lambda *given: asked.append(given) or fault(False))
     line.prior = SimpleNamespace(begin=lambda *_: None, draw=lambda e, q: drawn.append(q.tolist()),
-                                 correct=lambda *_: None)  # fmt: skip
+                                 correct=lambda *_: None,
+                                 doubtful=False)  # fmt: skip
     frames = run(line, [0.0, 0.05])
     learned = updates > 30
     assert [call[0] for call in estimator.calls] == (["predict"] if learned else ["update"])
@@ -176,6 +177,18 @@ def test_motion_that_joints_do_not_explain_is_not_learned(updates):
         assert line._corrected is frames[1]
 
 
+@pytest.mark.parametrize("doubtful", [False, True])
+def test_what_seems_to_cover_nearly_all_of_the_body_is_judged_too(doubtful):
+    line, _ = pipeline(Estimator(updates=31, on_bad_flow="skip"), watched=True)
+    line._watch = SimpleNamespace(judge=lambda gray, moved: (gray, None))
+    asked = []
+    line.check = SimpleNamespace(judge=lambda *given: asked.append(given) or fault(False))
+    line.prior = SimpleNamespace(begin=lambda *_: None, draw=lambda *_: None, correct=lambda *_: None,
+                                 uncovered=lambda e, q, flow, span: flow + np.nan, doubtful=doubtful)  # fmt: skip
+    run(line, [0.0, 0.05])
+    assert np.isfinite(asked[0][0]).all() == doubtful
+
+
 def test_a_prior_begins_with_the_first_frame_and_corrects_with_each_update():
     line, estimator = pipeline(Estimator(on_bad_flow="skip"))
     calls = []
@@ -188,7 +201,11 @@ def test_a_prior_begins_with_the_first_frame_and_corrects_with_each_update():
         calls.append(("correct", flow[0, 0, 0], span.tolist()))
 
     line.prior = SimpleNamespace(
-        begin=lambda e, q: calls.append(("begin", q.tolist())), uncovered=uncovered, correct=correct, hidden=None
+        begin=lambda e, q: calls.append(("begin", q.tolist())),
+        uncovered=uncovered,
+        correct=correct,
+        hidden=None,
+        doubtful=False,
     )
     run(line, [0.0, 0.05])
     assert calls == [("begin", [0.0, 0.0]), ("uncovered", [0.05, 0.0]), ("correct", 5001.0, [0.05, 0.0])]

@@ -78,7 +78,12 @@ def test_a_model_that_is_wrong_throughout_covers_nothing():
     occlusion = Occlusion(SIZE)
     for _ in range(PATIENCE):  # flow may have failed
         occlusion.observe(body(), motion(), motion(-MOVED), motion(-MOVED))
+        assert occlusion.doubtful
     assert not occlusion.observe(body(), motion(), motion(-MOVED), motion(-MOVED)).any()
+    assert occlusion.doubtful
+    for _ in range(4):
+        occlusion.observe(body(), covered_flow(0.0), motion(), motion())
+    assert not occlusion.doubtful
 
 
 def test_where_j_explains_what_the_model_does_not_nothing_is_covered():

@@ -32,8 +32,11 @@ class Path:
         return self.at(self.time), self.time
 
 
-def judged(seed, frames):
-    """The first change that is found where, from image 100 on, images show that many frames later than stamped."""
+def judged(seed, frames, jump=False):
+    """The first change that is found where, from image 100 on, images show that many frames later than stamped.
+
+    Without ``jump`` the first of them is compared with one that is as late: nothing tells it but later motion.
+    """
     robot, rng = Path(seed), np.random.default_rng([seed, 1])
     group = JointGroup.choose(NAMES, NAMES)
     stream = JointStream(robot, group, JointWatch(NAMES, np.full(JOINTS, 0.1)), 0.0)
@@ -49,7 +52,9 @@ def judged(seed, frames):
             continue
         shift = frames * FRAME if k > 100 else 0.0
         begin, end = (k - 1) * FRAME, k * FRAME
-        flow = true @ (robot.at(end + shift) - robot.at(begin + shift)) + rng.normal(0, 0.15, (PLACES, 2))
+        flow = true @ (robot.at(end + shift) - robot.at(begin + (0.0 if jump and k == 101 else shift))) + rng.normal(
+            0, 0.15, (PLACES, 2)
+        )
         fault = check.judge(flow, learned, stream.at(end) - stream.at(begin), begin, end)
         found = None if fault is None else stream.find_change(list(check.recent))
         if found is not None:
@@ -65,6 +70,14 @@ def test_images_that_begin_to_come_late_are_said_and_taken_out(seed, frames):
     assert found.fault.kind is FaultKind.LATE
     assert "images come" in str(found.fault)
     assert found.frame < 125
+
+
+@pytest.mark.parametrize("seed", [2, 3, 4, 5])
+@pytest.mark.parametrize("frames", [-3.0, -2.0])
+def test_the_first_late_image_tells_where_the_robot_moves(seed, frames):
+    found = judged(seed, frames, jump=True)
+    assert found.delay == pytest.approx(frames * FRAME, abs=0.3 * FRAME)
+    assert found.frame == 101
 
 
 @pytest.mark.parametrize("seed", [2, 3, 4, 5])

@@ -121,6 +121,8 @@ def test_images_get_their_joint_positions_anew_where_the_clock_was_wrong():
     one.retime(lambda time: np.array([time, 8.0]))
     assert len(one._history) == 600
     assert (one._history[0][1][0], one._history[-1][1][0]) == (pytest.approx(3.0), 80.0)
+    one.retime(lambda time: None if time == 78.0 else np.array([time, 9.0]), 77.0)
+    np.testing.assert_allclose([q for _, q in one._history][-4:], [[76.0, 8], [77.0, 9], [79.0, 9], [80.0, 9]])
 
 
 @pytest.fixture

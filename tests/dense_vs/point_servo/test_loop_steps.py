@@ -35,7 +35,7 @@ def bare(**given):
         _held=deque(), _newest=10.0, joints=stream, tracker=None, memory=None, on_frame=None,
         gate=SimpleNamespace(restart=lambda: events.append("gate")), _pace=SimpleNamespace(due=lambda time: True),
         _body=SimpleNamespace(see=lambda frame: events.append(("see", frame.time)), wanted=False,
-                              retime=lambda at: events.append(("retime", at))),
+                              retime=lambda *of: events.append(("retime", *of))),
         estimator=SimpleNamespace(options=SimpleNamespace(joints=2, depth=False, width=64)),
         pipeline=SimpleNamespace(restart=lambda forget=False: events.append(("pipeline", forget)), check=None),
     )  # fmt: skip
@@ -196,13 +196,13 @@ def test_a_delay_that_changed_is_looked_for_when_motion_does_not_fit(monkeypatch
     processing(loop)
     asked = []
     loop.joints.find_change = lambda recent: asked.append(recent) or late
-    loop.pipeline.check = SimpleNamespace(recent=deque(["motions"]))
+    loop.pipeline.check = SimpleNamespace(recent=deque([motions := SimpleNamespace(end=9.5)]))
     given = (fault(FaultKind.MISFIT),) if misfit else (fault(),)
     loop._process("image", 10.1, None, given)
-    assert asked == ([["motions"]] if misfit else [])
+    assert asked == ([[motions]] if misfit else [])
     changed = misfit and late is not None
     assert loop.faults == ((*given, late) if changed else given)
-    assert (("retime", "kept") in loop.events) == (("pipeline", False) in loop.events) == changed
+    assert (("retime", "kept", 9.5) in loop.events) == (("pipeline", False) in loop.events) == changed
     loop.pipeline.check = None
     asked.clear()
     loop._process("image", 10.2, None, given)

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from dense_vs import Babbling
-from dense_vs.recording.joint_delay import find_changed_delay, find_joint_delay
+from dense_vs.recording.joint_delay import find_changed_delay, find_joint_delay, find_jumped_delay
 
 FRAME, COUNT, JOINTS = 1 / 30, 70, 4
 
@@ -130,3 +130,54 @@ def test_neither_noise_nor_few_motions_nor_a_still_robot_change_it(seed):
     few = flows[:3], jacobians[:3], pairs[:3]
     assert find_changed_delay(*few, times, q, now=0.0, frame_time=FRAME) is None
     assert find_changed_delay(flows, jacobians, pairs, times, 0 * q, now=0.0, frame_time=FRAME) is None
+
+
+def jumped(seed, frames, now=0.0, spans=1):
+    """The motion from an image that is on time, by what is known, to one that shows so many frames later than that."""
+    _, (learned, *_), _, times, q = known(seed, 0.0)
+    rng = np.random.default_rng([seed, 3])
+
+    def at(time):
+        return np.array([np.interp(time, times, joint) for joint in q.T])
+
+    speed = np.linalg.norm(q[106:180] - q[100:174], axis=1)
+    begin = times[103 + int(speed.argmax())]  # where it goes fast, or two times look alike
+    end = begin + spans * FRAME
+    step = at(end + now + frames * FRAME) - at(begin + now)
+    robot = np.arange(PLACES) < PLACES // 2
+    true = np.where(robot[:, None, None], learned, 0.0)
+    return true @ step + rng.normal(0, 0.15, (PLACES, 2)), learned, (begin, end), times, q
+
+
+@pytest.mark.parametrize("seed", [2, 3, 4, 5])
+@pytest.mark.parametrize(("frames", "spans"), [(-3.0, 1), (-2.0, 1), (-4.4, 3), (3.0, 1), (2.0, 2)])
+def test_an_image_that_is_late_is_noticed_by_its_own_motion(seed, frames, spans):
+    for now in (0.0, 2 * FRAME, -3 * FRAME):
+        found = find_jumped_delay(*jumped(seed, frames, now, spans), now=now, frame_time=FRAME)
+        expected = now + frames * FRAME if abs(now + frames * FRAME) > 1e-6 else 0.0
+        assert found == pytest.approx(expected, abs=0.35 * FRAME)
+
+
+@pytest.mark.parametrize("seed", [2, 3, 4, 5])
+def test_an_image_that_came_twice_or_moved_otherwise_has_not_jumped(seed):
+    options = {"now": 0.0, "frame_time": FRAME}
+    assert find_jumped_delay(*jumped(seed, 0.0), **options) is None
+    assert find_jumped_delay(*jumped(seed, -1.0), **options) is None
+    flow, *rest = jumped(seed, -3.0)
+    rng = np.random.default_rng(seed)
+    assert find_jumped_delay(flow + np.array([5.0, 2.0]), *rest, **options) is None  # the camera was bumped
+    assert find_jumped_delay(rng.normal(0, 4, flow.shape), *rest, **options) is None
+    assert find_jumped_delay(np.zeros_like(flow), *rest, **options) is None
+    assert find_jumped_delay(flow[:11], rest[0][:11], *rest[1:], **options) is None
+    learned, pair, times, q = rest
+    assert find_jumped_delay(flow, learned, pair, times, 0 * q, **options) is None
+    joint = np.zeros(JOINTS)
+    joint[1] = 0.05  # one that the readings do not know of
+    assert find_jumped_delay(learned @ joint, learned, pair, times, q * [1, 0, 1, 1], **options) is None
+
+
+def test_what_comes_later_than_the_readings_is_not_asked_for():
+    flow, learned, pair, times, q = jumped(3, 3.0)
+    known = times <= pair[1] + 1e-6
+    assert find_jumped_delay(flow, learned, pair, times[known], q[known], now=0.0, frame_time=FRAME) is None
+    assert find_jumped_delay(flow, learned, pair, times, q, now=0.0, frame_time=FRAME) is not None
