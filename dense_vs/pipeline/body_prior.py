@@ -23,8 +23,9 @@ LEAST_PIXELS = 50
 EDGE_RADIUS, FLATNESS = 6, 1e-3  # of the smoothing by which the model's outline goes to the image's edges
 LABELED = 0.7  # share of the body around a pixel by then: the model's outline lies outside rather than inside
 HIDDEN_SHARE = 0.5  # at least, by which J is drawn to the model's where something covers the body
-# Of a chain, found on simulated arms, and of J remembered by posture, found on three reaches of a humanoid. What is
-# remembered is coarser than what is measured now, so it has less say, but keeps it as long as it explains anything.
+# At every measured motion: of a chain, found on simulated arms, and of J remembered by posture, found on three reaches
+# of a humanoid. What is remembered is coarser than what is measured now, so it has less say, but keeps it as long as it
+# explains anything.
 CHAIN_SHARE, CHAIN_AGREEMENT = 0.7, 0.5
 MEMORY_SHARE, MEMORY_AGREEMENT = 0.2, 0.0
 

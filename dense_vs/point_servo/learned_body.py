@@ -13,7 +13,7 @@ from dense_vs.body_model.spread import spread
 from dense_vs.errors import DenseVSError
 from dense_vs.flow.estimator import FlowEstimator
 from dense_vs.health.faults import FaultKind
-from dense_vs.pipeline.body_prior import CHAIN_AGREEMENT, BodyPrior
+from dense_vs.pipeline.body_prior import CHAIN_AGREEMENT, CHAIN_SHARE, BodyPrior
 from dense_vs.pipeline.frame_pipeline import FramePipeline, ProcessedFrame
 from dense_vs.point_servo.body_tracker import BodyTracker
 from dense_vs.point_servo.point_link import link_of_point
@@ -27,7 +27,7 @@ LEAST_IMAGES = 40
 LEAST_TURN = 0.002  # rad, m, of a joint between images that are kept: a robot that stands still shows nothing new
 LEAST_PIXELS = 200  # of the body, for J to say where a fit starts
 LEAST_JOINTS = 2  # one joint's axis alone leaves the rest of the camera open
-PRIOR_AT_FIRST, PRIOR_SHARE = 0.9, 0.1  # by which J is drawn to the body model's, once and at every measured motion
+PRIOR_AT_FIRST = 0.9  # share by which J is drawn to the body model's once it is learned
 JUDGED, MOVING = 12, 0.5  # pairs of images by which a model is judged, and px of motion that count
 STILL_EXPLAINED = 0.7  # of the share that it explained first, below which a model has no say any more
 LEAST_EXPLAINED = 0.35  # of the motion, by a model that is believed; right ones explain 0.4 of what noisy images show
@@ -143,7 +143,7 @@ class LearnedBody:
             )
         self.model = model
         self._pipeline.prior = prior = BodyPrior(
-            model.known, share=PRIOR_SHARE, least_agreement=min(CHAIN_AGREEMENT, STILL_EXPLAINED * explained)
+            model.known, share=CHAIN_SHARE, least_agreement=min(CHAIN_AGREEMENT, STILL_EXPLAINED * explained)
         )
         if positions is not None:
             prior.begin(estimator, positions, PRIOR_AT_FIRST)
