@@ -15,6 +15,7 @@ import surface_view
 from surface_scores import ReachScore, ViewScore
 from surface_view import moved_place
 
+from dense_vs.body_model.surface import SurfaceOptions
 from dense_vs.errors import DenseVSError
 
 
@@ -309,5 +310,6 @@ def test_a_babbling_is_paced_by_the_estimated_flow_inside_the_limits(monkeypatch
     assert seen.links == {0: "links 1", **{k: f"links {k + 1}" for k in range(every, 120, every)}}
     stride = body_model.PointTrackOptions().stride
     looked = len(range(0, 120, stride))
-    surfaces = stride * np.unique(np.linspace(0, looked - 1, 7).round().astype(int)[1:-1])
+    spread = np.linspace(0, looked - 1, SurfaceOptions().keyframes + 2)[1:-1]
+    surfaces = stride * np.unique(spread.round().astype(int))
     assert seen.anchors == {int(k): f"points {k + 1} 7" for k in surfaces}
