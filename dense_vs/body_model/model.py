@@ -22,8 +22,8 @@ from dense_vs.body_model.dense_motion import DenseMotion
 from dense_vs.body_model.fit import BodyFit, BodyFitOptions, fit_body
 from dense_vs.body_model.model_file import ModelContent, read_body, write_body
 from dense_vs.body_model.precision import covariances, precision_of
-from dense_vs.body_model.splat import front_points
 from dense_vs.body_model.surface import Surface, SurfaceOptions, find_surface
+from dense_vs.body_model.surface_image import FrontPoints, SurfaceImage
 from dense_vs.body_model.tracks import PointTrackOptions, PointTracks, follow_points, moving_pixels
 from dense_vs.errors import DenseVSError
 
@@ -187,14 +187,12 @@ class BodyModel:
 
     def image(self, q: Any) -> BodyImage:
         """Which point of the body is at every pixel at a posture ``(N,)`` [rad]."""
-        positions = self._positions(self._posture(q, "q"))
-        front = front_points(self._project(positions), positions[:, 2], self.size)
-        body = front >= 0
-        return BodyImage(
-            front,
-            np.where(body, self.surface.links[front], BACKGROUND),
-            np.where(body, positions[front, 2], np.inf),
-        )
+        front = self._front(self._posture(q, "q"))
+        links, depths = np.full(self.size, BACKGROUND), np.full(self.size, np.inf)
+        body = front.index >= 0
+        seen = front.index[body]
+        links[body], depths[body] = self.surface.links[seen], front.positions[seen, 2]
+        return BodyImage(front.index, links, depths)
 
     def jacobian(self, q: Any) -> np.ndarray:
         """J at a posture ``(N,)`` [rad], float32 ``(H, W, 2, N)`` [px/rad]; 0 off the body."""
@@ -203,12 +201,8 @@ class BodyModel:
     def known(self, q: Any) -> tuple[np.ndarray, np.ndarray]:
         """J at a posture ``(N,)`` [rad], float32 ``(H, W, 2, N)`` [px/rad], and the body's pixels, bool ``(H, W)``."""
         posture = self._posture(q, "q")
-        positions = self._positions(posture)
-        front = front_points(self._project(positions), positions[:, 2], self.size)
-        J = np.zeros((*self.size, 2, self.joint_count), np.float32)
-        body = front >= 0
-        J[body] = self._point_jacobians(posture, positions[front[body]], self.surface.links[front[body]])
-        return J, body
+        front = self._front(posture)
+        return self._drawing.jacobian(self.chain, posture, self.learned, front), front.index >= 0
 
     def depth_jacobian(self, q: Any) -> np.ndarray:
         """How depth answers to every joint at a posture ``(N,)`` [rad], float32 ``(H, W, N)``; 0 off the body.
@@ -216,11 +210,12 @@ class BodyModel:
         In the model's unit by rad: in m/rad of a model :meth:`in_meters`.
         """
         posture = self._posture(q, "q")
-        positions = self._positions(posture)
-        front = front_points(self._project(positions), positions[:, 2], self.size)
+        front = self._front(posture)
         D = np.zeros((*self.size, self.joint_count), np.float32)
-        body = front >= 0
-        D[body] = self._point_velocities(posture, positions[front[body]], self.surface.links[front[body]])[..., 2]
+        body = front.index >= 0
+        seen = front.index[body]
+        velocities = self.chain.velocities(posture, front.positions[seen].astype(np.float64), self.surface.links[seen])
+        D[body] = velocities[..., 2] * self.learned
         return D
 
     def in_meters(self, depths: Any, joints: Any) -> "BodyModel":
@@ -259,13 +254,11 @@ class BodyModel:
         It is that of the whole turn, not J dq: ``x - flow(x)`` is where the point at x was at ``q - dq``.
         """
         posture, step = self._posture(q, "q"), self._posture(dq, "dq")
-        now = self._positions(posture)
-        before = self._positions(posture - step)
-        places = self._project(now)
-        front = front_points(places, now[:, 2], self.size)
+        front = self._front(posture).index
         flow = np.zeros((*self.size, 2), np.float32)
         body = front >= 0
-        flow[body] = (places - self._project(before))[front[body]]
+        now, before = (self._positions(where, front[body]) for where in (posture, posture - step))
+        flow[body] = self._project(now) - self._project(before)
         return flow
 
     def points(self, q: Any) -> BodyPoints:
@@ -273,7 +266,7 @@ class BodyModel:
         posture = self._posture(q, "q")
         positions = self._positions(posture)
         places = self._project(positions)
-        front = front_points(places, positions[:, 2], self.size)
+        front = self._front(posture).index
         height, width = self.size
         u, v = np.rint(np.clip(places, -1, max(self.size))).astype(int).T
         inside = (u >= 0) & (u < width) & (v >= 0) & (v < height) & (positions[:, 2] > 0)
@@ -337,39 +330,35 @@ class BodyModel:
     def _posture(self, q: Any, name: str) -> np.ndarray:
         return real_vector(q, name, (self.joint_count,))
 
-    def _positions(self, q: np.ndarray) -> np.ndarray:
-        """The surface's points ``(P, 3)`` in the camera frame."""
+    @cached_property
+    def _drawing(self) -> SurfaceImage:
+        return SurfaceImage(self.surface.points, self.surface.links, self.focal_length, self.center, self.size)
+
+    def _front(self, posture: np.ndarray) -> FrontPoints:
+        return self._drawing.front(self.chain, posture)
+
+    def _positions(self, q: np.ndarray, index: np.ndarray | None = None) -> np.ndarray:
+        """The surface's points ``(P, 3)``, or those of an index, in the camera frame."""
         rotation, translation = self.chain.link_poses(q[None])
-        positions = np.empty_like(self.surface.points)
-        for link in np.unique(self.surface.links):
-            on = self.surface.links == link
-            positions[on] = self.surface.points[on] @ rotation[0, link].T + translation[0, link]
+        points, links = self.surface.points, self.surface.links
+        if index is not None:
+            points, links = points[index], links[index]
+        positions = np.empty_like(points)
+        for link in np.unique(links):
+            on = links == link
+            positions[on] = points[on] @ rotation[0, link].T + translation[0, link]
         return positions
 
     def _project(self, positions: np.ndarray) -> np.ndarray:
         depth = np.where(positions[:, 2:] > 1e-6, positions[:, 2:], np.nan)
         return np.nan_to_num(self.focal_length * positions[:, :2] / depth + self.center, nan=-1e6)
 
-    def _point_velocities(self, q: np.ndarray, positions: np.ndarray, links: np.ndarray) -> np.ndarray:
-        """Velocities ``(P, N, 3)`` [unit/rad] of points on links in the camera frame by each joint that is learned."""
-        return self.chain.velocities(q, positions, links) * self.learned[:, None]
-
-    def _point_jacobians(self, q: np.ndarray, positions: np.ndarray, links: np.ndarray) -> np.ndarray:
-        """J ``(P, 2, N)`` [px/rad] of points on links in the camera frame, the interaction matrix times the screws."""
-        velocity = self._point_velocities(q, positions, links)
-        J = np.empty((len(positions), 2, self.joint_count), np.float32)
-        scale = self.focal_length / positions[:, 2]
-        normal = positions[:, :2] / positions[:, 2:]
-        for row in range(2):
-            J[:, row] = (velocity[..., row] - normal[:, row, None] * velocity[..., 2]) * scale[:, None]
-        return J
-
     def _moved(self, places: np.ndarray, index: np.ndarray, q_seen: Any, q: Any) -> np.ndarray:
         """Places at ``q`` of pixels at ``q_seen``, each at its surface point's depth and on its link."""
         links = self.surface.links[index]
         both = np.stack([self._posture(q_seen, "q_seen"), self._posture(q, "q")])
         rotation, translation = self.chain.link_poses(both)
-        seen = self._positions(both[0])[index]
+        seen = self._positions(both[0], index)
         rays = np.column_stack([(places - self.center) / self.focal_length, np.ones(len(places))])
         home = np.einsum("pji,pj->pi", rotation[0, links], rays * seen[:, 2:] - translation[0, links])
         return self._project(np.einsum("pij,pj->pi", rotation[1, links], home) + translation[1, links])

@@ -278,10 +278,7 @@ class DenseJacobian:
         weight = real_vector(share, "share", size, np.float32)
         if weight.min() < 0 or weight.max() > 1:
             raise DenseVSError(f"share is from {weight.min()} to {weight.max()}; expected 0 to 1")
-        stored = self.filter.stored()
-        state = np.array(stored["state"])
-        state[0, ..., : self.options.joints] += (other - self.to_numpy()) * weight[..., None, None]
-        self.filter.restore({**stored, "state": state})
+        self.filter.blend(np.ascontiguousarray(other)[None], np.ascontiguousarray(weight)[None])
 
     def predicted_flow(self, dq: Any) -> np.ndarray:
         """The flow J dq that a joint step would cause, float32 ``(H, W, 2)`` [px].

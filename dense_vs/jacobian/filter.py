@@ -207,6 +207,14 @@ class JacobianFilter:
             self._present_version = self.version
         return self._present
 
+    def blend(self, jacobian: np.ndarray, share: np.ndarray) -> None:
+        """Draw J at the present posture to another (B, H, W, 2, N) float32 by shares (B, H, W) float32."""
+        other = wp.array(jacobian, dtype=self.kernels.Jacobian, device=self.device, copy=False)
+        weight = wp.array(share, dtype=wp.float32, device=self.device, copy=False)
+        arguments = [self.displacement[self.now], other, weight, self.state[self.now]]
+        launch_pixels(self.kernels.blend_jacobian, self.shape, arguments, self.device, self.threads)
+        self.version += 1
+
     def predicted_flow(self, joint_step: np.ndarray) -> wp.array:
         """J times a joint step (B, N) float32 [rad], (B, H, W) of vec2 [px]."""
         dq = wp.array(joint_step, dtype=wp.float32, device=self.device)

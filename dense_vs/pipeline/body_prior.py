@@ -167,7 +167,7 @@ class BodyPrior:
         if self._occlusion is None:
             self._occlusion = Occlusion(body.shape)
         step = np.asarray(span, dtype=np.float32)
-        hidden = self._occlusion.observe(body, flow, J @ step, estimator.predicted_flow(step))
+        hidden = self._occlusion.observe(body, flow, _motion(J, step), estimator.predicted_flow(step))
         if not hidden.any():
             return flow
         return np.where(self._occlusion.around[..., None], np.float32(np.nan), flow)
@@ -182,7 +182,7 @@ class BodyPrior:
             span: ``(N,)`` joint displacement of that flow [rad].
         """
         J, body = self._at(positions)
-        predicted = J[body] @ np.asarray(span, dtype=np.float32)
+        predicted = _motion(J, np.asarray(span, dtype=np.float32))[body]
         measured = flow[body]
         counted = (np.linalg.norm(predicted, axis=1) > MOVING) & np.isfinite(measured).all(axis=1)
         if counted.sum() >= LEAST_PIXELS:
@@ -219,3 +219,8 @@ class BodyPrior:
             return J
         told = np.asarray(self.told(positions), dtype=np.float32)
         return J + estimator.to_numpy() @ (np.eye(len(told), dtype=np.float32) - told)
+
+
+def _motion(J: np.ndarray, step: np.ndarray) -> np.ndarray:
+    """J ``(H, W, 2, N)`` times a joint step ``(N,)``, as one product of a matrix."""
+    return (J.reshape(-1, len(step)) @ step).reshape(J.shape[:3])

@@ -12,6 +12,12 @@ from typing import Any
 
 import cv2
 import numpy as np
+import warp as wp
+
+from dense_vs.arrays import vec2_image
+from dense_vs.device import resolve_threads
+from dense_vs.kernels.body.unshared_motion import unshared_motion
+from dense_vs.kernels.launch import launch_pixels
 
 WINDOW = 11  # px, side of the window
 DECAY = 0.3  # of the sums, from one measured motion to the next
@@ -43,6 +49,7 @@ class Occlusion:
         self._since = np.zeros(size, np.int32)  # motions that each has been covered for
         self._ago = np.full(size, LATELY + 1, np.int32)
         self._doubted, self.doubtful = 0, False
+        self._device, self._threads = wp.get_device("cpu"), resolve_threads()
 
     def observe(self, body: np.ndarray, flow: np.ndarray, by_model: np.ndarray, by_estimate: np.ndarray) -> np.ndarray:
         """Take a measured motion; :attr:`hidden` by then.
@@ -52,12 +59,7 @@ class Occlusion:
             flow: ``(H, W, 2)`` measured [px].
             by_model, by_estimate: ``(H, W, 2)`` what joints cause by the model, 0 off the body, and by J as it is [px].
         """
-        finite = np.isfinite(flow).all(axis=2, keepdims=True)
-        u, model, estimate = (np.where(finite, p, 0).astype(np.float32) for p in (flow, by_model, by_estimate))
-        off, moved = _squares(u - model), _squares(u) + _squares(model)
-        # A J of nearly 0 explains anything that stands still: it has to explain what is seen to move.
-        says = _squares(estimate) > SAYS * np.maximum(_squares(u), _squares(model))
-        off = np.where(says, np.minimum(off, _squares(u - estimate)), off)
+        off, moved = self._unshared(flow, by_model, by_estimate)
         window = (WINDOW, WINDOW)
         self._off = DECAY * self._off + cv2.blur(off, window)
         self._moved = DECAY * self._moved + cv2.blur(moved, window)
@@ -76,15 +78,25 @@ class Occlusion:
         self.lately = self._ago <= LATELY
         return self.hidden
 
+    def _unshared(
+        self, flow: np.ndarray, by_model: np.ndarray, by_estimate: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Squared motion ``(H, W)`` that is not shared, and all of it [px^2]; 0 where the flow is not finite.
+
+        A J of nearly 0 explains anything that stands still: it has to explain what is seen to move.
+        """
+        shape = 1, *flow.shape[:2]
+        images = (np.asarray(image, dtype=np.float32) for image in (flow, by_model, by_estimate))
+        inputs = [vec2_image(image, "motion", shape, self._device) for image in images]
+        off, moved = (wp.empty(shape, dtype=float, device=self._device) for _ in range(2))
+        launch_pixels(unshared_motion, shape, [*inputs, SAYS, off, moved], self._device, self._threads)
+        return off.numpy()[0], moved.numpy()[0]
+
     @property
     def around(self) -> np.ndarray:
         """Bool ``(H, W)``, what covers and pixels next to it, whose flow says nothing of the body."""
         side = 2 * BESIDE + 1
         return cv2.dilate(self.cover.astype(np.uint8), np.ones((side, side), np.uint8)) > 0
-
-
-def _squares(vectors: np.ndarray) -> np.ndarray:
-    return np.einsum("yxi,yxi->yx", vectors, vectors)
 
 
 def _parts_on(mask: np.ndarray, body: np.ndarray) -> np.ndarray:

@@ -44,22 +44,31 @@ class PointLook:
                 weights = weights * own
         self._patches = SurfacePatches(window)
         self._pixels = self._patches.taken(gray, np.asarray(point)[None], same)
-        self._weights = (weights / weights.sum()).ravel()
-        look = _blurred(_sampled(gray, point, np.eye(2), half)).ravel()
-        self._look = look - self._weights @ look
-        self._contrast = float(np.sqrt(self._weights @ self._look**2))
+        weights /= weights.sum()
+        look = _blurred(_sampled(gray, point, np.eye(2), half))
+        look = look - np.sum(weights * look)
+        self._weights, self._weighted = weights.astype(np.float32), (weights * look).astype(np.float32)
+        self._contrast = float(np.sqrt(np.sum(weights * look**2)))
         self.distinctness = self._distinctness(gray, np.asarray(point, dtype=np.float64))
 
     def _distinctness(self, gray: np.ndarray, point: np.ndarray) -> float:
         """What correlation loses by a shift of :data:`SHIFT` px in the direction in which it loses least."""
         whole = _blurred(_sampled(gray, point, np.eye(2), self._half + SHIFT))
         side = 2 * SHIFT + 1
-        seen = np.lib.stride_tricks.sliding_window_view(whole, (2 * self._half + 1,) * 2).reshape(side * side, -1)
-        contrast = np.sqrt(np.maximum((seen**2) @ self._weights - (seen @ self._weights) ** 2, 0))
-        correlation = seen @ (self._weights * self._look) / np.maximum(self._contrast * contrast, 1e-3)
+        correlation = self._correlations(whole)
         y, x = np.divmod(np.arange(side * side), side)
         around = np.hypot(x - SHIFT, y - SHIFT).round() == SHIFT
         return max(0.0, 1 - float(correlation[around].max()))
+
+    def _correlations(self, whole: np.ndarray) -> np.ndarray:
+        """Correlation of the look with each of the ``S * S`` patches of its size in a larger one, row by row."""
+        seen = whole - whole.mean()
+        mean, square, both = (
+            cv2.matchTemplate(image, kernel, cv2.TM_CCORR)
+            for image, kernel in ((seen, self._weights), (seen * seen, self._weights), (seen, self._weighted))
+        )
+        contrast = np.sqrt(np.maximum(square - mean**2, 0))
+        return (both / (self._contrast * np.maximum(contrast, 1e-3))).ravel()  # the look's weighted mean is 0
 
     def drift(self, correlation: float) -> float:
         """Standard deviation [px] of a place that is seen with such a correlation.
@@ -88,11 +97,7 @@ class PointLook:
         radius = int(np.clip(np.ceil(spread), LEAST_RADIUS, MOST_RADIUS))
         whole = _blurred(_sampled(gray, expected, affine, self._half + radius))
         side = 2 * radius + 1
-        seen = np.lib.stride_tricks.sliding_window_view(whole, (2 * self._half + 1,) * 2).reshape(side * side, -1)
-        mean = seen @ self._weights
-        contrast = np.sqrt(np.maximum((seen**2) @ self._weights - mean**2, 0))
-        both = seen @ (self._weights * self._look)  # the look's weighted mean is 0
-        correlation = both / (self._contrast * np.maximum(contrast, 1e-3))
+        correlation = self._correlations(whole)
         y, x = np.divmod(np.arange(side * side), side)
         moved = np.column_stack([x - radius, y - radius]) @ affine.T
         noise = max(LEAST_NOISE, NOISE_SHARE * (1 - float(correlation.max())))

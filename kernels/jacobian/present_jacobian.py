@@ -1,4 +1,4 @@
-"""J at the present posture, read from the state at every pixel or at points, DIJE (16)."""
+"""J at the present posture, read from the state at every pixel or at points, DIJE (16), and drawn to another J."""
 
 from types import SimpleNamespace
 
@@ -11,10 +11,12 @@ wp.set_module_options({"enable_backward": False})
 
 
 def present_jacobian_kernels(types: SimpleNamespace) -> SimpleNamespace:
-    """Kernels ``read_jacobian``, ``sample_points`` and ``coarse_flow`` and the function ``jacobian_at`` for a state."""
+    """Kernels ``read_jacobian``, ``blend_jacobian``, ``sample_points`` and ``coarse_flow`` and the function
+    ``jacobian_at`` for a state.
+    """
     joints, order = types.joints, types.order
     State, Jacobian, StateImage = types.State, types.Jacobian, types.StateImage
-    read_state, sample_state = types.read_state, types.sample_state
+    read_state, write_state, sample_state = types.read_state, types.write_state, types.sample_state
     kernel = wp.kernel(module=f"{__name__}_{types.suffix}", enable_backward=False)
 
     @wp.func
@@ -58,6 +60,30 @@ def present_jacobian_kernels(types: SimpleNamespace) -> SimpleNamespace:
             jacobian_out[world, y, x] = jacobian_at(state_in, displacement_in, world, y, x)
 
     @kernel
+    def blend_jacobian(
+        row_begin: int,
+        column_step: int,
+        # In:
+        displacement_in: wp.array2d(dtype=wp.float64),
+        jacobian_in: wp.array3d(dtype=Jacobian),
+        share_in: wp.array3d(dtype=float),
+        # In and out:
+        state: StateImage,
+    ):
+        """Draw J at the present posture to another one by a share a pixel; a state's Hessian stays as it is."""
+        world, row, column = wp.tid()
+        y = row_begin + row
+        for x in range(column, state.shape[2], column_step):
+            share = share_in[world, y, x]
+            if share > 0.0:
+                blended = read_state(state, world, y, x)
+                step = share * (jacobian_in[world, y, x] - jacobian_of(blended, displacement_in, world))
+                for i in range(wp.static(joints)):
+                    blended[0, i] += step[0, i]
+                    blended[1, i] += step[1, i]
+                write_state(state, world, y, x, blended)
+
+    @kernel
     def sample_points(
         # In:
         state_in: StateImage,
@@ -96,5 +122,9 @@ def present_jacobian_kernels(types: SimpleNamespace) -> SimpleNamespace:
         flow_out[world, row, column] = u
 
     return SimpleNamespace(
-        coarse_flow=coarse_flow, jacobian_at=jacobian_at, read_jacobian=read_jacobian, sample_points=sample_points
+        blend_jacobian=blend_jacobian,
+        coarse_flow=coarse_flow,
+        jacobian_at=jacobian_at,
+        read_jacobian=read_jacobian,
+        sample_points=sample_points,
     )

@@ -2,10 +2,10 @@
 
 import numpy as np
 import pytest
+from drawn_points import front_points
 
 from dense_vs.body_model.joint_tree import joint_parents
 from dense_vs.body_model.keyframes import Keyframes, MemoryOptions
-from dense_vs.body_model.splat import front_points
 from dense_vs.body_model.surface import Surface, SurfaceOptions, _box, _thinned
 from dense_vs.errors import DenseVSError
 

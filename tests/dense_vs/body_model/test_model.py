@@ -2,10 +2,10 @@
 
 import numpy as np
 import pytest
+from drawn_points import front_points
 
 from dense_vs.body_model import BodyModel, PointTrackOptions, PointTracks, follow_points
 from dense_vs.body_model.held_out import held_out_error
-from dense_vs.body_model.splat import front_points
 from dense_vs.cli import main
 from dense_vs.errors import DenseVSError
 from dense_vs.flow import to_gray

@@ -131,3 +131,25 @@ def test_the_last_of_very_many_worlds_is_as_good_as_the_first(form):
     expected, found = one.present().numpy()[0], many.present().numpy()
     for world in (0, 100, 201, 217, worlds - 1):
         np.testing.assert_allclose(found[world], expected, atol=TOLERANCE * np.abs(expected).max(), rtol=0)
+
+
+@pytest.mark.parametrize("options", [{"order": 1}, {"order": 2}, {"covariance": "diagonal", "joints": 3}])
+def test_j_is_drawn_by_a_share_in_either_layout_and_nothing_else_changes(options):
+    both = filters(**options)
+    joints = both[0].options.joints
+    random = np.random.default_rng(3)
+    other = random.normal(0, 100, (WORLDS, HEIGHT, WIDTH, 2, joints)).astype(np.float32)
+    share = random.uniform(0, 1, (WORLDS, HEIGHT, WIDTH)).astype(np.float32)
+    share[:, ::3] = 0
+    drive(both, 4, hole=False)
+    for one in both:
+        before = one.present().numpy().astype(np.float64)
+        stored = {name: array.copy() for name, array in one.stored().items()}
+        one.blend(other, share)
+        expected = before + share[..., None, None] * (other - before)
+        np.testing.assert_allclose(one.present().numpy(), expected, atol=1e-5 * np.abs(expected).max(), rtol=0)
+        after = one.stored()
+        np.testing.assert_array_equal(after["covariance"], stored["covariance"])
+        np.testing.assert_array_equal(after["displacement"], stored["displacement"])
+        np.testing.assert_array_equal(after["state"][..., joints:], stored["state"][..., joints:])  # H
+        np.testing.assert_array_equal(after["state"][:, ::3], stored["state"][:, ::3])

@@ -1,0 +1,136 @@
+"""The image of a body's surface points at a posture: which one is in front at every pixel, and how it moves there.
+
+Product of exponentials, Gothoskar (6), takes every point to the camera; a depth image by atomic minimum and a second
+pass leave the point that is in front at each pixel (beyond the papers). J is the interaction matrix times the joints'
+screws. A launch on a CPU is one thread's, as Warp's atomics there are not; J is a pixel kernel.
+"""
+
+import warp as wp
+
+wp.set_module_options({"enable_backward": False})
+
+NEAREST = wp.constant(1.0e-6)  # points at or behind the camera are left out
+FARTHEST = wp.constant(3.0e38)
+NONE = wp.constant(2147483647)
+SIDES = wp.constant(4)  # of eight, on which a pixel between points has points
+
+
+@wp.kernel
+def place_surface(
+    # In:
+    point_in: wp.array(dtype=wp.vec3),  # (P,) in the home posture
+    link_in: wp.array(dtype=int),  # (P,)
+    rotation_in: wp.array(dtype=wp.mat33),  # (links,) since the home posture
+    translation_in: wp.array(dtype=wp.vec3),  # (links,)
+    focal: float,  # [px]
+    center: wp.vec2,  # [px]
+    # Out:
+    position_out: wp.array(dtype=wp.vec3),  # (P,) in the camera frame
+    pixel_out: wp.array(dtype=wp.vec2i),  # (P,) x, y; -1 outside of the image
+    depth_out: wp.array2d(dtype=float),  # (H, W) of the nearest point, beforehand FARTHEST
+):
+    """Positions of the points, and the depth of the nearest one at each pixel."""
+    i = wp.tid()
+    link = link_in[i]
+    p = rotation_in[link] @ point_in[i] + translation_in[link]
+    position_out[i] = p
+    pixel_out[i] = wp.vec2i(-1, -1)
+    if not p[2] > NEAREST:
+        return
+    place = center + (focal / p[2]) * wp.vec2(p[0], p[1])
+    inside = place[0] > -0.5 and place[1] > -0.5
+    if inside and place[0] < float(depth_out.shape[1]) - 0.5 and place[1] < float(depth_out.shape[0]) - 0.5:
+        x = int(wp.rint(place[0]))
+        y = int(wp.rint(place[1]))
+        if x < depth_out.shape[1] and y < depth_out.shape[0]:
+            pixel_out[i] = wp.vec2i(x, y)
+            wp.atomic_min(depth_out, y, x, p[2])
+
+
+@wp.kernel
+def take_front(
+    # In:
+    position_in: wp.array(dtype=wp.vec3),  # (P,)
+    pixel_in: wp.array(dtype=wp.vec2i),  # (P,)
+    depth_in: wp.array2d(dtype=float),  # (H, W)
+    # Out:
+    front_out: wp.array2d(dtype=int),  # (H, W) index of a point, beforehand NONE
+):
+    """The point in front at each pixel, of those at one depth the first."""
+    i = wp.tid()
+    pixel = pixel_in[i]
+    if pixel[0] >= 0 and position_in[i][2] == depth_in[pixel[1], pixel[0]]:
+        wp.atomic_min(front_out, pixel[1], pixel[0], i)
+
+
+@wp.kernel
+def fill_between(
+    row_begin: int,
+    column_step: int,
+    # In:
+    position_in: wp.array(dtype=wp.vec3),  # (P,)
+    front_in: wp.array2d(dtype=int),  # (H, W)
+    none: int,  # what is written where there is no point
+    # Out:
+    front_out: wp.array2d(dtype=int),  # (H, W)
+):
+    """Pixels with points on at least four of eight sides take the nearest of these."""
+    _, row, column = wp.tid()
+    y = row_begin + row
+    for x in range(column, front_in.shape[1], column_step):
+        found = front_in[y, x]
+        if found == NONE:
+            found = none
+            sides = int(0)
+            nearest = float(FARTHEST)
+            nearest_point = int(NONE)
+            for k in range(9):
+                v = y + k // 3 - 1
+                u = x + k % 3 - 1
+                if v >= 0 and v < front_in.shape[0] and u >= 0 and u < front_in.shape[1]:
+                    point = front_in[v, u]
+                    if point != NONE:
+                        sides += 1
+                        depth = position_in[point][2]
+                        if depth < nearest:
+                            nearest = depth
+                            nearest_point = point
+            if sides >= SIDES:
+                found = nearest_point
+        front_out[y, x] = found
+
+
+@wp.kernel
+def surface_jacobian(
+    row_begin: int,
+    column_step: int,
+    # In:
+    front_in: wp.array2d(dtype=int),  # (H, W) index of a point, negative off the body
+    position_in: wp.array(dtype=wp.vec3),  # (P,) in the camera frame
+    link_in: wp.array(dtype=int),  # (P,)
+    axis_in: wp.array(dtype=wp.vec3),  # (N,) of the screws at this posture, 0 of a joint that is not learned
+    moment_in: wp.array(dtype=wp.vec3),  # (N,)
+    moved_by_in: wp.array2d(dtype=int),  # (links, N) whether the joint moves the link
+    focal: float,  # [px]
+    # Out:
+    jacobian_out: wp.array4d(dtype=float),  # (H, W, 2, N) [px/rad], 0 off the body
+):
+    """J of what is in front at each pixel."""
+    _, row, column = wp.tid()
+    y = row_begin + row
+    for x in range(column, front_in.shape[1], column_step):
+        point = front_in[y, x]
+        p = wp.vec3(0.0, 0.0, 1.0)
+        link = int(0)
+        on_body = int(0)
+        if point >= 0:
+            p = position_in[point]
+            link = link_in[point]
+            on_body = int(1)
+        scale = focal / p[2]
+        for n in range(jacobian_out.shape[3]):
+            v = wp.vec3(0.0, 0.0, 0.0)
+            if on_body * moved_by_in[link, n] != 0:
+                v = wp.cross(axis_in[n], p) + moment_in[n]
+            jacobian_out[y, x, 0, n] = scale * (v[0] - p[0] / p[2] * v[2])
+            jacobian_out[y, x, 1, n] = scale * (v[1] - p[1] / p[2] * v[2])
