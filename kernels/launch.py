@@ -102,19 +102,23 @@ class PixelLaunch:
         if self._threads == 1:
             for command in self._commands:
                 command.launch(stream)
-            return
-        waiting = iter(self._commands)  # each is handed out once, to whichever thread asks
+        else:
+            share_out(self._commands, self._threads)
 
-        def launch() -> None:
-            for command in waiting:
-                command.launch()
 
-        pool = _pool(self._threads - 1)
-        futures = [pool.submit(launch) for _ in range(self._threads - 1)]
-        launch()
-        for future in futures:
-            if not future.cancel():  # one that has not begun by now finds nothing left to do
-                future.result()
+def share_out(commands: Sequence[Any], threads: int) -> None:
+    """Run recorded launches on a CPU's threads, each handed out once, to whichever thread asks."""
+    waiting = iter(commands)
+
+    def launch() -> None:
+        for command in waiting:
+            command.launch()
+
+    futures = [_pool(threads - 1).submit(launch) for _ in range(min(threads, len(commands)) - 1)]
+    launch()
+    for future in futures:
+        if not future.cancel():  # one that has not begun by now finds nothing left to do
+            future.result()
 
 
 def launch_pixels(

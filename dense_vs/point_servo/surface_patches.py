@@ -1,16 +1,17 @@
-"""Patches of a surface around points, kept by number, and their alignment in later images; for one world on a CPU."""
+"""Patches of a surface around points and their alignment in later images; for one world on a CPU."""
 
 from typing import Any
 
 import numpy as np
 import warp as wp
 
+from dense_vs.device import resolve_threads
 from dense_vs.kernels.tracking.patch_alignment import Patches, align_patches, define_patches
 from dense_vs.kernels.views import seen_as
 
 
 class SurfacePatches:
-    """A number of patches, each of which may be taken anew by itself.
+    """Patches of one size.
 
     Args:
         window: side of a patch [px], odd.
@@ -18,12 +19,12 @@ class SurfacePatches:
 
     def __init__(self, window: int):
         self.window = window
-        self.pixels = np.zeros((0, window * window, 2), np.float32)  # gray value less 128, and weight
+        self._threads = resolve_threads()
 
     def taken(self, gray: np.ndarray, points: np.ndarray, weights: np.ndarray | None = None) -> np.ndarray:
-        """The patches ``(K, window^2, 2)`` float32 around ``points`` ``(K, 2)`` [px] of an image, kept nowhere.
+        """The patches ``(K, window^2, 2)`` float32 around ``points`` ``(K, 2)`` [px].
 
-        ``weights`` ``(H, W)`` 0..1 says how much each pixel counts.
+        They hold gray values less 128 and weights. ``weights`` ``(H, W)`` 0..1 says how much each pixel counts.
         """
         count = len(points)
         mask = np.ones(gray.shape, np.float32) if weights is None else np.ascontiguousarray(weights, np.float32)
@@ -50,7 +51,8 @@ class SurfacePatches:
         maps = wp.zeros((1, count), dtype=wp.mat22, device="cpu")
         correlation = wp.zeros((1, count), dtype=wp.float32, device="cpu")
         start = wp.array(np.asarray(affine, np.float32)[None], dtype=wp.mat22, device="cpu")
-        align_patches(patches, _image(gray), _places(guess), start, places, maps, correlation)
+        if count:
+            align_patches(patches, _image(gray), _places(guess), start, places, maps, correlation, self._threads)
         return places.numpy()[0].copy(), maps.numpy()[0].copy(), correlation.numpy()[0].copy()
 
 

@@ -19,9 +19,13 @@ A thread block a patch on a GPU, a thread a patch on a CPU, with the same arithm
 """
 
 from dataclasses import dataclass
+from functools import cache
+from itertools import pairwise
 from typing import Any
 
 import warp as wp
+
+from dense_vs.kernels.launch import BANDS_PER_THREAD, share_out
 
 wp.set_module_options({"enable_backward": False})
 
@@ -82,6 +86,7 @@ def align_patches(
     points_out: wp.array,
     affine_out: wp.array,
     correlation_out: wp.array,
+    threads: int = 1,
 ) -> None:
     """Find the patches in an image.
 
@@ -93,15 +98,26 @@ def align_patches(
         points_out: vec2d ``(worlds, K)`` [px], p; the guess where there is no alignment.
         affine_out: mat22 ``(worlds, K)``, A; as given where there is no alignment.
         correlation_out: float32 ``(worlds, K)``; -1 where there is no alignment.
+        threads: on a CPU, that share the points out.
     """
-    wp.launch_tiled(
-        align_patches_kernel,
-        dim=guess.shape,
-        inputs=[image, guess, affine, patches.window, patches.pixels],
-        outputs=[points_out, affine_out, correlation_out],
-        block_dim=BLOCK,
-        device=image.device,
-    )
+    worlds, points = guess.shape
+    tiled = not image.device.is_cpu
+    parts = 1 if tiled or threads == 1 else min(BANDS_PER_THREAD * threads, max(points, 1))
+    edges = [points * part // parts for part in range(parts + 1)]
+    commands: list[Any] = [
+        wp.launch(
+            align_kernel(tiled),
+            dim=(worlds, last - first, BLOCK if tiled else 1),
+            inputs=[image, guess[:, first:last], affine[:, first:last], patches.window, patches.pixels[:, first:last]],
+            outputs=[out[:, first:last] for out in (points_out, affine_out, correlation_out)],
+            block_dim=BLOCK,
+            device=image.device,
+            record_cmd=parts > 1,
+        )
+        for first, last in pairwise(edges)
+    ]
+    if parts > 1:
+        share_out(commands, threads)
 
 
 @wp.func
@@ -254,123 +270,136 @@ def define_patches_kernel(
     pixels_out[world, point, pixel] = wp.vec2(t[0], least_weight(weights_in, world, left, top, a, b))
 
 
-@wp.kernel
-def align_patches_kernel(
-    # In:
-    image_in: wp.array3d(dtype=wp.uint8),
-    guess_in: wp.array2d(dtype=wp.vec2d),
-    affine_in: wp.array2d(dtype=wp.mat22),
-    window: int,
-    pixels_in: wp.array3d(dtype=wp.vec2),
-    # Out:
-    points_out: wp.array2d(dtype=wp.vec2d),
-    affine_out: wp.array2d(dtype=wp.mat22),
-    correlation_out: wp.array2d(dtype=float),
-):
-    """Iterate until the patch's corners stand still. All threads of a block take every branch together."""
-    world, point, lane = wp.tid()
-    guess = guess_in[world, point]
-    # Places are kept from the pixel at the guess, which float32 resolves anywhere. Beyond the image every place
-    # shows the border; clamping keeps the conversion to int defined.
-    base_x = int(wp.floor(wp.clamp(guess[0], wp.float64(-1.0e6), wp.float64(1.0e6))))
-    base_y = int(wp.floor(wp.clamp(guess[1], wp.float64(-1.0e6), wp.float64(1.0e6))))
-    start = wp.vec2(float(guess[0] - wp.float64(base_x)), float(guess[1] - wp.float64(base_y)))
-    last_x = float(image_in.shape[2] - 1 - base_x)
-    last_y = float(image_in.shape[1] - 1 - base_y)
-    half = window // 2
-    unit = 1.0 / float(half)  # D is sought in px at the patch's edge, as d is in px
-    reach = 2.0 * float(window)  # px from the guess at which a search has lost its way
+@cache
+def align_kernel(tiled: bool) -> Any:
+    """A block a patch with ``tiled``; else a thread a patch, and launches may run at once: Warp's tiles on a CPU share
+    memory among all threads.
+    """
+    kernel = wp.kernel(module=f"{__name__}_{'tiled' if tiled else 'alone'}", enable_backward=False)
 
-    p = start
-    affine = affine_in[world, point]
-    correlation = float(-1.0)
-    iteration = int(0)
-    shifting = bool(True)
-    seeking = bool(True)
-    while seeking:
-        sums = vec24()
-        products = mat66()
-        hidden = float(0.0)
-        for k in range(lane, window * window, wp.block_dim()):
-            pixel = pixels_in[world, point, k]
-            w = pixel[1]
-            if w > 0.0:
-                t = pixel[0]
-                x = float(k % window - half)
-                y = float(k // window - half)
-                at = p + affine * wp.vec2(x, y)
-                if at[0] >= float(-base_x) and at[1] >= float(-base_y) and at[0] <= last_x and at[1] <= last_y:
-                    floor_x = wp.floor(at[0])
-                    floor_y = wp.floor(at[1])
-                    seen = sample_spline(
-                        image_in,
-                        world,
-                        base_x + int(floor_x),
-                        base_y + int(floor_y),
-                        at[0] - floor_x,
-                        at[1] - floor_y,
-                    )
-                    i = seen[0]
-                    gx = affine[0, 0] * seen[1] + affine[1, 0] * seen[2]
-                    gy = affine[0, 1] * seen[1] + affine[1, 1] * seen[2]
-                    x *= unit
-                    y *= unit
-                    g = vec6(gx * x, gy * x, gx * y, gy * y, gx, gy)
-                    gw = g * w
-                    sums[0] = sums[0] + w
-                    sums[1] = sums[1] + w * i
-                    sums[2] = sums[2] + w * t
-                    sums[3] = sums[3] + w * i * i
-                    sums[4] = sums[4] + w * t * t
-                    sums[5] = sums[5] + w * i * t
-                    for j in range(6):
-                        sums[6 + j] = sums[6 + j] + gw[j]
-                        sums[12 + j] = sums[12 + j] + gw[j] * i
-                        sums[18 + j] = sums[18 + j] + gw[j] * t
-                    products += wp.outer(gw, g)
-                else:
-                    hidden += w
-        total = wp.tile_sum(wp.tile(sums, preserve_type=True))[0]
-        normal = wp.tile_sum(wp.tile(products, preserve_type=True))[0]
-        invisible = wp.tile_sum(wp.tile(hidden))[0]
+    @kernel
+    def align(
+        # In:
+        image_in: wp.array3d(dtype=wp.uint8),
+        guess_in: wp.array2d(dtype=wp.vec2d),
+        affine_in: wp.array2d(dtype=wp.mat22),
+        window: int,
+        pixels_in: wp.array3d(dtype=wp.vec2),
+        # Out:
+        points_out: wp.array2d(dtype=wp.vec2d),
+        affine_out: wp.array2d(dtype=wp.mat22),
+        correlation_out: wp.array2d(dtype=float),
+    ):
+        """Iterate until the patch's corners stand still. All threads of a block take every branch together."""
+        world, point, lane = wp.tid()
+        stride = int(1)
+        if wp.static(tiled):
+            stride = wp.block_dim()
+        guess = guess_in[world, point]
+        # Places are kept from the pixel at the guess, which float32 resolves anywhere. Beyond the image every place
+        # shows the border; clamping keeps the conversion to int defined.
+        base_x = int(wp.floor(wp.clamp(guess[0], wp.float64(-1.0e6), wp.float64(1.0e6))))
+        base_y = int(wp.floor(wp.clamp(guess[1], wp.float64(-1.0e6), wp.float64(1.0e6))))
+        start = wp.vec2(float(guess[0] - wp.float64(base_x)), float(guess[1] - wp.float64(base_y)))
+        last_x = float(image_in.shape[2] - 1 - base_x)
+        last_y = float(image_in.shape[1] - 1 - base_y)
+        half = window // 2
+        unit = 1.0 / float(half)  # D is sought in px at the patch's edge, as d is in px
+        reach = 2.0 * float(window)  # px from the guess at which a search has lost its way
 
-        weight = wp.max(total[0], 1.0e-6)
-        image_image = total[3] - total[1] * total[1] / weight
-        patch_patch = total[4] - total[2] * total[2] / weight
-        image_patch = total[5] - total[1] * total[2] / weight
-        gradient_image = vec6()
-        gradient_patch = vec6()
-        least_texture = float(1.0e9)
-        for i in range(6):
-            mean = total[6 + i] / weight
-            gradient_image[i] = total[12 + i] - mean * total[1]
-            gradient_patch[i] = total[18 + i] - mean * total[2]
-            for j in range(6):
-                normal[i, j] = normal[i, j] - mean * total[6 + j]
-            least_texture = wp.min(least_texture, normal[i, i])
-            normal[i, i] = normal[i, i] * (1.0 + wp.static(RIDGE))
-
+        p = start
+        affine = affine_in[world, point]
         correlation = float(-1.0)
-        seeking = False
-        textured = wp.min(image_image, patch_patch) > wp.static(MIN_VARIANCE) * weight and least_texture > 0.0
-        if textured and total[0] >= wp.static(MIN_VISIBLE) * (total[0] + invisible):
-            change = increment(normal, gradient_image, gradient_patch, image_image, image_patch, shifting)
-            moved = corner_motion(change)
-            p = p + affine * wp.vec2(change[4], change[5])
-            affine = affine * wp.mat22(
-                1.0 + change[0] * unit, change[2] * unit, change[1] * unit, 1.0 + change[3] * unit
-            )
-            found = moved > 0.0 or image_patch > 0.0
-            if found and wp.length(p - start) < reach and wp.determinant(affine) > 0.01:
-                correlation = image_patch / wp.sqrt(image_image * patch_patch)
-                iteration += 1
-                seeking = iteration < wp.static(MAX_ITERATIONS) and (shifting or moved > wp.static(TOLERANCE))
-                shifting = shifting and moved > wp.static(SHIFT_TOLERANCE)
-    if lane == 0:
-        correlation_out[world, point] = correlation
-        if correlation > -1.0:
-            points_out[world, point] = guess + wp.vec2d(wp.float64(p[0] - start[0]), wp.float64(p[1] - start[1]))
-            affine_out[world, point] = affine
-        else:
-            points_out[world, point] = guess
-            affine_out[world, point] = affine_in[world, point]
+        iteration = int(0)
+        shifting = bool(True)
+        seeking = bool(True)
+        while seeking:
+            sums = vec24()
+            products = mat66()
+            hidden = float(0.0)
+            for k in range(lane, window * window, stride):
+                pixel = pixels_in[world, point, k]
+                w = pixel[1]
+                if w > 0.0:
+                    t = pixel[0]
+                    x = float(k % window - half)
+                    y = float(k // window - half)
+                    at = p + affine * wp.vec2(x, y)
+                    if at[0] >= float(-base_x) and at[1] >= float(-base_y) and at[0] <= last_x and at[1] <= last_y:
+                        floor_x = wp.floor(at[0])
+                        floor_y = wp.floor(at[1])
+                        seen = sample_spline(
+                            image_in,
+                            world,
+                            base_x + int(floor_x),
+                            base_y + int(floor_y),
+                            at[0] - floor_x,
+                            at[1] - floor_y,
+                        )
+                        i = seen[0]
+                        gx = affine[0, 0] * seen[1] + affine[1, 0] * seen[2]
+                        gy = affine[0, 1] * seen[1] + affine[1, 1] * seen[2]
+                        x *= unit
+                        y *= unit
+                        g = vec6(gx * x, gy * x, gx * y, gy * y, gx, gy)
+                        gw = g * w
+                        sums[0] = sums[0] + w
+                        sums[1] = sums[1] + w * i
+                        sums[2] = sums[2] + w * t
+                        sums[3] = sums[3] + w * i * i
+                        sums[4] = sums[4] + w * t * t
+                        sums[5] = sums[5] + w * i * t
+                        for j in range(6):
+                            sums[6 + j] = sums[6 + j] + gw[j]
+                            sums[12 + j] = sums[12 + j] + gw[j] * i
+                            sums[18 + j] = sums[18 + j] + gw[j] * t
+                        products += wp.outer(gw, g)
+                    else:
+                        hidden += w
+            if wp.static(tiled):
+                sums = wp.tile_sum(wp.tile(sums, preserve_type=True))[0]
+                products = wp.tile_sum(wp.tile(products, preserve_type=True))[0]
+                hidden = wp.tile_sum(wp.tile(hidden))[0]
+
+            weight = wp.max(sums[0], 1.0e-6)
+            image_image = sums[3] - sums[1] * sums[1] / weight
+            patch_patch = sums[4] - sums[2] * sums[2] / weight
+            image_patch = sums[5] - sums[1] * sums[2] / weight
+            gradient_image = vec6()
+            gradient_patch = vec6()
+            least_texture = float(1.0e9)
+            for i in range(6):
+                mean = sums[6 + i] / weight
+                gradient_image[i] = sums[12 + i] - mean * sums[1]
+                gradient_patch[i] = sums[18 + i] - mean * sums[2]
+                for j in range(6):
+                    products[i, j] = products[i, j] - mean * sums[6 + j]
+                least_texture = wp.min(least_texture, products[i, i])
+                products[i, i] = products[i, i] * (1.0 + wp.static(RIDGE))
+
+            correlation = float(-1.0)
+            seeking = False
+            textured = wp.min(image_image, patch_patch) > wp.static(MIN_VARIANCE) * weight and least_texture > 0.0
+            if textured and sums[0] >= wp.static(MIN_VISIBLE) * (sums[0] + hidden):
+                change = increment(products, gradient_image, gradient_patch, image_image, image_patch, shifting)
+                moved = corner_motion(change)
+                p = p + affine * wp.vec2(change[4], change[5])
+                affine = affine * wp.mat22(
+                    1.0 + change[0] * unit, change[2] * unit, change[1] * unit, 1.0 + change[3] * unit
+                )
+                found = moved > 0.0 or image_patch > 0.0
+                if found and wp.length(p - start) < reach and wp.determinant(affine) > 0.01:
+                    correlation = image_patch / wp.sqrt(image_image * patch_patch)
+                    iteration += 1
+                    seeking = iteration < wp.static(MAX_ITERATIONS) and (shifting or moved > wp.static(TOLERANCE))
+                    shifting = shifting and moved > wp.static(SHIFT_TOLERANCE)
+        if lane == 0:
+            correlation_out[world, point] = correlation
+            if correlation > -1.0:
+                points_out[world, point] = guess + wp.vec2d(wp.float64(p[0] - start[0]), wp.float64(p[1] - start[1]))
+                affine_out[world, point] = affine
+            else:
+                points_out[world, point] = guess
+                affine_out[world, point] = affine_in[world, point]
+
+    return align

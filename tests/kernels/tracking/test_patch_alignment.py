@@ -243,3 +243,28 @@ def test_the_same_on_a_gpu():
     cases = affine_cases(noise=2, offset=2.0, mask="part")
     for cpu, gpu in zip(run(cases, 25), run(cases, 25, "cuda:0"), strict=True):
         np.testing.assert_allclose(cpu, gpu, atol=0.01)  # px: what the last iteration may leave
+
+
+def test_points_that_threads_share_out_come_out_the_same():
+    cases = SimpleNamespace(**make_cases(2.0, 1.0, "whole", 5, 7))
+    image = np.repeat(cases.after[:1], 2, axis=0)
+    guess = np.stack([cases.guess, cases.guess[::-1] + 0.5])  # (2 worlds, 7 points)
+    affine = np.stack([cases.affine, cases.affine[::-1]]).astype(np.float32)
+    found = []
+    for threads in (1, 2, 3, 16):
+        patches = Patches.empty(2, 7, 15, "cpu")
+        places = wp.array(guess, dtype=wp.vec2d, device="cpu")
+        everywhere = wp.array(np.ones(image.shape, np.float32), device="cpu")
+        define_patches(
+            patches, wp.array(image, device="cpu"), everywhere, places, wp.full(2, 1, dtype=int, device="cpu")
+        )
+        outputs = [wp.empty((2, 7), dtype=kind, device="cpu") for kind in (wp.vec2d, wp.mat22, float)]
+        for array in outputs:
+            array.fill_(float("nan"))
+        start = wp.array(affine, dtype=wp.mat22, device="cpu")
+        align_patches(patches, wp.array(image, device="cpu"), places, start, *outputs, threads=threads)
+        found.append([array.numpy() for array in outputs])
+    assert (found[0][2] > 0.5).any()
+    for others in found[1:]:
+        for one, other in zip(found[0], others, strict=True):
+            np.testing.assert_array_equal(one, other)
