@@ -73,8 +73,8 @@ def test_features_are_held_to_their_first_looks(monkeypatch):
     assert seen[1:] == [([1, 2, 4, 5, 6, 7, 8], [1, 3, 4, 5, 7, 8]), ([2, 4, 5, 6, 7, 8], [1, 3, 4, 5, 6, 7, 8])]
 
 
-@pytest.mark.parametrize(("motion", "kept"), [(3.9, False), (4.1, True)])
-def test_a_keyframe_is_taken_when_a_feature_of_the_link_has_moved_by_four_pixels(monkeypatch, motion, kept):
+@pytest.mark.parametrize(("motion", "kept"), [(5.9, False), (6.1, True)])
+def test_a_keyframe_is_taken_when_a_feature_of_the_link_has_moved_by_six_pixels(monkeypatch, motion, kept):
     at = np.array([[0, 0], [10, 10], [20, 10], [30, 10], [40, 10]], float)
     features = Features(at, [[0, 0], [motion, 0], [0, motion / 2], [0, 0], [30, 0]], links=[1, 1, 1, 1, 0])
     carrying(monkeypatch, 0.0, [True] * 4)
@@ -285,9 +285,9 @@ def test_a_keyframe_is_due_as_the_point_moves_where_nothing_else_of_its_link_is_
     tracker._correct = lambda q, link, gray: None
     kept = []
     tracker._keep = lambda gray, q: kept.append(q[0])
-    for q in (1.0, 1.3, 1.4):
+    for q in (1.0, 1.9, 2.1):
         tracker.update(GRAY, [q])
-    assert kept == [1.4]  # 4.2 px
+    assert kept == [2.1]  # 6.3 px
 
 
 @pytest.mark.parametrize(
