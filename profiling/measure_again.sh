@@ -26,7 +26,7 @@ case "$1" in
 timings)
     measure peers peers                         # 2
     measure peers peers_cold --calls 1          # 2
-    measure frame_budget frame_budget           # 1
+    measure frame_budget frame_budget --body    # 2
     measure reducers reducers                   # 1
     measure generative generative               # 3, needs PyTorch
     measure startup startup                     # 1

@@ -49,6 +49,14 @@ FRAME = (
     ("peers", "predict_update_default_ms", "predict and update in the default mode (order 2) [ms]", 2),
     ("frame_budget", "frame_fps_320x240", "whole frame (flow, update, tracking, servo) at 320x240 [fps]", 0),
     ("frame_budget", "frame_fps_640x480", "whole frame at 640x480 [fps]", 0),
+    (
+        "frame_budget",
+        "frame_fps_320x240_body",
+        "the same at 320x240 with a learned body, which follows the point [fps]",
+        0,
+    ),
+    ("frame_budget", "frame_p90_ms_320x240_body", "of its frames nine in ten take at most [ms]", 0),
+    ("frame_budget", "frame_fps_640x480_body", "at 640x480 with a learned body [fps]", 0),
 )
 
 LOOP, ONE, ROOFLINE = "closed_loop_h200", "closed_loop_h200_one", "roofline_h200"
@@ -119,8 +127,8 @@ def few() -> str:
         f"| reaches within 2 px by the simulator's truth | {_reaches(accuracy)} |",
         *few_surface_lines(),
         *few_real_robot_lines(),
-        f"| whole frame at 320x240 on {budget.content['machine']['cores']} CPU cores [fps] | "
-        f"{budget['frame_fps_320x240']:.0f} |",
+        f"| whole frame at 320x240 on {budget.content['machine']['cores']} CPU cores, J alone / with a learned body [fps] | "
+        f"{budget['frame_fps_320x240']:.0f} / {budget['frame_fps_320x240_body']:.0f} |",
         "| predict and update, times as fast as the paper's equations with SciPy | "
         f"{peers['predict_update_vs_scipy']:.1f} |",
         f"| times as fast as the strongest of {sum(name in peers.values for name in PEERS)} peers ({strongest[1]}) | "
