@@ -127,7 +127,8 @@ def few() -> str:
         f"| reaches within 2 px by the simulator's truth | {_reaches(accuracy)} |",
         *few_surface_lines(),
         *few_real_robot_lines(),
-        f"| whole frame at 320x240 on {budget.content['machine']['cores']} CPU cores, J alone / with a learned body [fps] | "
+        f"| whole frame at 320x240 on {budget.content['machine']['cores']} CPU cores, without / with a learned body "
+        "[fps] | "
         f"{budget['frame_fps_320x240']:.0f} / {budget['frame_fps_320x240_body']:.0f} |",
         "| predict and update, times as fast as the paper's equations with SciPy | "
         f"{peers['predict_update_vs_scipy']:.1f} |",
