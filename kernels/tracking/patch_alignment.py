@@ -25,6 +25,7 @@ from typing import Any
 
 import warp as wp
 
+from dense_vs.kernels.image.cubic_spline import sample_spline, spline_weights
 from dense_vs.kernels.launch import BANDS_PER_THREAD, share_out
 
 wp.set_module_options({"enable_backward": False})
@@ -121,56 +122,6 @@ def align_patches(
 
 
 @wp.func
-def spline_weights(a: float) -> wp.vec4:
-    """Cubic B-spline at the pixels -1, 0, 1, 2 seen from a in [0, 1)."""
-    b = 1.0 - a
-    aa = a * a
-    bb = b * b
-    return wp.vec4(b * bb, aa * (3.0 * a - 6.0) + 4.0, bb * (3.0 * b - 6.0) + 4.0, a * aa) * (1.0 / 6.0)
-
-
-@wp.func
-def spline_slopes(a: float) -> wp.vec4:
-    """Derivatives of :func:`spline_weights` by a."""
-    b = 1.0 - a
-    return wp.vec4(-b * b, a * (3.0 * a - 4.0), b * (4.0 - 3.0 * b), a * a) * 0.5
-
-
-@wp.func
-def sample_spline(image: wp.array3d(dtype=wp.uint8), world: int, left: int, top: int, a: float, b: float) -> wp.vec3:
-    """Gray value less 128 at (left + a, top + b) and its derivatives by x and y.
-
-    Beyond the image's border its nearest pixel answers.
-    """
-    height = image.shape[1]
-    width = image.shape[2]
-    column_weights = spline_weights(a)
-    column_slopes = spline_slopes(a)
-    row_weights = spline_weights(b)
-    row_slopes = spline_slopes(b)
-    x0 = wp.clamp(left - 1, 0, width - 1)
-    x1 = wp.clamp(left, 0, width - 1)
-    x2 = wp.clamp(left + 1, 0, width - 1)
-    x3 = wp.clamp(left + 2, 0, width - 1)
-    value = float(-128.0)
-    slope_x = float(0.0)
-    slope_y = float(0.0)
-    for row in range(4):
-        y = wp.clamp(top - 1 + row, 0, height - 1)
-        pixels = wp.vec4(
-            float(image[world, y, x0]),
-            float(image[world, y, x1]),
-            float(image[world, y, x2]),
-            float(image[world, y, x3]),
-        )
-        across = wp.dot(column_weights, pixels)
-        value += row_weights[row] * across
-        slope_x += row_weights[row] * wp.dot(column_slopes, pixels)
-        slope_y += row_slopes[row] * across
-    return wp.vec3(value, slope_x, slope_y)
-
-
-@wp.func
 def least_weight(weights: wp.array3d(dtype=float), world: int, left: int, top: int, a: float, b: float) -> float:
     """Least weight of the pixels that a sample draws on; what is outside the image has none.
 
@@ -189,6 +140,68 @@ def least_weight(weights: wp.array3d(dtype=float), world: int, left: int, top: i
                 else:
                     least = 0.0
     return wp.max(least, 0.0)
+
+
+@wp.func
+def patch_sums(
+    image: wp.array3d(dtype=wp.uint8),
+    pixels: wp.array3d(dtype=wp.vec2),
+    world: int,
+    point: int,
+    lane: int,
+    stride: int,
+    window: int,
+    base_x: int,
+    base_y: int,
+    p: wp.vec2,
+    affine: wp.mat22,
+):
+    """Weighted sums over every ``stride``-th pixel of a patch seen at base + p through ``affine``.
+
+    Of 1, i, t, i^2, t^2, i t, G, G i and G t; of G G'; and of the weight of what is outside of the image.
+    """
+    sums = vec24()
+    products = mat66()
+    hidden = float(0.0)
+    last_x = float(image.shape[2] - 1 - base_x)
+    last_y = float(image.shape[1] - 1 - base_y)
+    half = window // 2
+    unit = 1.0 / float(half)  # D is sought in px at the patch's edge, as d is in px
+    for k in range(lane, window * window, stride):
+        pixel = pixels[world, point, k]
+        w = pixel[1]
+        if w > 0.0:
+            t = pixel[0]
+            x = float(k % window - half)
+            y = float(k // window - half)
+            at = p + affine * wp.vec2(x, y)
+            if at[0] >= float(-base_x) and at[1] >= float(-base_y) and at[0] <= last_x and at[1] <= last_y:
+                floor_x = wp.floor(at[0])
+                floor_y = wp.floor(at[1])
+                left = base_x + int(floor_x)
+                top = base_y + int(floor_y)
+                seen = sample_spline(image, world, left, top, at[0] - floor_x, at[1] - floor_y)
+                i = seen[0]
+                gx = affine[0, 0] * seen[1] + affine[1, 0] * seen[2]
+                gy = affine[0, 1] * seen[1] + affine[1, 1] * seen[2]
+                x *= unit
+                y *= unit
+                g = vec6(gx * x, gy * x, gx * y, gy * y, gx, gy)
+                gw = g * w
+                sums[0] = sums[0] + w
+                sums[1] = sums[1] + w * i
+                sums[2] = sums[2] + w * t
+                sums[3] = sums[3] + w * i * i
+                sums[4] = sums[4] + w * t * t
+                sums[5] = sums[5] + w * i * t
+                for j in range(6):
+                    sums[6 + j] = sums[6 + j] + gw[j]
+                    sums[12 + j] = sums[12 + j] + gw[j] * i
+                    sums[18 + j] = sums[18 + j] + gw[j] * t
+                products += wp.outer(gw, g)
+            else:
+                hidden += w
+    return sums, products, hidden
 
 
 @wp.func
@@ -301,10 +314,7 @@ def align_kernel(tiled: bool) -> Any:
         base_x = int(wp.floor(wp.clamp(guess[0], wp.float64(-1.0e6), wp.float64(1.0e6))))
         base_y = int(wp.floor(wp.clamp(guess[1], wp.float64(-1.0e6), wp.float64(1.0e6))))
         start = wp.vec2(float(guess[0] - wp.float64(base_x)), float(guess[1] - wp.float64(base_y)))
-        last_x = float(image_in.shape[2] - 1 - base_x)
-        last_y = float(image_in.shape[1] - 1 - base_y)
-        half = window // 2
-        unit = 1.0 / float(half)  # D is sought in px at the patch's edge, as d is in px
+        unit = 1.0 / float(window // 2)
         reach = 2.0 * float(window)  # px from the guess at which a search has lost its way
 
         p = start
@@ -314,48 +324,9 @@ def align_kernel(tiled: bool) -> Any:
         shifting = bool(True)
         seeking = bool(True)
         while seeking:
-            sums = vec24()
-            products = mat66()
-            hidden = float(0.0)
-            for k in range(lane, window * window, stride):
-                pixel = pixels_in[world, point, k]
-                w = pixel[1]
-                if w > 0.0:
-                    t = pixel[0]
-                    x = float(k % window - half)
-                    y = float(k // window - half)
-                    at = p + affine * wp.vec2(x, y)
-                    if at[0] >= float(-base_x) and at[1] >= float(-base_y) and at[0] <= last_x and at[1] <= last_y:
-                        floor_x = wp.floor(at[0])
-                        floor_y = wp.floor(at[1])
-                        seen = sample_spline(
-                            image_in,
-                            world,
-                            base_x + int(floor_x),
-                            base_y + int(floor_y),
-                            at[0] - floor_x,
-                            at[1] - floor_y,
-                        )
-                        i = seen[0]
-                        gx = affine[0, 0] * seen[1] + affine[1, 0] * seen[2]
-                        gy = affine[0, 1] * seen[1] + affine[1, 1] * seen[2]
-                        x *= unit
-                        y *= unit
-                        g = vec6(gx * x, gy * x, gx * y, gy * y, gx, gy)
-                        gw = g * w
-                        sums[0] = sums[0] + w
-                        sums[1] = sums[1] + w * i
-                        sums[2] = sums[2] + w * t
-                        sums[3] = sums[3] + w * i * i
-                        sums[4] = sums[4] + w * t * t
-                        sums[5] = sums[5] + w * i * t
-                        for j in range(6):
-                            sums[6 + j] = sums[6 + j] + gw[j]
-                            sums[12 + j] = sums[12 + j] + gw[j] * i
-                            sums[18 + j] = sums[18 + j] + gw[j] * t
-                        products += wp.outer(gw, g)
-                    else:
-                        hidden += w
+            sums, products, hidden = patch_sums(
+                image_in, pixels_in, world, point, lane, stride, window, base_x, base_y, p, affine
+            )
             if wp.static(tiled):
                 sums = wp.tile_sum(wp.tile(sums, preserve_type=True))[0]
                 products = wp.tile_sum(wp.tile(products, preserve_type=True))[0]
