@@ -58,7 +58,7 @@ def main(arguments: list[str] | None = None) -> int:
                 frames = learning + WARMUP + options.frames + 1
                 recording = record(options.robot, height, width, frames=frames, seed=seed)
                 loop = learned_loop(recording, options.flow, device, options.threads, learning, body)
-                runs.append(stage_times(loop, recording.tip[learning], device, options.frames, body))
+                runs.append(stage_times(loop, recording.tip[learning], device, options.frames))
             seconds = {stage: np.concatenate([run[stage] for run in runs]) for stage in runs[0]}
             known = ", with a body model" if body else ""
             print(
@@ -106,7 +106,7 @@ def learned_loop(
     return loop
 
 
-def stage_times(loop: ServoLoop, tip: np.ndarray, device: wp.Device, frames: int, body: bool) -> dict[str, np.ndarray]:
+def stage_times(loop: ServoLoop, tip: np.ndarray, device: wp.Device, frames: int) -> dict[str, np.ndarray]:
     """Seconds per frame, ``(frames,)``, of every stage, its parts, and in total, once the tip ``(2,)`` is tracked."""
     estimator = loop.pipeline.estimator
     still = np.zeros(estimator.options.joints)
@@ -124,9 +124,10 @@ def stage_times(loop: ServoLoop, tip: np.ndarray, device: wp.Device, frames: int
         launches = {"regress": "gain", "update_gain": "gain", "predict": "predicted flow", "correct": "correction"}
         for name, part in launches.items():
             clock.wrap_items(getattr(estimator.filter, name), part)
-        if loop.pipeline.prior is not None:
-            clock.wrap(loop.pipeline.prior, "uncovered", "body model")
-            clock.wrap(loop.pipeline.prior, "correct", "body model")
+        prior = loop.pipeline.prior
+        if prior is not None:
+            clock.wrap(prior, "uncovered", "body model")
+            clock.wrap(prior, "correct", "body model")
         clock.wrap(estimator, "at", "at and tracking")
         clock.wrap(loop.tracker, "update", "at and tracking")
         clock.wrap(loop, "servo", "servo")
@@ -136,7 +137,7 @@ def stage_times(loop: ServoLoop, tip: np.ndarray, device: wp.Device, frames: int
             # A frame a call: where the point is matters little, as commands are not followed. With a body model each
             # reach plans a posture first, once and not with every frame, so there the frame alone is timed.
             with clock.stage("total"):
-                if body:
+                if prior is not None:
                     loop.step(still)
                 else:
                     loop.reach(tip + 20.0, max_frames=1)

@@ -202,7 +202,7 @@ class BodyModel:
         """J at a posture ``(N,)`` [rad], float32 ``(H, W, 2, N)`` [px/rad], and the body's pixels, bool ``(H, W)``."""
         posture = self._posture(q, "q")
         front = self._front(posture)
-        return self._drawing.jacobian(self.chain, posture, self.learned, front), front.index >= 0
+        return self._drawing.jacobian(posture, self.learned, front), front.index >= 0
 
     def depth_jacobian(self, q: Any) -> np.ndarray:
         """How depth answers to every joint at a posture ``(N,)`` [rad], float32 ``(H, W, N)``; 0 off the body.
@@ -332,10 +332,11 @@ class BodyModel:
 
     @cached_property
     def _drawing(self) -> SurfaceImage:
-        return SurfaceImage(self.surface.points, self.surface.links, self.focal_length, self.center, self.size)
+        surface = self.surface
+        return SurfaceImage(self.chain, surface.points, surface.links, self.focal_length, self.center, self.size)
 
     def _front(self, posture: np.ndarray) -> FrontPoints:
-        return self._drawing.front(self.chain, posture)
+        return self._drawing.front(posture)
 
     def _positions(self, q: np.ndarray, index: np.ndarray | None = None) -> np.ndarray:
         """The surface's points ``(P, 3)``, or those of an index, in the camera frame."""

@@ -36,6 +36,7 @@ class SurfaceImage:
     """Draws a body's surface.
 
     Args:
+        chain: the joints' lines.
         points: ``(P, 3)`` in the home posture, in the chain's unit of length.
         links: ``(P,)`` that they are on, -1 for what no joint moves.
         focal: focal length [px].
@@ -44,23 +45,29 @@ class SurfaceImage:
     """
 
     def __init__(
-        self, points: np.ndarray, links: np.ndarray, focal: float, center: tuple[float, float], size: tuple[int, int]
+        self,
+        chain: Chain,
+        points: np.ndarray,
+        links: np.ndarray,
+        focal: float,
+        center: tuple[float, float],
+        size: tuple[int, int],
     ):
         self._device = wp.get_device("cpu")
+        self._chain = chain
         self._points = self._array(points, wp.vec3)
-        self._links = np.asarray(links, dtype=np.int64)
+        # Rows of the link poses: a link's number but for the background's, which is the last one.
+        self._links = self._array(np.asarray(links) % (chain.joint_count + 1), wp.int32)
         self._focal, self._center, self._size = float(focal), wp.vec2(*center), size
         self._threads = resolve_threads()
-        self._rows: wp.array | None = None  # of the link poses, which is a link's number but for the background's
 
-    def front(self, chain: Chain, q: np.ndarray) -> FrontPoints:
+    def front(self, q: np.ndarray) -> FrontPoints:
         """The points that are in front at a posture ``(N,)`` [rad].
 
         A point covers the pixel that it falls on; pixels with points on at least four of eight sides take the nearest
         of these, and so twice. Points at or behind the camera are left out.
         """
-        rotation, translation = chain.link_poses(np.asarray(q, dtype=np.float64)[None])
-        rows = self._link_rows(len(rotation[0]))
+        rotation, translation = self._chain.link_poses(np.asarray(q, dtype=np.float64)[None])
         positions: Any = wp.empty_like(self._points)
         vec2i: Any = wp.vec2i
         pixels = wp.empty(self._points.shape, dtype=vec2i, device=self._device)
@@ -68,7 +75,7 @@ class SurfaceImage:
         front: Any = wp.full(self._size, int(NONE), dtype=wp.int32, device=self._device)
         if len(self._points):
             poses = [self._array(rotation[0], wp.mat33), self._array(translation[0], wp.vec3)]
-            inputs = [self._points, rows, *poses, self._focal, self._center]
+            inputs = [self._points, self._links, *poses, self._focal, self._center]
             self._launch(place_surface, inputs, [positions, pixels, depth])
             self._launch(take_front, [positions, pixels, depth], [front])
         for none in (int(NONE), -1):
@@ -77,29 +84,23 @@ class SurfaceImage:
             front = filled
         return FrontPoints(front.numpy(), positions.numpy())
 
-    def jacobian(self, chain: Chain, q: np.ndarray, learned: np.ndarray, front: FrontPoints) -> np.ndarray:
+    def jacobian(self, q: np.ndarray, learned: np.ndarray, front: FrontPoints) -> np.ndarray:
         """J, float32 ``(H, W, 2, N)`` [px/rad], 0 off the body.
 
         Args:
-            chain: the joints' lines.
             q: ``(N,)`` posture [rad].
             learned: bool ``(N,)``, joints whose lines are known; J of the others is 0.
             front: of this posture.
         """
-        axes, moments = (np.where(learned[:, None], screw, 0.0) for screw in chain.screws(q))
-        moved_by = chain.moved_by
-        J: Any = wp.empty((*self._size, 2, chain.joint_count), dtype=float, device=self._device)
+        axes, moments = (np.where(learned[:, None], screw, 0.0) for screw in self._chain.screws(q))
+        moved_by = self._array(self._chain.moved_by, wp.int32)
+        J: Any = wp.empty((*self._size, 2, self._chain.joint_count), dtype=float, device=self._device)
         arguments = [
-            self._array(front.index, wp.int32), self._array(front.positions, wp.vec3), self._link_rows(len(moved_by)),
-            self._array(axes, wp.vec3), self._array(moments, wp.vec3), self._array(moved_by, wp.int32), self._focal, J,
+            self._array(front.index, wp.int32), self._array(front.positions, wp.vec3), self._links,
+            self._array(axes, wp.vec3), self._array(moments, wp.vec3), moved_by, self._focal, J,
         ]  # fmt: skip
         self._pixels(surface_jacobian, arguments)
         return J.numpy()
-
-    def _link_rows(self, count: int) -> wp.array:
-        if self._rows is None:
-            self._rows = self._array(self._links % count, wp.int32)
-        return self._rows
 
     def _array(self, values: np.ndarray, dtype: Any) -> wp.array:
         kind = np.int32 if dtype is wp.int32 else np.float32

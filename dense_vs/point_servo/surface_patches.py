@@ -51,8 +51,7 @@ class SurfacePatches:
         maps = wp.zeros((1, count), dtype=wp.mat22, device="cpu")
         correlation = wp.zeros((1, count), dtype=wp.float32, device="cpu")
         start = wp.array(np.asarray(affine, np.float32)[None], dtype=wp.mat22, device="cpu")
-        if count:
-            align_patches(patches, _image(gray), _places(guess), start, places, maps, correlation, self._threads)
+        align_patches(patches, _image(gray), _places(guess), start, places, maps, correlation, self._threads)
         return places.numpy()[0].copy(), maps.numpy()[0].copy(), correlation.numpy()[0].copy()
 
 

@@ -42,9 +42,8 @@ def place_surface(
     if inside and place[0] < float(depth_out.shape[1]) - 0.5 and place[1] < float(depth_out.shape[0]) - 0.5:
         x = int(wp.rint(place[0]))
         y = int(wp.rint(place[1]))
-        if x < depth_out.shape[1] and y < depth_out.shape[0]:
-            pixel_out[i] = wp.vec2i(x, y)
-            wp.atomic_min(depth_out, y, x, p[2])
+        pixel_out[i] = wp.vec2i(x, y)
+        wp.atomic_min(depth_out, y, x, p[2])
 
 
 @wp.kernel

@@ -102,8 +102,10 @@ def align_patches(
         threads: on a CPU, that share the points out.
     """
     worlds, points = guess.shape
+    if points == 0:
+        return
     tiled = not image.device.is_cpu
-    parts = 1 if tiled or threads == 1 else min(BANDS_PER_THREAD * threads, max(points, 1))
+    parts = 1 if tiled or threads == 1 else min(BANDS_PER_THREAD * threads, points)
     edges = [points * part // parts for part in range(parts + 1)]
     commands: list[Any] = [
         wp.launch(

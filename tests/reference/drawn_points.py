@@ -11,4 +11,4 @@ def front_points(places, depths, size):
     depths = np.asarray(depths, float)
     points = np.column_stack([places * depths[:, None], depths])
     chain = Chain(np.array([[0.0, 0.0, 1.0]]), np.zeros((1, 3)), np.zeros(1), np.array([-1]))
-    return SurfaceImage(points, np.full(len(points), -1), 1.0, (0.0, 0.0), size).front(chain, np.ones(1)).index
+    return SurfaceImage(chain, points, np.full(len(points), -1), 1.0, (0.0, 0.0), size).front(np.ones(1)).index

@@ -38,13 +38,13 @@ def test_front_and_jacobian_are_those_of_the_reference(threads, monkeypatch):
         q = chain.home + np.array([0.2, -0.15, 0.3])
         positions = placed(chain, surface, links, q)
         places = FOCAL * positions[:, :2] / positions[:, 2:] + CENTER
-        drawing = SurfaceImage(surface, links, FOCAL, CENTER, SIZE)
-        front = drawing.front(chain, q)
+        drawing = SurfaceImage(chain, surface, links, FOCAL, CENTER, SIZE)
+        front = drawing.front(q)
         np.testing.assert_allclose(front.positions, positions, atol=2e-6)
         expected = front_points(places, positions[:, 2], SIZE)
         np.testing.assert_array_equal(front.index, expected)
         learned = np.array([True, True, seed % 2 == 0])
-        J = drawing.jacobian(chain, q, learned, front)
+        J = drawing.jacobian(q, learned, front)
         on = expected >= 0
         assert 0.3 < on.mean() < 1
         assert not J[~on].any()
@@ -58,9 +58,9 @@ def test_front_and_jacobian_are_those_of_the_reference(threads, monkeypatch):
 
 def test_a_body_without_points_is_nowhere():
     chain, surface, links = body(0)
-    drawing = SurfaceImage(surface[:0], links[:0], FOCAL, CENTER, SIZE)
-    front = drawing.front(chain, chain.home)
+    drawing = SurfaceImage(chain, surface[:0], links[:0], FOCAL, CENTER, SIZE)
+    front = drawing.front(chain.home)
     assert (front.index == -1).all()
     assert front.index.shape == SIZE
     assert front.positions.shape == (0, 3)
-    assert not drawing.jacobian(chain, chain.home, np.ones(3, bool), front).any()
+    assert not drawing.jacobian(chain.home, np.ones(3, bool), front).any()

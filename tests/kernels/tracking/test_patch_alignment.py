@@ -268,3 +268,12 @@ def test_points_that_threads_share_out_come_out_the_same():
     for others in found[1:]:
         for one, other in zip(found[0], others, strict=True):
             np.testing.assert_array_equal(one, other)
+
+
+@pytest.mark.parametrize("threads", [1, 3])
+def test_no_points_are_aligned_to_nothing(threads):
+    patches = Patches.empty(1, 0, 15, "cpu")
+    outputs = [wp.zeros((1, 0), dtype=kind, device="cpu") for kind in (wp.vec2d, wp.mat22, float)]
+    image = wp.zeros((1, HEIGHT, WIDTH), dtype=wp.uint8, device="cpu")
+    align_patches(patches, image, *(wp.zeros_like(one) for one in outputs[:2]), *outputs, threads=threads)
+    assert all(one.shape == (1, 0) for one in outputs)
