@@ -16,6 +16,7 @@ from dense_vs.checks import check_number
 from dense_vs.errors import DenseVSError
 from dense_vs.jacobian.estimator import DenseJacobian
 from dense_vs.pipeline.occlusion import Occlusion
+from dense_vs.pipeline.vacated import Vacated
 
 MEMORY = 0.9  # of the agreement, from one measured motion to the next
 MOVING = 0.5  # px by the model: pixels that move less say nothing
@@ -77,6 +78,8 @@ class BodyPrior:
         self.least_agreement = check_number("least_agreement", least_agreement, most=1)
         self.agreement = 1.0
         self._occlusion: Occlusion | None = None
+        self._vacated: Vacated | None = None
+        self._left: np.ndarray | None = None  # by the last motion, where J stays behind
         self._kept: tuple[bytes, np.ndarray, np.ndarray] | None = None  # posture, J and body asked for last
 
     @classmethod
@@ -161,13 +164,15 @@ class BodyPrior:
             positions, flow, span: as in :meth:`correct`.
         """
         if self.told is not None or not self.agrees:
-            self._occlusion = None
+            self._occlusion = self._vacated = self._left = None
             return flow
         J, body = self._at(positions)
-        if self._occlusion is None:
-            self._occlusion = Occlusion(body.shape)
+        if self._occlusion is None or self._vacated is None:
+            self._occlusion, self._vacated = Occlusion(body.shape), Vacated(body.shape)
         step = np.asarray(span, dtype=np.float32)
-        hidden = self._occlusion.observe(body, flow, _motion(J, step), estimator.predicted_flow(step))
+        by_estimate = estimator.predicted_flow(step)
+        self._left = self._vacated.observe(body, flow, by_estimate)
+        hidden = self._occlusion.observe(body, flow, _motion(J, step), by_estimate)
         if not hidden.any():
             return flow
         return np.where(self._occlusion.around[..., None], np.float32(np.nan), flow)
@@ -194,16 +199,22 @@ class BodyPrior:
                 moved = np.linalg.norm(predicted[counted], axis=1)
                 off = np.minimum(off, moved)
             self.agreement = MEMORY * self.agreement + (1 - MEMORY) * (1 - float(off.sum() / moved.sum()))
-        self.draw(estimator, positions)
+        self._draw(estimator, positions, self._left)
 
     def draw(self, estimator: DenseJacobian, positions: np.ndarray) -> None:
         """Draw J to the model's at a posture ``(N,)`` [rad], if they agree; more where something covers the body."""
+        self._draw(estimator, positions, None)
+
+    def _draw(self, estimator: DenseJacobian, positions: np.ndarray, left: np.ndarray | None) -> None:
+        """As :meth:`draw`; to 0 on what the body has left, bool ``(H, W)``."""
         if not self.agrees:
             return
         J, body = self._at(positions)
         share = self.share * body.astype(np.float32)
         if self.hidden is not None:
             share[self.hidden & body] = max(self.share, HIDDEN_SHARE)
+        if left is not None:
+            share[left] = self.share
         estimator.blend(self._completed(J, estimator, positions), share)
 
     def _at(self, positions: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
