@@ -16,9 +16,10 @@ import numpy as np
 import warp as wp
 from metrics import Metric, add_report_arguments, report
 
-from dense_vs.body_model import BodyModel, PointTrackOptions, follow_points
+from dense_vs.body_model import BodyFitOptions, BodyModel, PointTrackOptions, follow_points
 from dense_vs.body_model.fit import fit_body
 from dense_vs.body_model.held_out import ONE_DEVIATION
+from dense_vs.body_model.refit import refit
 from dense_vs.body_model.surface import SurfaceOptions, keyframe_indices
 from dense_vs.errors import DenseVSError
 from dense_vs.flow import FlowEstimator, to_gray
@@ -76,7 +77,9 @@ def measure(arm: str, camera: str, seed: int, options: argparse.Namespace) -> Bo
         tracks = follow_points(seen.images, seen.joints)
         found = fit_body(tracks)
         stride = PointTrackOptions().stride
-        model = BodyModel.from_fit(found, seen.images[::stride], seen.joints[::stride])
+        images = seen.images[::stride]
+        anew = refit(found, tracks, images, BodyFitOptions().focal_prior(tracks.size[1]))
+        model = BodyModel.from_fit(anew, images, seen.joints[::stride])
     except DenseVSError as error:
         print(f"{name}: {error}")
         return BodyResult(name, *[float("nan")] * 8, 0, *[float("nan")] * 3)

@@ -75,6 +75,10 @@ class BodyFitOptions:
             check_whole(name, getattr(self, name), least=1)
         check_whole("seed", self.seed, least=0)
 
+    def focal_prior(self, width: int) -> tuple[float, float]:
+        """Mean of the focal length [px] for images of such a width and standard deviation of its logarithm, 0 if given."""
+        return (float(width), self.focal_deviation) if self.focal_length is None else (self.focal_length, 0.0)
+
 
 @dataclass(frozen=True)
 class BodyFit:
@@ -88,6 +92,7 @@ class BodyFit:
         learned: bool ``(N,)``, the joints that moved enough to be learned.
         error: median distance between tracks and model [px].
         all_links: link of every track that was given, :data:`UNKNOWN` where nothing explains it.
+        bend: of the lens, see :class:`.Lens`; the tracks are as one that does not bend would show them.
     """
 
     state: BodyState
@@ -97,6 +102,7 @@ class BodyFit:
     learned: np.ndarray
     error: float
     all_links: np.ndarray
+    bend: float = 0.0
 
 
 UNKNOWN = -2  # link of a track that no link explains
@@ -116,8 +122,8 @@ def fit_body(tracks: PointTracks, options: BodyFitOptions | None = None, dense: 
     options = options or BodyFitOptions()
     height, width = tracks.size
     center = (width - 1) / 2, (height - 1) / 2
-    focal = options.focal_length or float(width)
-    prior = focal, (0.0 if options.focal_length else options.focal_deviation)
+    prior = options.focal_prior(width)
+    focal = prior[0]
     seen = tracks.seen.sum(axis=0)
     moving = (_travel(tracks.pixels) > MOVING) & (seen >= LEAST_SEEN)
     if moving.sum() < LEAST_TRACKS:
@@ -153,7 +159,7 @@ def fit_body(tracks: PointTracks, options: BodyFitOptions | None = None, dense: 
         slides = found.state.chain.slides
         if slides.any():  # known now, which the search for a start did not
             found = min(found, whole(tuple(slides.tolist())), key=lambda one: one.cost)
-    state = _in_units(replace(found.state, points=found.points[found.believed]))
+    state = in_units(replace(found.state, points=found.points[found.believed]))
     all_links = np.full(tracks.pixels.shape[1], UNKNOWN)
     all_links[~moving & (seen >= LEAST_SEEN)] = BACKGROUND
     all_links[moving] = _links_of_all(state, center, tracks.select(moving), learned, options)
@@ -353,7 +359,7 @@ def _parents(measured: TrackJacobians, tracks: PointTracks, options: BodyFitOpti
     return parents, learned
 
 
-def _in_units(state: BodyState) -> BodyState:
+def in_units(state: BodyState) -> BodyState:
     """The state in the unit of length in which the points' median distance is 1."""
     factor = 1 / float(np.median(state.points[:, 2]))
     return replace(state, chain=state.chain.scaled(factor), points=state.points * factor)

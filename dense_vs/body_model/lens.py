@@ -4,8 +4,10 @@ A webcam draws the corners of an image some pixels nearer to its middle than a p
 the image, that is more than what lines of joints are off by once they are adjusted.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
+import cv2
 import numpy as np
 
 STEPS = 6  # of Newton's method; three are enough for lenses up to 0.2 either way
@@ -48,6 +50,15 @@ class Lens:
         beyond = radius > np.sqrt(BORDER) * (1 + BORDER * self.bend)
         r = np.where(beyond, radius / (1 + BORDER * self.bend), r)
         return self.center + away * np.divide(r, radius, out=np.ones_like(r), where=radius > 0)
+
+    def straightened(self, images: Sequence[np.ndarray]) -> Sequence[np.ndarray]:
+        """Images ``(H, W)`` as a pinhole would show them; black where the lens shows nothing."""
+        if self.bend == 0 or not len(images):
+            return images
+        height, width = images[0].shape
+        x, y = np.meshgrid(np.arange(width), np.arange(height))
+        seen = self.bent(np.stack([x, y], axis=-1).astype(np.float64)).astype(np.float32)
+        return [cv2.remap(image, seen[..., 0], seen[..., 1], cv2.INTER_LINEAR) for image in images]
 
     def slopes(self, straight: np.ndarray) -> np.ndarray:
         """Derivative of :meth:`bent` by the places, ``(..., 2, 2)``."""

@@ -20,8 +20,10 @@ from dense_vs.arrays import points_array, real_vector
 from dense_vs.body_model.chain import BACKGROUND, Chain
 from dense_vs.body_model.dense_motion import DenseMotion
 from dense_vs.body_model.fit import BodyFit, BodyFitOptions, fit_body
+from dense_vs.body_model.lens import Lens
 from dense_vs.body_model.model_file import ModelContent, read_body, write_body
 from dense_vs.body_model.precision import covariances, precision_of
+from dense_vs.body_model.refit import refit
 from dense_vs.body_model.surface import Surface, SurfaceOptions, find_surface
 from dense_vs.body_model.surface_image import FrontPoints, SurfaceImage
 from dense_vs.body_model.tracks import PointTrackOptions, PointTracks, follow_points, moving_pixels
@@ -94,6 +96,7 @@ class BodyModel:
         chain: the joints' lines in the home posture.
         focal_length: of the camera [px].
         center: principal point (x, y) [px].
+        lens: how it bends the image, about the principal point.
         size: (height, width) of the image [px].
         surface: points on links.
         learned: bool ``(N,)``; joints that moved too little to be learned have no part in the model.
@@ -106,6 +109,7 @@ class BodyModel:
         self.chain: Chain = content.chain
         self.focal_length = content.focal_length
         self.center = content.center
+        self.lens = Lens.of_center(np.array(content.center), content.bend)
         self.size = content.size
         self.surface: Surface = content.surface
         self.learned = content.learned
@@ -146,8 +150,11 @@ class BodyModel:
                 f"tracks are of images {tracks.size} and {tracks.joints.shape[1]} joints; "
                 f"expected {np.shape(images[0])} and {q.shape[1]}"
             )
+        fit_options = fit_options or BodyFitOptions()
         found = fit_body(tracks, fit_options, dense)
         looked = [np.ascontiguousarray(images[k]) for k in range(0, len(images), followed.stride)]
+        if len(looked) == len(tracks.joints):
+            found = refit(found, tracks, looked, fit_options.focal_prior(tracks.size[1]))
         return cls.from_fit(found, looked, q[:: followed.stride], surface_options)
 
     @classmethod
@@ -162,12 +169,13 @@ class BodyModel:
 
         Args:
             found: lines, camera and points.
-            images: gray images uint8 ``(H, W)``.
+            images: gray images uint8 ``(H, W)``, as the lens shows them.
             joints: ``(K, N)`` of these images [rad].
             options: of the surface, as given, or the defaults.
         """
         state = found.state
         anchors = state.points, found.links
+        images = Lens.of_center(np.array(found.center), found.bend).straightened(images)
         surface = find_surface(
             state.chain, state.focal, found.center, images, joints, moving_pixels(images), anchors, options
         )
@@ -176,7 +184,7 @@ class BodyModel:
         return cls(
             ModelContent(
                 state.chain, state.focal, found.center, found.tracks.size, surface, found.learned, joint_range,
-                found.error, precision,
+                found.error, precision, found.bend,
             )
         )  # fmt: skip
 
@@ -299,6 +307,11 @@ class BodyModel:
             found[on_body] = self._moved(places[on_body], index[on_body], q_seen, posture)
         return found
 
+    def rays(self, pixels: np.ndarray) -> np.ndarray:
+        """Directions ``(K, 3)`` before the camera, of depth 1, in which pixels ``(K, 2)`` are seen."""
+        away = (self.lens.straight(pixels) - self.center) / self.focal_length
+        return np.column_stack([away, np.ones(len(away))])
+
     def save(self, path: str | os.PathLike[str]) -> None:
         """Write an ``.npz`` file, whole or not at all.
 
@@ -319,7 +332,7 @@ class BodyModel:
     def _content(self) -> ModelContent:
         return ModelContent(
             self.chain, self.focal_length, self.center, self.size, self.surface, self.learned, self.joint_range,
-            self.error, self.precision,
+            self.error, self.precision, self.lens.bend,
         )  # fmt: skip
 
     def _covariances(self, q: np.ndarray) -> np.ndarray:
@@ -333,7 +346,7 @@ class BodyModel:
     @cached_property
     def _drawing(self) -> SurfaceImage:
         surface = self.surface
-        return SurfaceImage(self.chain, surface.points, surface.links, self.focal_length, self.center, self.size)
+        return SurfaceImage(self.chain, surface.points, surface.links, self.focal_length, self.lens, self.size)
 
     def _front(self, posture: np.ndarray) -> FrontPoints:
         return self._drawing.front(posture)
@@ -352,7 +365,7 @@ class BodyModel:
 
     def _project(self, positions: np.ndarray) -> np.ndarray:
         depth = np.where(positions[:, 2:] > 1e-6, positions[:, 2:], np.nan)
-        return np.nan_to_num(self.focal_length * positions[:, :2] / depth + self.center, nan=-1e6)
+        return np.nan_to_num(self.lens.bent(self.focal_length * positions[:, :2] / depth + self.center), nan=-1e6)
 
     def _moved(self, places: np.ndarray, index: np.ndarray, q_seen: Any, q: Any) -> np.ndarray:
         """Places at ``q`` of pixels at ``q_seen``, each at its surface point's depth and on its link."""
@@ -360,7 +373,7 @@ class BodyModel:
         both = np.stack([self._posture(q_seen, "q_seen"), self._posture(q, "q")])
         rotation, translation = self.chain.link_poses(both)
         seen = self._positions(both[0], index)
-        rays = np.column_stack([(places - self.center) / self.focal_length, np.ones(len(places))])
+        rays = self.rays(places)
         home = np.einsum("pji,pj->pi", rotation[0, links], rays * seen[:, 2:] - translation[0, links])
         return self._project(np.einsum("pij,pj->pi", rotation[1, links], home) + translation[1, links])
 

@@ -13,7 +13,8 @@ from dense_vs.errors import DenseVSError
 from dense_vs.files import atomic_write, read_format
 
 FORMAT = "dense-vs body model"
-HINGES_ONLY, WITH_SLIDES = 1, 2  # versions of the format; the first has no travel
+HINGES_ONLY, WITH_SLIDES, WITH_BEND = 1, 2, 3  # versions of the format; travel from the second, bend from the third
+MOST_BEND = 0.5
 LARGEST_SIDE = 1 << 14  # px
 
 
@@ -30,6 +31,7 @@ class ModelContent:
     joint_range: np.ndarray
     error: float
     precision: Precision | None = None
+    bend: float = 0.0
 
 
 def write_body(path: str | os.PathLike[str], content: ModelContent) -> None:
@@ -39,9 +41,10 @@ def write_body(path: str | os.PathLike[str], content: ModelContent) -> None:
         DenseVSError: the file cannot be written.
     """
     chain, surface = content.chain, content.surface
+    version = WITH_BEND if content.bend else WITH_SLIDES if chain.slides.any() else HINGES_ONLY
     arrays: dict[str, Any] = {
         "format": FORMAT,
-        "format_version": WITH_SLIDES if chain.slides.any() else HINGES_ONLY,
+        "format_version": version,
         "axes": chain.axes,
         "points": chain.points,
         "home": chain.home,
@@ -57,8 +60,10 @@ def write_body(path: str | os.PathLike[str], content: ModelContent) -> None:
         "surface_support": surface.support.astype(np.float32),
         "surface_gray": surface.gray,
     }
-    if chain.slides.any():
+    if version != HINGES_ONLY:
         arrays["travel"] = chain.travel
+    if version == WITH_BEND:
+        arrays["bend"] = content.bend
     if (precision := content.precision) is not None:
         arrays |= {
             "precision_lines": precision.lines,
@@ -78,7 +83,9 @@ def read_body(path: str | os.PathLike[str]) -> ModelContent:
     Raises:
         DenseVSError: not such a file, another version of it, or damaged.
     """
-    arrays = read_format(path, "a saved body model", FORMAT, (HINGES_ONLY, WITH_SLIDES), writer="BodyModel.save")
+    arrays = read_format(
+        path, "a saved body model", FORMAT, (HINGES_ONLY, WITH_SLIDES, WITH_BEND), writer="BodyModel.save"
+    )
     try:
         _check(arrays, str(path))
         chain = Chain(*(arrays[name] for name in ("axes", "points", "home", "parents", "travel") if name in arrays))
@@ -101,6 +108,7 @@ def read_body(path: str | os.PathLike[str]) -> ModelContent:
             arrays["joint_range"],
             float(arrays["error"]),
             _precision(arrays, str(path)),
+            float(arrays.get("bend", 0.0)),
         )
     except (KeyError, ValueError, TypeError) as error:
         raise DenseVSError(f"{path} is damaged: {error}") from error
@@ -152,12 +160,16 @@ def _check(arrays: dict[str, np.ndarray], path: str) -> None:
         "surface_support": (points,),
         "surface_gray": (points,),
     }
-    if str(arrays["format_version"]) == str(WITH_SLIDES):
+    if str(arrays["format_version"]) != str(HINGES_ONLY):
         shapes["travel"] = (joints, 3)
+    if str(arrays["format_version"]) == str(WITH_BEND):
+        shapes["bend"] = ()
     _check_shapes(arrays, shapes, path)
     links = arrays["surface_links"]
     if points and not (links.min() >= 0 and links.max() < joints):
         raise DenseVSError(f"{path} is damaged: surface_links reach {links.max()}; expected 0 to {joints - 1}")
+    if abs(float(arrays.get("bend", 0.0))) > MOST_BEND:
+        raise DenseVSError(f"{path} is damaged: bend is {arrays['bend']}; expected at most {MOST_BEND} either way")
     size = arrays["size"]
     if not (arrays["focal_length"] > 0 and (size > 0).all() and (size <= LARGEST_SIDE).all()):
         raise DenseVSError(

@@ -7,6 +7,7 @@ import numpy as np
 import warp as wp
 
 from dense_vs.body_model.chain import Chain
+from dense_vs.body_model.lens import Lens
 from dense_vs.device import resolve_threads
 from dense_vs.kernels.body.surface_image import (
     FARTHEST,
@@ -40,7 +41,7 @@ class SurfaceImage:
         points: ``(P, 3)`` in the home posture, in the chain's unit of length.
         links: ``(P,)`` that they are on, -1 for what no joint moves.
         focal: focal length [px].
-        center: principal point x, y [px].
+        lens: with its principal point and bend.
         size: (height, width) of the image [px].
     """
 
@@ -50,7 +51,7 @@ class SurfaceImage:
         points: np.ndarray,
         links: np.ndarray,
         focal: float,
-        center: tuple[float, float],
+        lens: Lens,
         size: tuple[int, int],
     ):
         self._device = wp.get_device("cpu")
@@ -58,7 +59,8 @@ class SurfaceImage:
         self._points = self._array(points, wp.vec3)
         # Rows of the link poses: a link's number but for the background's, which is the last one.
         self._links = self._array(np.asarray(links) % (chain.joint_count + 1), wp.int32)
-        self._focal, self._center, self._size = float(focal), wp.vec2(*center), size
+        self._focal, self._center, self._size = float(focal), wp.vec2(*lens.center), size
+        self._bend = lens.bend, lens.corner
         self._threads = resolve_threads()
 
     def front(self, q: np.ndarray) -> FrontPoints:
@@ -75,7 +77,7 @@ class SurfaceImage:
         front: Any = wp.full(self._size, int(NONE), dtype=wp.int32, device=self._device)
         if len(self._points):
             poses = [self._array(rotation[0], wp.mat33), self._array(translation[0], wp.vec3)]
-            inputs = [self._points, self._links, *poses, self._focal, self._center]
+            inputs = [self._points, self._links, *poses, self._focal, self._center, *self._bend]
             self._launch(place_surface, inputs, [positions, pixels, depth])
             self._launch(take_front, [positions, pixels, depth], [front])
         for none in (int(NONE), -1):
@@ -97,7 +99,7 @@ class SurfaceImage:
         J: Any = wp.empty((*self._size, 2, self._chain.joint_count), dtype=float, device=self._device)
         arguments = [
             self._array(front.index, wp.int32), self._array(front.positions, wp.vec3), self._links,
-            self._array(axes, wp.vec3), self._array(moments, wp.vec3), moved_by, self._focal, J,
+            self._array(axes, wp.vec3), self._array(moments, wp.vec3), moved_by, self._focal, *self._bend, J,
         ]  # fmt: skip
         self._pixels(surface_jacobian, arguments)
         return J.numpy()

@@ -30,6 +30,7 @@ from dense_vs.body_model.held_out import (
     held_out_error,
     share_within_deviation,
 )
+from dense_vs.body_model.refit import refit
 from dense_vs.body_model.tracks import PointTracks
 from dense_vs.cli.body_recordings import SeenBody, read_recordings
 from dense_vs.errors import DenseVSError
@@ -207,9 +208,11 @@ def _learn_chain(seen: SeenBody, cut: int, options: BodyFitOptions, found: Learn
         share = 1 - cut / count
         first = fit_body(first_part(tracks, share), options)
         found.held_out = held_out_error(tracks, share, options, found=first)
-        part = BodyModel.from_fit(first, seen.images[:cut:stride], joints[:cut:stride])
+        known, images = first_part(tracks, share), seen.images[:cut:stride]
+        anew = refit(first, known, images[: len(known.joints)], options.focal_prior(tracks.size[1]))
+        part = BodyModel.from_fit(anew, images, joints[:cut:stride])
         found.within = share_within_deviation(part, tracks, len(first_part(tracks, share).joints))
-    found.chain = BodyModel.from_fit(fit_body(tracks, options), seen.images[::stride], joints[::stride])
+    found.chain = BodyModel.fit(seen.images, joints, tracks=tracks, fit_options=options)
     return part
 
 

@@ -87,9 +87,10 @@ class BodyFeatures:
         learned: bool ``(N,)``, joints whose lines are known.
         information: ``(4 N + 1, 4 N + 1)`` about the chain and the focal length as given, see
             :attr:`.Precision.information`; none unless given.
+        bend: of the lens, see :class:`.Lens`.
 
     Attributes:
-        lens: of the camera; straight at first, its bend is adjusted with the chain.
+        lens: of the camera; its bend is adjusted with the chain.
         links: ``(M,)`` of every feature.
         points: ``(M, 3)`` in the home posture, in the chain's unit of length.
         states: ``(M,)`` of :class:`FeatureState`.
@@ -104,12 +105,13 @@ class BodyFeatures:
         center: np.ndarray,
         learned: np.ndarray,
         information: np.ndarray | None = None,
+        bend: float = 0.0,
     ):
         self.chain, self.focal = chain, focal
         self._information = None if information is None else BELIEVED_BEFORE * information
         self._moved: np.ndarray | float = 0.0  # since, see BodyState.moved
         self.center, self.learned = np.asarray(center, dtype=np.float64), np.asarray(learned, dtype=bool)
-        self.lens = Lens.of_center(self.center)
+        self.lens = Lens.of_center(self.center, bend)
         self.links = np.zeros(0, int)
         self.points = np.zeros((0, 3))
         self.states = np.zeros(0, int)

@@ -12,9 +12,9 @@ from collections.abc import Sequence
 import numpy as np
 
 from dense_vs.body_model.chain import Chain
+from dense_vs.body_model.feature_flow import about, carried, new_features
 from dense_vs.body_model.image_directions import direction_weights
 from dense_vs.point_servo.body_features import NOISE, BodyFeatures, FeatureState, Keyframe
-from dense_vs.point_servo.feature_flow import about, carried, new_features
 from dense_vs.point_servo.feature_looks import FeatureLooks
 from dense_vs.point_servo.look_back import Trace, followed_back
 from dense_vs.point_servo.point_look import PointLook
@@ -53,7 +53,7 @@ class BodyTracker:
     """Follows one point of a body.
 
     Args:
-        chain, focal, center, learned, information: of the body, as :class:`BodyFeatures`.
+        chain, focal, center, learned, information, bend: of the body, as :class:`BodyFeatures`.
         history: gray images uint8 ``(H, W)`` with joint positions ``(N,)`` [rad], oldest first, up to the present one.
         point: ``(2,)`` [px], its place in the last image.
         body: bool ``(H, W)``, pixels of the body in the last image.
@@ -87,6 +87,7 @@ class BodyTracker:
         body: np.ndarray,
         *,
         information: np.ndarray | None = None,
+        bend: float = 0.0,
         error: float = NOISE,
         link: int | None = None,
         trace: Trace | None = None,
@@ -95,7 +96,7 @@ class BodyTracker:
         window: int = 25,
         lost_after: int = 15,
     ):
-        self.features = BodyFeatures(chain, focal, center, learned, information)
+        self.features = BodyFeatures(chain, focal, center, learned, information, bend)
         self.features.lasting = np.array([POINT])
         self._lost_after, self._error = lost_after, error
         self._gray, positions = history[-1]

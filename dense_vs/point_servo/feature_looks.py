@@ -7,7 +7,7 @@ and the chain that is adjusted to them with them. A feature's first look, turned
 
 import numpy as np
 
-from dense_vs.point_servo.surface_patches import SurfacePatches
+from dense_vs.body_model.surface_patches import SurfacePatches
 
 WINDOW = 15  # px, side of a look
 SURE, REALIGNED = 0.9, 2.0  # correlation with the first look, and px, for a place to be corrected by that look

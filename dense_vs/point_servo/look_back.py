@@ -8,8 +8,8 @@ from collections.abc import Callable, Iterator, Sequence
 
 import numpy as np
 
+from dense_vs.body_model.feature_flow import carried
 from dense_vs.point_servo.body_features import Keyframe
-from dense_vs.point_servo.feature_flow import carried
 from dense_vs.point_servo.feature_looks import FeatureLooks
 
 Trace = Callable[[np.ndarray, np.ndarray, np.ndarray], np.ndarray]

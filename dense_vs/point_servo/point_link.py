@@ -47,7 +47,7 @@ def left_by_links(model: BodyModel, jacobian: np.ndarray, positions: np.ndarray,
     if not np.isfinite(size) or size == 0:
         return {}
     axes, moments = chain.screws(positions)
-    ray = np.append((point - np.asarray(model.center)) / model.focal_length, 1.0)
+    ray = model.rays(point[None])[0]
 
     def seen(velocity: np.ndarray) -> np.ndarray:
         """Motion in the image ``(2, N)`` of what moves so ``(N, 3)`` at depth 1."""

@@ -8,7 +8,7 @@ Known so, a look is found again at postures at which a patch compared as it was 
 import cv2
 import numpy as np
 
-from dense_vs.point_servo.surface_patches import SurfacePatches
+from dense_vs.body_model.surface_patches import SurfacePatches
 
 MOST_RADIUS, LEAST_RADIUS = 12, 2  # px of the look about the expected place, in which it is sought
 STANDARD_DEVIATIONS = 3.0  # that the search spans

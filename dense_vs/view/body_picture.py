@@ -71,8 +71,7 @@ def joint_ends(model: BodyModel, q: np.ndarray) -> np.ndarray:
     feet, slides = np.cross(axes, moments), model.chain.slides  # nearest to the camera
     axes[slides] = moments[slides] / np.maximum(np.linalg.norm(moments[slides], axis=1, keepdims=True), 1e-300)
     points = model.points(q)
-    rays = np.column_stack([(points.pixels - model.center) / model.focal_length, np.ones(len(points.depths))])
-    positions = rays * points.depths[:, None]
+    positions = model.rays(points.pixels) * points.depths[:, None]
     ends = np.full((model.joint_count, 2, 2), np.nan)
     for n in range(model.joint_count):
         moved = positions[points.links == n]
@@ -84,5 +83,5 @@ def joint_ends(model: BodyModel, q: np.ndarray) -> np.ndarray:
         for k, sign in enumerate((-1, 1)):
             end = middle + sign * length * axes[n]
             if end[2] > 0:
-                ends[n, k] = model.focal_length * end[:2] / end[2] + model.center
+                ends[n, k] = model.lens.bent(model.focal_length * end[:2] / end[2] + model.center)
     return ends

@@ -12,7 +12,24 @@ wp.set_module_options({"enable_backward": False})
 NEAREST = wp.constant(1.0e-6)  # points at or behind the camera are left out
 FARTHEST = wp.constant(3.0e38)
 NONE = wp.constant(2147483647)
+BORDER = wp.constant(2.0)  # as of the lens, see :class:`.Lens`
 SIDES = wp.constant(4)  # of eight, on which a pixel between points has points
+
+
+@wp.func
+def bent(away: wp.vec2, bend: float, corner: float) -> wp.vec2:
+    """Where what a pinhole shows so far from the middle is seen from there, :meth:`.Lens.bent` [px]."""
+    return (1.0 + bend * wp.min(wp.length_sq(away) / (corner * corner), BORDER)) * away
+
+
+@wp.func
+def bent_motion(away: wp.vec2, motion: wp.vec2, bend: float, corner: float) -> wp.vec2:
+    """Derivative of :func:`bent` in the direction of a motion."""
+    square = wp.length_sq(away) / (corner * corner)
+    seen = (1.0 + bend * wp.min(square, BORDER)) * motion
+    if square < BORDER:
+        seen += (2.0 * bend / (corner * corner) * wp.dot(away, motion)) * away
+    return seen
 
 
 @wp.kernel
@@ -24,6 +41,8 @@ def place_surface(
     translation_in: wp.array(dtype=wp.vec3),  # (links,)
     focal: float,  # [px]
     center: wp.vec2,  # [px]
+    bend: float,  # of the lens
+    corner: float,  # distance of the image's corners from the center [px]
     # Out:
     position_out: wp.array(dtype=wp.vec3),  # (P,) in the camera frame
     pixel_out: wp.array(dtype=wp.vec2i),  # (P,) x, y; -1 outside of the image
@@ -37,7 +56,7 @@ def place_surface(
     pixel_out[i] = wp.vec2i(-1, -1)
     if not p[2] > NEAREST:
         return
-    place = center + (focal / p[2]) * wp.vec2(p[0], p[1])
+    place = center + bent((focal / p[2]) * wp.vec2(p[0], p[1]), bend, corner)
     inside = place[0] > -0.5 and place[1] > -0.5
     if inside and place[0] < float(depth_out.shape[1]) - 0.5 and place[1] < float(depth_out.shape[0]) - 0.5:
         x = int(wp.rint(place[0]))
@@ -111,6 +130,8 @@ def surface_jacobian(
     moment_in: wp.array(dtype=wp.vec3),  # (N,)
     moved_by_in: wp.array2d(dtype=int),  # (links, N) whether the joint moves the link
     focal: float,  # [px]
+    bend: float,  # of the lens
+    corner: float,  # distance of the image's corners from the center [px]
     # Out:
     jacobian_out: wp.array4d(dtype=float),  # (H, W, 2, N) [px/rad], 0 off the body
 ):
@@ -131,5 +152,7 @@ def surface_jacobian(
             v = wp.vec3(0.0, 0.0, 0.0)
             if on_body * moved_by_in[link, n] != 0:
                 v = wp.cross(axis_in[n], p) + moment_in[n]
-            jacobian_out[y, x, 0, n] = scale * (v[0] - p[0] / p[2] * v[2])
-            jacobian_out[y, x, 1, n] = scale * (v[1] - p[1] / p[2] * v[2])
+            motion = scale * wp.vec2(v[0] - p[0] / p[2] * v[2], v[1] - p[1] / p[2] * v[2])
+            motion = bent_motion(scale * wp.vec2(p[0], p[1]), motion, bend, corner)
+            jacobian_out[y, x, 0, n] = motion[0]
+            jacobian_out[y, x, 1, n] = motion[1]

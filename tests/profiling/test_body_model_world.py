@@ -137,9 +137,11 @@ def test_the_share_of_right_links_is_of_tracks_with_one(monkeypatch):
     truth = np.array([0, 1, 0, -1, 2, 0, -2, -1])  # right: 2 of those known: both 0, 1 / 1, 0 / -1, 2 / 2, -1
     monkeypatch.setattr(body_model, "make_world", lambda *_: None)
     monkeypatch.setattr(body_model, "babble", lambda *_: SimpleNamespace(images=[], joints=np.zeros((1, 2))))
-    monkeypatch.setattr(body_model, "follow_points", lambda *_: None)
+    monkeypatch.setattr(body_model, "follow_points", lambda *_: SimpleNamespace(size=(24, 32)))
     monkeypatch.setattr(body_model, "fit_body", lambda tracks: found)
-    monkeypatch.setattr(body_model.BodyModel, "from_fit", lambda *_: SimpleNamespace(jacobian=lambda q: None))
+    monkeypatch.setattr(body_model, "refit", lambda fit, tracks, images, prior: (fit, prior))
+    models = {(id(found), (32.0, 0.15)): SimpleNamespace(jacobian=lambda q: None)}
+    monkeypatch.setattr(body_model.BodyModel, "from_fit", lambda anew, *_: models[id(anew[0]), anew[1]])
     monkeypatch.setattr(body_model, "link_truth", lambda seen, tracks: truth)
     monkeypatch.setattr(body_model, "ask", lambda *_: (1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 0.7))
     result = body_model.measure("panda", "A", 0, SimpleNamespace(seconds=1.0))

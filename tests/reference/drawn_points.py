@@ -3,6 +3,7 @@
 import numpy as np
 
 from dense_vs.body_model.chain import Chain
+from dense_vs.body_model.lens import Lens
 from dense_vs.body_model.surface_image import SurfaceImage
 
 
@@ -11,4 +12,5 @@ def front_points(places, depths, size):
     depths = np.asarray(depths, float)
     points = np.column_stack([places * depths[:, None], depths])
     chain = Chain(np.array([[0.0, 0.0, 1.0]]), np.zeros((1, 3)), np.zeros(1), np.array([-1]))
-    return SurfaceImage(chain, points, np.full(len(points), -1), 1.0, (0.0, 0.0), size).front(np.ones(1)).index
+    lens = Lens.of_center(np.zeros(2))
+    return SurfaceImage(chain, points, np.full(len(points), -1), 1.0, lens, size).front(np.ones(1)).index

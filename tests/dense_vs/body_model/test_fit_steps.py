@@ -12,10 +12,10 @@ from dense_vs.body_model.axes_from_jacobian import AxesProblem, AxesState, with_
 from dense_vs.body_model.chain import Chain, ancestors
 from dense_vs.body_model.fit import (
     BodyFitOptions,
-    _in_units,
     _share,
     _travel,
     assign_links,
+    in_units,
 )
 from dense_vs.body_model.held_out import ExplainedFlow, first_part, held_out_error
 from dense_vs.body_model.start import reflected
@@ -241,7 +241,7 @@ def test_a_track_is_on_the_link_that_explains_it_best(recorded):
 
 def test_the_unit_is_that_of_the_median_distance(recorded):
     body, _ = recorded
-    state = _in_units(state_of(body))
+    state = in_units(state_of(body))
     assert np.median(state.points[:, 2]) == pytest.approx(1.0)
     scale = 1 / np.median(body.points[:, 2])
     np.testing.assert_allclose(state.points, body.points * scale)

@@ -5,9 +5,11 @@ import pytest
 from reference_splat import front_points
 
 from dense_vs.body_model.chain import Chain
+from dense_vs.body_model.lens import Lens
 from dense_vs.body_model.surface_image import SurfaceImage
 
 SIZE, FOCAL, CENTER = (48, 64), 70.0, (30.5, 22.0)
+LENS = Lens.of_center(np.array(CENTER))
 
 
 def body(seed):
@@ -30,15 +32,20 @@ def placed(chain, surface, links, q):
     return np.einsum("pij,pj->pi", rotation[0, links], surface) + translation[0, links]
 
 
-@pytest.mark.parametrize("threads", ["1", "3"])
-def test_front_and_jacobian_are_those_of_the_reference(threads, monkeypatch):
+@pytest.mark.parametrize(("threads", "bend"), [("1", 0.0), ("3", 0.0), ("3", -0.1), ("1", 0.08)])
+def test_front_and_jacobian_are_those_of_the_reference(threads, bend, monkeypatch):
     monkeypatch.setenv("DENSE_VS_THREADS", threads)
+    lens = Lens.of_center(np.array(CENTER), bend)
+
+    def seen(positions):
+        return lens.bent(FOCAL * positions[:, :2] / positions[:, 2:] + CENTER)
+
     for seed in range(4):
         chain, surface, links = body(seed)
         q = chain.home + np.array([0.2, -0.15, 0.3])
         positions = placed(chain, surface, links, q)
-        places = FOCAL * positions[:, :2] / positions[:, 2:] + CENTER
-        drawing = SurfaceImage(chain, surface, links, FOCAL, CENTER, SIZE)
+        places = seen(positions)
+        drawing = SurfaceImage(chain, surface, links, FOCAL, lens, SIZE)
         front = drawing.front(q)
         np.testing.assert_allclose(front.positions, positions, atol=2e-6)
         expected = front_points(places, positions[:, 2], SIZE)
@@ -52,13 +59,13 @@ def test_front_and_jacobian_are_those_of_the_reference(threads, monkeypatch):
         for n in range(3):
             step = 1e-4 * np.eye(3)[n] * learned[n]
             after, before = (placed(chain, surface, links, q + s) for s in (step, -step))
-            moved = FOCAL * (after[:, :2] / after[:, 2:] - before[:, :2] / before[:, 2:]) / 2e-4
+            moved = (seen(after) - seen(before)) / 2e-4
             np.testing.assert_allclose(J[on][..., n], moved[expected[on]], atol=2e-3)
 
 
 def test_a_body_without_points_is_nowhere():
     chain, surface, links = body(0)
-    drawing = SurfaceImage(chain, surface[:0], links[:0], FOCAL, CENTER, SIZE)
+    drawing = SurfaceImage(chain, surface[:0], links[:0], FOCAL, LENS, SIZE)
     front = drawing.front(chain.home)
     assert (front.index == -1).all()
     assert front.index.shape == SIZE

@@ -272,8 +272,8 @@ def test_a_point_is_followed_on_the_model_s_outline_and_two_pixels_beside(
     now = frame(gray(9))
     point = np.array([12.0, 9.0])
     assert one.tracker(point, now, window=21, lost_after=7) is None  # no model
-    one.use(model(chain="chain", focal_length=300.0, center=(15.0, 10.0), learned="learned",
-                  image=lambda q: seen, trace="trace", precision=precision), None)  # fmt: skip
+    one.use(model(chain="chain", focal_length=300.0, center=(15.0, 10.0), lens=SimpleNamespace(bend=-0.05),
+                  learned="learned", image=lambda q: seen, trace="trace", precision=precision), None)  # fmt: skip
     for k in range(100):
         one.see(frame(gray(k)))
     if seen_already:
@@ -297,6 +297,7 @@ def test_a_point_is_followed_on_the_model_s_outline_and_two_pixels_beside(
     assert (surface.link, surface.depth) == (1, 2.5)
     assert (surface.steps and surface.steps[0]) == (precision and "lines")
     assert options.pop("information") == ("told" if precision else None)
+    assert options.pop("bend") == -0.05
     assert options == {"error": 0.5, "surface": surface, "same": same, "window": 21, "lost_after": 7, "trace": "trace"}
     one.forget_images()
     one.tracker(point, now, window=21, lost_after=7)

@@ -19,7 +19,9 @@ def model_of(seed, learned=(True, True, True, True)):
     axes /= np.linalg.norm(axes, axis=1, keepdims=True)
     points = rng.normal(size=(4, 3)) * 0.3 + [0, 0, 2.0]
     chain = Chain(axes, points, rng.normal(size=4), PARENTS)
-    return SimpleNamespace(chain=chain, learned=np.array(learned), focal_length=FOCAL, center=tuple(CENTER)), rng
+    model = SimpleNamespace(chain=chain, learned=np.array(learned), focal_length=FOCAL, center=tuple(CENTER))
+    model.rays = lambda pixels: np.column_stack([(pixels - CENTER) / FOCAL, np.ones(len(pixels))])
+    return model, rng
 
 
 def pixel(model, link, home, q):

@@ -32,7 +32,7 @@ class SurfacePatches:
         everywhere = wp.full(1, 1, dtype=int, device="cpu")
         mask_array = wp.array(mask[None], dtype=wp.float32, device="cpu")
         define_patches(patches, _image(gray), mask_array, _places(points), everywhere)
-        return patches.pixels.numpy().reshape(count, -1, 2).copy()
+        return patches.pixels.numpy().reshape(count, self.window**2, 2).copy()
 
     def align(
         self, pixels: np.ndarray, gray: np.ndarray, guess: np.ndarray, affine: np.ndarray

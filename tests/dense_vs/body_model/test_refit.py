@@ -1,0 +1,101 @@
+"""A fit anew by what its points look like: axes come nearer to the simulator's, and the lens's bend is found."""
+
+import cv2
+import numpy as np
+import pytest
+
+from dense_vs.body_model import BodyFitOptions, PointTrackOptions, follow_points
+from dense_vs.body_model.fit import fit_body
+from dense_vs.body_model.lens import Lens
+from dense_vs.body_model.model import BodyModel
+from dense_vs.body_model.refit import refit
+from dense_vs.flow import to_gray
+from dense_vs.robot import Babbling
+from dense_vs.sims import SimWorld
+
+SIZE, BEND = (120, 160), -0.08
+
+
+@pytest.fixture(scope="module")
+def babbled():
+    """A world, 60 of its gray images while it babbled, and their joints."""
+    world = SimWorld("arm", seed=7, height=SIZE[0], width=SIZE[1], device="cpu")
+    babbling = Babbling(4, seed=7)
+    images, joints = [], []
+    for k in range(180):
+        world.step(babbling.step())
+        if k % 3 == 0:
+            images.append(to_gray(world.frame().rgb))
+            joints.append(world.joints()[0])
+    return world, images, np.array(joints)
+
+
+@pytest.fixture(scope="module", params=[0.0, BEND], ids=["straight", "bent"])
+def fits(request, babbled):
+    """The bend of a lens, images that it shows, and both fits to them."""
+    _, images, joints = babbled
+    if request.param:
+        lens = Lens.of_center(np.array([SIZE[1] - 1, SIZE[0] - 1]) / 2, request.param)
+        x, y = np.meshgrid(np.arange(SIZE[1]), np.arange(SIZE[0]))
+        at = lens.straight(np.stack([x, y], axis=-1)).astype(np.float32)
+        images = [cv2.remap(image, at[..., 0], at[..., 1], cv2.INTER_CUBIC) for image in images]
+    tracks = follow_points(images, joints, PointTrackOptions(stride=1))
+    first = fit_body(tracks, BodyFitOptions(slides=(False,) * 4))
+    return request.param, images, first, refit(first, tracks, images, BodyFitOptions().focal_prior(SIZE[1])), tracks
+
+
+def degrees_off(world, chain):
+    """Angles between a chain's axes and the simulator's, in the chain's home posture."""
+    for _ in range(60):
+        world.step(np.clip(chain.home - world.joints()[0], -0.02, 0.02))
+    state, pose = world.physics.host_state(0), world.T_world_camera
+    true = state.xaxis[world.scene.joint_ids] @ pose[:3, :3]
+    return np.degrees(np.arccos(np.clip(np.sum(true * chain.axes, axis=1), -1, 1)))
+
+
+def test_axes_come_nearer_and_the_bend_is_found(babbled, fits):
+    bend, _, first, second, _ = fits
+    before, after = (degrees_off(babbled[0], fit.state.chain) for fit in (first, second))
+    assert after.mean() < 0.7 * before.mean()
+    assert -0.12 < second.bend < -0.02 if bend else abs(second.bend) < 0.06  # the arm is far from the corners
+    assert first.bend == 0.0
+    assert second.tracks.seen.sum() > 2 * first.tracks.in_images(40).seen.sum()
+    np.testing.assert_array_equal(second.learned, first.learned)
+
+
+def test_a_model_shows_the_body_where_the_lens_does(babbled, fits):
+    bend, images, _, second, _ = fits
+    world, _, joints = babbled
+    model = BodyModel.from_fit(second, images, joints)
+    assert model.lens.bend == second.bend
+    for _ in range(60):
+        world.step(np.clip(joints[20] - world.joints()[0], -0.02, 0.02))
+    lens = Lens.of_center(np.array(model.center), bend)
+    x, y = np.meshgrid(np.arange(SIZE[1]), np.arange(SIZE[0]))
+    at = lens.straight(np.stack([x, y], axis=-1)).astype(np.float32)
+    robot = cv2.remap(world.robot_mask().astype(np.uint8), at[..., 0], at[..., 1], cv2.INTER_NEAREST) > 0
+    seen = model.image(world.joints()[0]).body
+    assert (seen & robot).sum() > 0.75 * (seen | robot).sum()
+
+
+def test_places_are_as_a_pinhole_would_show_them(fits):
+    """The chain explains them without a lens."""
+    fit = fits[3]
+    rotation, translation = fit.state.chain.link_poses(fit.tracks.joints)
+    there = np.einsum("tmij,mj->tmi", rotation[:, fit.links], fit.state.points) + translation[:, fit.links]
+    expected = fit.state.focal * there[..., :2] / there[..., 2:] + np.array(fit.center)
+    assert np.nanmedian(np.linalg.norm(expected - fit.tracks.pixels, axis=2)) < 0.5
+
+
+def test_where_nothing_is_seen_again_the_fit_stays(fits):
+    _, images, first, _, tracks = fits
+    black = [np.zeros_like(image) for image in images]
+    assert refit(first, tracks, black, (160.0, 0.15)) is first
+    noise = [np.random.default_rng(k).integers(0, 255, image.shape).astype(np.uint8) for k, image in enumerate(images)]
+    assert refit(first, tracks, noise, (160.0, 0.15)) is first
+
+
+def test_a_given_focal_length_is_held(fits):
+    _, images, first, _, tracks = fits
+    held = refit(first, tracks, images, (first.state.focal, 0.0))
+    assert held.state.focal == pytest.approx(first.state.focal, rel=1e-6)
