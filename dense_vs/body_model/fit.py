@@ -93,6 +93,7 @@ class BodyFit:
         error: median distance between tracks and model [px].
         all_links: link of every track that was given, :data:`UNKNOWN` where nothing explains it.
         bend: of the lens, see :class:`.Lens`; the tracks are as one that does not bend would show them.
+        doubt: times that lines may be farther off than the scatter of the tracks tells.
     """
 
     state: BodyState
@@ -103,6 +104,7 @@ class BodyFit:
     error: float
     all_links: np.ndarray
     bend: float = 0.0
+    doubt: float = 1.0
 
 
 UNKNOWN = -2  # link of a track that no link explains

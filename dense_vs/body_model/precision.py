@@ -194,7 +194,7 @@ def _adjusted(found: BodyFit) -> tuple[np.ndarray, np.ndarray]:
     inverse = _inverse(0.5 * (reduced + reduced.T))
     values, vectors = np.linalg.eigh(inverse @ scatter @ inverse)
     kept = values > 1e-12 * max(float(values[-1]), 1e-300)
-    return (vectors[:, kept] * np.sqrt(values[kept])).T, responses
+    return found.doubt * (vectors[:, kept] * np.sqrt(values[kept])).T, responses
 
 
 def _groups(references: np.ndarray) -> list[np.ndarray]:
