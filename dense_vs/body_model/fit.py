@@ -76,7 +76,7 @@ class BodyFitOptions:
         check_whole("seed", self.seed, least=0)
 
     def focal_prior(self, width: int) -> tuple[float, float]:
-        """Mean of the focal length [px] for images of such a width and standard deviation of its logarithm, 0 if given."""
+        """Mean of the focal length [px] in images of a width [px], and standard deviation of its logarithm."""
         return (float(width), self.focal_deviation) if self.focal_length is None else (self.focal_length, 0.0)
 
 

@@ -153,8 +153,9 @@ class _Looks:
         places = np.full(expected.shape, np.nan)
         directions = np.zeros((*expected.shape, 2))
         height, width = self._size
-        inside = np.isfinite(maps).all(axis=(2, 3)) & (expected > BORDER).all(axis=2)
-        inside &= (expected < (width - 1 - BORDER, height - 1 - BORDER)).all(axis=2)
+        beyond = np.array([width, height]) - 1 - BORDER
+        sought_at = np.isfinite(maps).all(axis=(2, 3)), np.all((expected > BORDER) & (expected < beyond), axis=2)
+        inside = np.logical_and(*sought_at)
         for row, image in enumerate(self._images):
             own = self.references == self._where[row]
             sought = np.flatnonzero(inside[row] & ~own)
