@@ -54,3 +54,21 @@ def test_derivatives(places, bend):
         np.testing.assert_allclose(lens.slopes(some)[..., k], slope, atol=1e-6)
     more, less = (Lens.of_center(CENTER, bend + off).bent(some) for off in (1e-4, -1e-4))
     np.testing.assert_allclose(lens.by_bend(some), (more - less) / 2e-4, rtol=1e-6, atol=1e-6)
+
+
+@pytest.mark.parametrize("bend", [-0.08, 0.05])
+def test_straightened_images_are_those_of_a_pinhole(bend):
+    """Each pixel's gray value says where a pinhole would see it."""
+    lens = Lens.of_center(np.array([79.5, 59.5]), bend)
+    x, y = np.meshgrid(np.arange(160), np.arange(120))
+    column, row = np.moveaxis(lens.straight(np.stack([x, y], axis=-1).astype(float)), -1, 0)
+    seen = [np.rint(np.clip(values, 0, 255)).astype(np.uint8) for values in (column, row)]
+    for image, expected in zip(lens.straightened(seen), (x, y), strict=True):
+        inside = np.s_[12:-12, 12:-12]
+        np.testing.assert_allclose(image[inside].astype(float), expected[inside], atol=1.0)
+
+
+def test_a_lens_that_does_not_bend_leaves_images_as_they_are():
+    images = [np.zeros((4, 6), np.uint8)]
+    assert Lens.of_center(np.array([2.5, 1.5])).straightened(images) is images
+    assert Lens.of_center(np.array([2.5, 1.5]), 0.1).straightened([]) == []

@@ -9,6 +9,7 @@ from dense_vs.body_model.fit import fit_body
 from dense_vs.body_model.lens import Lens
 from dense_vs.body_model.model import BodyModel
 from dense_vs.body_model.refit import refit
+from dense_vs.errors import DenseVSError
 from dense_vs.flow import to_gray
 from dense_vs.robot import Babbling
 from dense_vs.sims import SimWorld
@@ -76,6 +77,30 @@ def test_a_model_shows_the_body_where_the_lens_does(babbled, fits):
     robot = cv2.remap(world.robot_mask().astype(np.uint8), at[..., 0], at[..., 1], cv2.INTER_NEAREST) > 0
     seen = model.image(world.joints()[0]).body
     assert (seen & robot).sum() > 0.75 * (seen | robot).sum()
+
+
+def test_a_saved_model_keeps_its_lens(babbled, fits, tmp_path):
+    _, images, _, second, _ = fits
+    model = BodyModel.from_fit(second, images, babbled[2])
+    model.save(tmp_path / "body.npz")
+    read = BodyModel.load(tmp_path / "body.npz")
+    assert read.lens.bend == second.bend
+    q = babbled[2][30]
+    np.testing.assert_array_equal(read.image(q).body, model.image(q).body)
+    pixels = np.argwhere(model.image(q).body)[::50, ::-1].astype(float)
+    np.testing.assert_allclose(read.trace(pixels, q, q), pixels, atol=1e-2)
+    rays = read.rays(pixels)
+    np.testing.assert_allclose(read.lens.bent(read.focal_length * rays[:, :2] + read.center), pixels, atol=1e-6)
+    with np.load(tmp_path / "body.npz") as stored:
+        arrays = dict(stored)
+    assert arrays["format_version"] == 3
+    np.savez(tmp_path / "body.npz", **(arrays | {"bend": 0.6}))
+    with pytest.raises(DenseVSError, match=r"bend is 0\.6; expected at most 0\.5"):
+        BodyModel.load(tmp_path / "body.npz")
+    del arrays["bend"]
+    np.savez(tmp_path / "body.npz", **arrays)
+    with pytest.raises(DenseVSError, match=r"damaged.*bend"):
+        BodyModel.load(tmp_path / "body.npz")
 
 
 def test_places_are_as_a_pinhole_would_show_them(fits):
