@@ -24,11 +24,12 @@ from dense_vs.body_model.surface_patches import SurfacePatches
 from dense_vs.body_model.track_problem import BodyState
 from dense_vs.body_model.tracks import PointTracks
 
-REFERENCES, PER_REFERENCE = 12, 60  # images in which points are chosen, and points in each, at most
+REFERENCES = 12  # images in which points are chosen
+PER_REFERENCE, OF_PIXELS, LEAST_IN_ONE = 60, 320 * 240, 20  # points in each at most, in images so large; in any image
 APART = 4  # px
 AROUND, NEAR = 3, 12.0  # points of the fit that a new one takes its link and depth from, and px that they may be away
 IMAGES = 40  # at most, in which they are sought
-ROUNDS = 2  # of looking and adjusting
+EVERY = 2, 1  # one in so many of these, in each round of looking and adjusting
 WINDOW = 9  # px, side of a patch
 ALIKE, FARTHEST = 0.9, 2.5  # correlation, and px from where it is expected, of a place that is believed
 BORDER = 4.0  # px from the image's border
@@ -62,8 +63,8 @@ def refit(
     if len(looks.links) < LEAST_POINTS:
         return found
     state = looks.begin(found.state)
-    for _ in range(ROUNDS):
-        places, directions = looks.places(state)
+    for every in EVERY:
+        places, directions = looks.places(state, every)
         lens = _lens(found.center, state.bend)
         straight = np.full_like(places, np.nan)
         seen = np.isfinite(places[..., 0])
@@ -125,7 +126,8 @@ class _Looks:
         near = np.zeros(image.shape, np.uint8)
         for x, y in np.rint(np.clip(places, -99, 9999)).astype(int):
             cv2.circle(near, (int(x), int(y)), int(NEAR), 1, -1)
-        corners = new_features(image, near > 0, [], PER_REFERENCE, APART).reshape(-1, 2)
+        count = max(LEAST_IN_ONE, min(PER_REFERENCE, round(PER_REFERENCE * image.size / OF_PIXELS)))
+        corners = new_features(image, near > 0, [], count, APART).reshape(-1, 2)
         apart = np.linalg.norm(places[None] - corners[:, None], axis=2)
         around = np.argsort(apart, axis=1)[:, :AROUND]
         voted = np.array([np.bincount(links[some]).argmax() for some in around], int)
@@ -147,8 +149,13 @@ class _Looks:
         """The fit's lines, with the points chosen."""
         return BodyState(state.chain, self._points, state.focal)
 
-    def places(self, state: BodyState) -> tuple[np.ndarray, np.ndarray]:
-        """Places ``(T, M, 2)`` [px], NaN where not seen, and what their errors are multiplied by ``(T, M, 2, 2)``."""
+    def places(self, state: BodyState, every: int) -> tuple[np.ndarray, np.ndarray]:
+        """Places ``(T, M, 2)`` [px], NaN where not seen, and what their errors are multiplied by ``(T, M, 2, 2)``.
+
+        Args:
+            state: that says where to look.
+            every: one in so many images is looked at.
+        """
         expected, maps = self._expected(state)
         places = np.full(expected.shape, np.nan)
         directions = np.zeros((*expected.shape, 2))
@@ -156,7 +163,7 @@ class _Looks:
         beyond = np.array([width, height]) - 1 - BORDER
         sought_at = np.isfinite(maps).all(axis=(2, 3)), np.all((expected > BORDER) & (expected < beyond), axis=2)
         inside = np.logical_and(*sought_at)
-        for row, image in enumerate(self._images):
+        for row, image in list(enumerate(self._images))[::every]:
             own = self.references == self._where[row]
             sought = np.flatnonzero(inside[row] & ~own)
             there, _, correlation = self._patches.align(
