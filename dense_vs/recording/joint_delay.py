@@ -163,19 +163,21 @@ def find_jumped_delay(
         frame_time: time between images [s].
 
     Returns:
-        The delay [s]; None where the joints' way to no other time is what is seen.
+        The delay [s]; None where the joints' way to no other time is what is seen, or that to the present one is as
+        well: a robot that goes back and forth has been on the same way before.
     """
     delays = now + _tried(JUMP_FRAMES, frame_time)
     delays = delays[pair[1] + delays <= times[-1] + 1e-6]
     moved = np.flatnonzero(np.linalg.norm(flow, axis=1) > LEAST_STEP)
     if len(moved) < LEAST_PLACES or not len(delays):
         return None
-    ends = np.append(pair[1] + delays, pair[0] + now)
+    ends = np.concatenate([pair[1] + delays, [pair[1] + now, pair[0] + now]])
     way = np.stack([np.interp(ends, times, q) for q in positions.T], axis=1)
     predicted = np.einsum("pin,ln->lpi", jacobian[moved], way[:-1] - way[-1])
     energy = (flow[moved] ** 2).sum(axis=1) + (predicted**2).sum(axis=2)
-    curve = DelayCurve(delays, np.median(((flow[moved] - predicted) ** 2).sum(axis=2) / energy, axis=1))
-    if curve.least >= MOST_JUMP_SHARE or abs(curve.best - now) < LEAST_JUMP * frame_time:
+    *left, unchanged = np.median(((flow[moved] - predicted) ** 2).sum(axis=2) / energy, axis=1)
+    curve = DelayCurve(delays, np.array(left))
+    if curve.least >= min(MOST_LEFT * unchanged, MOST_JUMP_SHARE) or abs(curve.best - now) < LEAST_JUMP * frame_time:
         return None
     return curve.best if abs(curve.best) >= LEAST_CHANGED * frame_time else 0.0
 

@@ -176,6 +176,21 @@ def test_an_image_that_came_twice_or_moved_otherwise_has_not_jumped(seed):
     assert find_jumped_delay(learned @ joint, learned, pair, times, q * [1, 0, 1, 1], **options) is None
 
 
+def test_a_way_that_has_been_gone_before_is_no_jump_where_the_present_one_explains_the_motion_too():
+    """A clean babbling before a plain Fetch had its images 5 frames late so, for good, from one motion alone."""
+    rng = np.random.default_rng(0)
+    learned, direction = rng.normal(0, 80, (PLACES, 2, JOINTS)), rng.normal(0, 1, JOINTS)
+    times = np.arange(0, 44) * FRAME
+    forth = 0.02 * (np.arange(44) - 40)
+    back = -1.2 * forth  # J is 10 % off in between
+    q = np.where(forth > 0, forth, back)[:, None] * direction
+    pair = times[41], times[43]
+    flow = 1.1 * learned @ (q[43] - q[41]) + rng.normal(0, 0.15, (PLACES, 2))
+    assert find_jumped_delay(flow, learned, pair, times, q, now=0.0, frame_time=FRAME) is None
+    found = find_jumped_delay(learned @ (q[40] - q[41]), learned, pair, times, q, now=0.0, frame_time=FRAME)
+    assert found == pytest.approx(-3 * FRAME, abs=0.2 * FRAME)
+
+
 def test_what_comes_later_than_the_readings_is_not_asked_for():
     flow, learned, pair, times, q = jumped(3, 3.0)
     known = times <= pair[1] + 1e-6
