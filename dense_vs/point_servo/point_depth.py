@@ -9,9 +9,9 @@ LEAST_SPREAD = 0.03  # of the logarithm of the depth by the features around
 RELIEF = 0.0015  # of the logarithm by px to the next feature: surfaces are aslant by some 25 degrees
 LEAST_NEAR = 3  # features on the link
 SURFACE = 0.02  # of the logarithm of a body model's surface, found on six views of commercial arms
-BULGE = 0.006  # of the logarithm: links are nearer between their edges, which tell depth; found on 53 views
-OWN_WEIGHT = 1.0  # of the point's own places: its look holds outlines at other depths, which pull all of them alike
-OWN_PLACES = 10  # as many places of their own count, however many there are
+BULGE = 0.006  # of the logarithm: links are nearer between their edges, which tell depth; found on 16 views
+OWN_PLACES = 10  # as many places of its own count, however many there are: they share their errors
+OUTLINES = 0.012  # of the logarithm: what a look holds of outlines at other depths pulls all its places alike
 NOISE = 0.5  # px, of its own places
 RANGE, STEPS = 0.25, 251  # of the logarithm of the depth about that of the features around
 ASIDE = 5  # steps, over which the cost's curvature is measured
@@ -63,13 +63,14 @@ def point_depth(around: PointDepth, errors: np.ndarray) -> PointDepth:
     """
     steps = np.linspace(-RANGE, RANGE, STEPS)
     counted = max(1.0, errors.shape[1] / OWN_PLACES)
-    cost = OWN_WEIGHT * np.log1p((errors / NOISE) ** 2).sum(axis=1) / counted + (steps / around.deviation) ** 2
+    cost = np.log1p((errors / NOISE) ** 2).sum(axis=1) / counted + (steps / around.deviation) ** 2
     best = int(np.argmin(cost))
     middle = min(max(best, ASIDE), STEPS - 1 - ASIDE)
     size = steps[1] - steps[0]
     curvature = (cost[middle - ASIDE] - 2 * cost[middle] + cost[middle + ASIDE]) / (ASIDE * size) ** 2
     deviation = 1 / np.sqrt(max(curvature / 2, 1 / UNKNOWN**2))
-    return PointDepth(around.depth * float(np.exp(steps[best])), float(deviation))
+    own = OUTLINES if errors.shape[1] else 0.0
+    return PointDepth(around.depth * float(np.exp(steps[best])), float(np.hypot(deviation, own)))
 
 
 def tried_depths(around: PointDepth) -> np.ndarray:

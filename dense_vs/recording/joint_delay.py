@@ -177,7 +177,8 @@ def find_jumped_delay(
     energy = (flow[moved] ** 2).sum(axis=1) + (predicted**2).sum(axis=2)
     *left, unchanged = np.median(((flow[moved] - predicted) ** 2).sum(axis=2) / energy, axis=1)
     curve = DelayCurve(delays, np.array(left))
-    if curve.least >= min(MOST_LEFT * unchanged, MOST_JUMP_SHARE) or abs(curve.best - now) < LEAST_JUMP * frame_time:
+    clear = unchanged >= MOST_JUMP_SHARE and curve.least < min(MOST_LEFT * unchanged, MOST_JUMP_SHARE)
+    if not clear or abs(curve.best - now) < LEAST_JUMP * frame_time:
         return None
     return curve.best if abs(curve.best) >= LEAST_CHANGED * frame_time else 0.0
 

@@ -35,7 +35,7 @@ def placed(features, surface):
 def test_without_features_the_surface_tells_the_depth():
     features = features_at([])
     found = placed(features, (0, 1.7)).depth
-    assert (found.depth, found.deviation) == pytest.approx((1.7 * np.exp(-0.012), 0.02), rel=1e-3)  # links bulge
+    assert (found.depth, found.deviation) == pytest.approx((1.7 * np.exp(-0.006), 0.02), rel=1e-3)  # links bulge
     assert features.states[POINT] == FeatureState.KNOWN
     np.testing.assert_allclose(features.project(np.array([POINT]), np.zeros(1))[0], PIXEL)
     assert placed(features_at([]), None).depth is None
@@ -47,7 +47,7 @@ def test_features_and_surface_count_by_how_near_features_are():
         by_features = np.hypot(0.03, 0.0015 * 40)
         share = 0.02**-2 / (0.02**-2 + by_features**-2)
         found = placed(features_at(depths), (0, surface)).depth
-        bulge = 0.012  # to which features and surface do not come near
+        bulge = 0.006  # to which features and surface do not come near
         assert np.log(found.depth / 2.0) == pytest.approx(share * np.log(surface / 2.0) - bulge, abs=0.002)
         assert found.deviation == pytest.approx((0.02**-2 + by_features**-2) ** -0.5, rel=0.02)
 
@@ -64,7 +64,7 @@ def test_the_surface_follows_the_chain_s_unit_of_length():
     point.place(np.arange(4))
     features.states[1:] = FeatureState.DROPPED
     point.place(np.arange(4))  # nothing does any more: as it was
-    assert point.depth.depth == pytest.approx(2.0 * np.exp(-0.012), rel=0.003)
+    assert point.depth.depth == pytest.approx(2.0 * np.exp(-0.006), rel=0.003)
 
 
 def test_a_posture_is_planned_by_how_well_the_model_knows_each_joint():
