@@ -3,18 +3,27 @@
 Every keyframe gives a link and a depth for each of its pixels (``link_sweep``, ``label_field``). Its points are then
 looked at from the other keyframes: a point that another one sees through, or sees on another link, is a mistake of one
 of them, and the majority decides.
+
+Beside a link a plain wall looks as if it moved with the link. So some keyframes come first; where the body that they
+show has left a pixel, the image is the background's (``background``), and all keyframes are then compared with that.
 """
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, fields
 
+import cv2
 import numpy as np
 
+from dense_vs.body_model.background import MOST_IMAGES, as_bright, background_of, bare_cost
 from dense_vs.body_model.chain import BACKGROUND, Chain
 from dense_vs.body_model.label_field import choose_hypotheses
-from dense_vs.body_model.link_sweep import depth_hypotheses, link_costs
+from dense_vs.body_model.lens import Lens
+from dense_vs.body_model.link_sweep import BLUR, TRUNCATION, depth_hypotheses, link_costs
+from dense_vs.body_model.spread import spread
+from dense_vs.body_model.surface_image import SurfaceImage
 from dense_vs.checks import check_number, check_whole
 
+_FIRST = 3  # keyframes that come before the background is known
 _MARGIN = 4  # px around what moves
 _CUBE = 1.2  # px, side of the cubes that keep a point each
 
@@ -96,12 +105,36 @@ def find_surface(
         options: as given, or the defaults.
     """
     options = options or SurfaceOptions()
-    count = len(images)
-    indices = keyframe_indices(count, options.keyframes)
-    views = [_look(chain, focal, center, images, joints, moving, anchors, int(k), options) for k in indices]
+    sought = chain, focal, center, images, joints
+    first = _joined(sought, moving, anchors, options, min(_FIRST, options.keyframes), None)
+    background = _background(sought, first) if len(first.links) else None
+    return _thinned(_joined(sought, moving, anchors, options, options.keyframes, background), focal)
+
+
+def _joined(sought, moving, anchors, options: SurfaceOptions, keyframes: int, background) -> Surface:
+    """The points of so many keyframes that are not outvoted, those of each after the other's."""
+    chain, focal, center, images, joints = sought
+    views = [
+        _look(chain, focal, center, images, joints, moving, anchors, int(k), options, background)
+        for k in keyframe_indices(len(images), keyframes)
+    ]
     parts = [_vote(chain, focal, center, images, joints, view, views, options.same_depth) for view in views]
-    names = [one.name for one in fields(Surface)]
-    return _thinned(Surface(*(np.concatenate([getattr(p, name) for p in parts]) for name in names)), focal)
+    return Surface(*(np.concatenate([getattr(part, one.name) for part in parts]) for one in fields(Surface)))
+
+
+def _background(sought, surface: Surface) -> np.ndarray:
+    """Blurred as images are compared, see :func:`background_of`; NaN where the surface always covers it."""
+    chain, focal, center, images, joints = sought
+    some = [int(k) for k in spread(len(images), MOST_IMAGES)]
+    size = images[0].shape
+    drawn = SurfaceImage(chain, surface.points, surface.links, focal, Lens.of_center(np.array(center), 0.0), size)
+    covered = [drawn.front(joints[k]).index >= 0 for k in some]
+    like = _smooth(images[some[0]])
+    return background_of([as_bright(_smooth(images[k]), like) for k in some], covered)
+
+
+def _smooth(image: np.ndarray) -> np.ndarray:
+    return cv2.GaussianBlur(image, (0, 0), BLUR).astype(np.float32)
 
 
 def keyframe_indices(images: int, keyframes: int) -> np.ndarray:
@@ -121,7 +154,9 @@ def _thinned(surface: Surface, focal: float) -> Surface:
     return surface.some(kept)
 
 
-def _look(chain, focal, center, images, joints, moving, anchors, index, options: SurfaceOptions) -> _View:
+def _look(
+    chain, focal, center, images, joints, moving, anchors, index, options: SurfaceOptions, background=None
+) -> _View:
     """Link and depth of every pixel of a keyframe."""
     near = np.arange(max(0, index - options.reach), min(len(images), index + options.reach + 1))
     others = np.unique(np.linspace(0, len(near) - 1, options.compared).round().astype(int))
@@ -135,6 +170,9 @@ def _look(chain, focal, center, images, joints, moving, anchors, index, options:
     hypotheses = depth_hypotheses(depths, options.depth_steps)
     box = _box(moving)
     cost = link_costs(chain, focal, center, images, joints, index, others, hypotheses, box)
+    if background is not None:
+        bare = bare_cost(as_bright(_smooth(images[index]), background)[box], background[box], cost[-1])
+        cost[-1] = np.minimum(bare, TRUNCATION)
     chosen, inverse = choose_hypotheses(cost, images[index][box], hypotheses)
     where, far = np.full(moving.shape, BACKGROUND), np.full(moving.shape, np.inf)
     where[box] = chosen

@@ -5,7 +5,7 @@ import pytest
 
 from dense_vs.body_model import surface as surface_module
 from dense_vs.body_model.chain import BACKGROUND, Chain
-from dense_vs.body_model.link_sweep import Hypotheses, depth_hypotheses
+from dense_vs.body_model.link_sweep import TRUNCATION, Hypotheses, depth_hypotheses
 from dense_vs.body_model.surface import Surface, SurfaceOptions, _look, _View, _vote, find_surface, keyframe_indices
 
 H, W, FOCAL, CENTER = 24, 32, 40.0, (15.5, 11.5)
@@ -147,6 +147,28 @@ def test_a_keyframe_is_compared_with_images_around_it(monkeypatch, index, reach,
     np.testing.assert_allclose(view.depths, depths)
 
 
+def test_a_known_background_is_compared_with_in_place_of_other_images(monkeypatch):
+    """Its cost is that of the last hypothesis, no more than that of others can be."""
+    cost, told = np.full((2, H, W), 3.0, np.float32), []
+    monkeypatch.setattr(surface_module, "link_costs", lambda *given: cost)
+
+    def choose(cost, image, hypotheses):
+        told.append(cost.copy())
+        return np.full(image.shape, BACKGROUND), np.ones(image.shape)
+
+    monkeypatch.setattr(surface_module, "choose_hypotheses", choose)
+    images, joints = [np.full((H, W), 100, np.uint8)] * 10, np.zeros((10, 2))
+    background = np.full((H, W), 100.0, np.float32)
+    background[:, :4], background[:, 4:7], background[:, 7] = 112.0, 160.0, np.nan
+    anchors = np.array([[0.1, 0.0, 1.4]]), np.array([0])
+    _look(chain(), FOCAL, CENTER, images, joints, np.ones((H, W), bool), anchors, 5, SurfaceOptions(), background)
+    (given,) = told
+    np.testing.assert_array_equal(given[0], 3.0)
+    np.testing.assert_allclose(given[1][:, :4], 12.0)
+    np.testing.assert_allclose(given[1][:, 4:7], TRUNCATION)
+    np.testing.assert_allclose(given[1][:, 7:], 3.0)
+
+
 def test_the_surface_is_of_all_keyframes(monkeypatch):
     asked = []
     all_views = {view.index: view for view in views()}
@@ -159,7 +181,7 @@ def test_the_surface_is_of_all_keyframes(monkeypatch):
     joints = np.random.default_rng(1).uniform(-0.1, 0.1, (12, 2))
     images = [np.zeros((H, W), np.uint8)] * 12
     found = find_surface(chain(), FOCAL, CENTER, images, joints, np.ones((H, W), bool), None)
-    assert asked == [(12, 9), 2, 5, 9]
+    assert asked == [(12, 3), 2, 5, 9, (12, 9), 2, 5, 9]  # for the background first
     parts = [
         _vote(chain(), FOCAL, CENTER, images, joints, view, list(all_views.values()), 0.08)
         for view in all_views.values()
