@@ -88,6 +88,11 @@ class ViewScore:
         return self.arm, self.camera, self.images, self.seed
 
     @property
+    def ended(self) -> bool:
+        """Whether it came to its end, or to a failure: no run was stopped before."""
+        return self.finished or bool(self.failure)
+
+    @property
     def learned(self) -> bool:
         """Whether the babbling came to its end."""
         return bool(np.isfinite(self.j_median))
@@ -118,7 +123,7 @@ class Tally:
         views = list(views)
         reaches = [reach for view in views for reach in view.reaches]
         # A view that was stopped early has not failed at what it was not given time for.
-        asked = sum(view.targets if view.finished or view.failure else len(view.reaches) for view in views)
+        asked = sum(view.targets if view.ended else len(view.reaches) for view in views)
         ends = [reach.end for reach in reaches]
         return cls(
             asked=asked,

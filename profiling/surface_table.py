@@ -72,15 +72,15 @@ def surface_lines() -> list[str]:
         content = committed(name)
         if content is None:
             continue
-        told = content["arguments"]
+        views, told = list(map(view_score, content["rows"])), content["arguments"]
         seeds = told["seeds"].replace(",", ", ")
         lines += [
             f"Commercial arms as they come and our own, first {told['joints']} joints, {told['seconds']:g} s of "
             f"babbling, targets over the whole range, seeds {seeds} (`profiling/surfaces.py`; {origin(content)})"
-            + ("" if content["finished"] else f"; {STOPPED}")
+            + ("" if all(view.ended for view in views) else f"; {STOPPED}")
             + ":",
             "",
-            *table_lines([view for view in map(view_score, content["rows"]) if view.learned or view.failure]),
+            *table_lines([view for view in views if view.learned or view.failure]),
             "",
         ]
     return lines
@@ -99,7 +99,7 @@ def few_surface_lines() -> list[str]:
         errors.append(_figure(mean_of(some, "j_median")))
         reaches.append(f"{tally.good} of {tally.asked}")
     arms = len({view.arm for view in views})
-    early = "" if content["finished"] else ", of those made until the run was stopped"
+    early = "" if all(view.ended for view in views) else ", of those made until the run was stopped"
     return [
         f"| J error on {arms} commercial arms as they come, clean / realistic images | {' / '.join(errors)} |",
         f"| their reaches within {REACHED_PX:g} px over the whole range{early} | {' / '.join(reaches)} |",

@@ -120,7 +120,7 @@ def _known(views: Iterable[ViewScore]) -> list[ViewScore]:
 def _content(views: Iterable[ViewScore]) -> dict[str, Any]:
     """What the file holds beside its origin and the metrics."""
     views = sorted(views, key=lambda view: (view.images, view.arm, view.camera, view.seed))
-    return {"finished": all(view.finished for view in views), "rows": [asdict(view) for view in views]}
+    return {"finished": all(view.ended for view in views), "rows": [asdict(view) for view in views]}
 
 
 def _run(views: list[ViewScore], options: argparse.Namespace, heard: Any) -> None:
@@ -141,7 +141,7 @@ def _run(views: list[ViewScore], options: argparse.Namespace, heard: Any) -> Non
             for key in over:
                 process, view = running.pop(key), latest[key]
                 process.join()
-                if not (view.finished or view.failure):
+                if not view.ended:
                     heard(replace(view, failure=f"the process ended with exit code {process.exitcode}"))
             if time.monotonic() > end:
                 raise KeyboardInterrupt
