@@ -52,6 +52,7 @@ class MotionCheck:
         least_share: share that counts, above what is usual.
         usual: share that is usual; None before the first judgment.
         recent: motions since they began not to be explained.
+        last: the motion judged last; None before one.
     """
 
     def __init__(self) -> None:
@@ -64,6 +65,7 @@ class MotionCheck:
         self.usual: float | None = None
         self._judged = 0
         self.recent: deque[Motion] = deque(maxlen=KEPT)
+        self.last: Motion | None = None
         self.forget_doubt()
 
     def forget_doubt(self) -> None:
@@ -88,7 +90,7 @@ class MotionCheck:
         moving = np.maximum((flow**2).sum(axis=1), (predicted**2).sum(axis=1)) > MOVING**2
         robot = np.flatnonzero((size > ON_ROBOT * size.max(initial=0.0)) & np.isfinite(energy))
         some = robot[:: max(1, len(robot) // MOST_PLACES)]
-        motion = Motion(begin, end, flow[some], jacobian[some])
+        self.last = motion = Motion(begin, end, flow[some], jacobian[some])
         if self.recent:
             self.recent.append(motion)
         chosen = (size > ON_ROBOT * size.max(initial=0.0)) & moving & np.isfinite(energy)

@@ -4,8 +4,9 @@ import numpy as np
 
 from dense_vs.health.faults import Fault, FaultKind
 from dense_vs.health.joint_watch import JointWatch
-from dense_vs.health.motion_check import Motion
+from dense_vs.health.motion_check import Motion, MotionCheck
 from dense_vs.pipeline.frame_pipeline import ProcessedFrame
+from dense_vs.point_servo.delay_trial import DelayTrial
 from dense_vs.recording.joint_delay import find_changed_delay, find_joint_delay, find_jumped_delay
 from dense_vs.recording.joint_log import JointBuffer
 from dense_vs.robot.joint_group import JointGroup
@@ -45,6 +46,7 @@ class JointStream:
         self.watch.restart()
         self._motion: list[tuple[float, float, np.ndarray]] = []  # stamps of two images and the flow between them
         self._begin: float | None = None  # stamp of the image that the next flow begins at
+        self._trial: DelayTrial | None = None
 
     def read(self, image_time: float) -> tuple[Fault, ...]:
         """Take the robot's newest reading, if it can be believed; what is wrong with it.
@@ -105,8 +107,23 @@ class JointStream:
         self.delay = found or 0.0
         return self.delay != 0.0
 
-    def find_change(self, recent: list[Motion]) -> Fault | None:
-        """Find and take out a delay that explains motions which the present one does not; None where there is none."""
+    def judge_clock(self, frame: ProcessedFrame, check: MotionCheck) -> tuple[Fault, float] | None:
+        """Take out a delay that has changed since it was found, as far as a frame's motion tells it.
+
+        Args:
+            frame: the newest.
+            check: that has judged it.
+
+        Returns:
+            What to say, and the time of the first image that is meant [s]; None where nothing changed.
+        """
+        if any(fault.kind is FaultKind.MISFIT for fault in frame.faults):
+            return self._find_change(list(check.recent))
+        newest = check.last if check.last is not None and check.last.end == frame.time else None
+        return self._confirm(newest)
+
+    def _find_change(self, recent: list[Motion]) -> tuple[Fault, float] | None:
+        """A delay that explains motions which the present one does not."""
         first, *motions = recent  # the first may span the moment at which the delay changed
         frame_time = self.watch.frame_time
         known: dict[str, float] = {"now": self.delay, "frame_time": frame_time}
@@ -123,8 +140,21 @@ class JointStream:
             )
         if found is None or abs(found - self.delay) < 0.4 * frame_time:
             return None
-        self.delay = found
-        text = f"joint readings are {self.delay:.3f} s behind the images now; taken out"
-        if self.delay <= 0:
-            text = f"images come {-self.delay:.3f} s later than their stamps say; taken out"
+        self._trial = None if motions else DelayTrial(self.delay, found, first.end)
+        return self._changed(found), first.end
+
+    def _confirm(self, motion: Motion | None) -> tuple[Fault, float] | None:
+        """Back from a delay that a single motion told, where the motions since agree with the one before it."""
+        if self._trial is None or (better := self._trial.judge(motion, *self._buffer.readings())) is None:
+            return None
+        trial, self._trial = self._trial, None
+        return (self._changed(better), trial.since) if better == trial.before else None
+
+    def _changed(self, delay: float) -> Fault:
+        self.delay = delay
+        text = f"joint readings are {delay:.3f} s behind the images now; taken out"
+        if delay <= 0:
+            text = f"images come {-delay:.3f} s later than their stamps say; taken out"
+        if delay == 0:
+            text = "images come when their stamps say again"
         return Fault(FaultKind.LATE, text, stops=False, holds=False)

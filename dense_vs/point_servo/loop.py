@@ -370,11 +370,10 @@ class ServoLoop:
     def _process(self, image: np.ndarray, time: float, depth: Any, faults: tuple[Fault, ...]) -> ProcessedFrame:
         self._frame = frame = self.pipeline.process(image, time, self.joints.at(time), faults, depth)
         check = self.pipeline.check
-        if check is None or all(fault.kind is not FaultKind.MISFIT for fault in frame.faults):
-            return frame
-        late = self.joints.find_change(list(check.recent))
-        if late is not None:
-            self._body.retime(self.joints.kept_at, check.recent[0].end)
+        changed = None if check is None else self.joints.judge_clock(frame, check)
+        if changed is not None:
+            late, since = changed
+            self._body.retime(self.joints.kept_at, since)
             self.pipeline.restart()
             self._say(late)
         return self._frame

@@ -4,32 +4,12 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from read_path import FRAME, JOINTS, NAMES, PLACES, Path
 
 from dense_vs.health import FaultKind, JointWatch
 from dense_vs.health.motion_check import BABBLING_SHARE, MotionCheck
 from dense_vs.point_servo.joint_stream import JointStream
 from dense_vs.robot import JointGroup
-
-PLACES, JOINTS, FRAME = 150, 4, 1 / 30
-NAMES = tuple("abcd")
-
-
-class Path:
-    """A robot that goes along a smooth random path, read at the time that is set."""
-
-    def __init__(self, seed):
-        rng = np.random.default_rng(seed)
-        noise, steps = np.zeros(JOINTS), []
-        for _ in range(200):
-            noise = 0.85 * noise + rng.normal(0, 0.006, JOINTS)
-            steps.append(noise)
-        self.path, self.time = np.cumsum(steps, axis=0), 0.0
-
-    def at(self, time):
-        return np.array([np.interp(time, np.arange(len(self.path)) * FRAME, joint) for joint in self.path.T])
-
-    def joints(self):
-        return self.at(self.time), self.time
 
 
 def judged(seed, frames, jump=False):
@@ -56,9 +36,10 @@ def judged(seed, frames, jump=False):
             0, 0.15, (PLACES, 2)
         )
         fault = check.judge(flow, learned, stream.at(end) - stream.at(begin), begin, end)
-        found = None if fault is None else stream.find_change(list(check.recent))
+        found = stream.judge_clock(SimpleNamespace(time=end, faults=() if fault is None else (fault,)), check)
         if found is not None:
-            return SimpleNamespace(fault=found, delay=stream.delay, frame=k)
+            assert found[1] == check.recent[0].end
+            return SimpleNamespace(fault=found[0], delay=stream.delay, frame=k)
     return None
 
 

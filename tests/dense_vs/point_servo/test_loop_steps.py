@@ -28,7 +28,7 @@ def bare(**given):
         delay=0.0, newest=np.array([0.5, 0.6]), newest_time=7.5, finding=False,
         watch=SimpleNamespace(stuck=np.array([False, True]), commanded=lambda sent: events.append(("sent", sent))),
         read=lambda time: events.append(("read", time)) or (), at=lambda time: np.array([time, 0.0]),
-        restart=lambda: events.append("joints"), has=lambda time: False, find_change=lambda recent: None,
+        restart=lambda: events.append("joints"), has=lambda time: False, judge_clock=lambda frame, check: None,
         kept_at="kept",
     )  # fmt: skip
     loop.__dict__.update(
@@ -188,19 +188,18 @@ def test_a_point_that_is_not_seen_is_said(monkeypatch, why):
     assert loop._followed == "another"
 
 
-@pytest.mark.parametrize("misfit", [False, True])
 @pytest.mark.parametrize("late", [None, fault(FaultKind.LATE)])
-def test_a_delay_that_changed_is_looked_for_when_motion_does_not_fit(monkeypatch, misfit, late):
+def test_a_delay_that_changed_is_taken_out_of_what_was_seen(monkeypatch, late):
     loop = bare()
     monkeypatch.setattr(module, "replace", lambda frame, faults: Frame(**{**vars(frame), "faults": faults}))
     processing(loop)
     asked = []
-    loop.joints.find_change = lambda recent: asked.append(recent) or late
-    loop.pipeline.check = SimpleNamespace(recent=deque([motions := SimpleNamespace(end=9.5)]))
-    given = (fault(FaultKind.MISFIT),) if misfit else (fault(),)
+    loop.joints.judge_clock = lambda frame, check: asked.append((frame.time, check)) or (late and (late, 9.5))
+    check = loop.pipeline.check = SimpleNamespace()
+    given = (fault(FaultKind.MISFIT),)
     loop._process("image", 10.1, None, given)
-    assert asked == ([[motions]] if misfit else [])
-    changed = misfit and late is not None
+    assert asked == [(10.1, check)]
+    changed = late is not None
     assert loop.faults == ((*given, late) if changed else given)
     assert (("retime", "kept", 9.5) in loop.events) == (("pipeline", False) in loop.events) == changed
     loop.pipeline.check = None

@@ -102,7 +102,7 @@ def test_learn_click_reach_by_the_simulators_truth(page, session, world):
     page.click("#learn")
     assert until(page, lambda: session.mode is Mode.LEARNING)
     assert until(page, lambda: "learned: J explains" in page.inner_text("#log")), session.board.lines()
-    assert until(page, lambda: "body learned" in page.inner_text("#log")), session.board.lines()
+    assert until(page, lambda: "body learned" in page.inner_text("#log"), seconds=300), session.board.lines()
     assert until(page, lambda: not page.locator("#body").is_visible())
     over.set()
     watching.join()

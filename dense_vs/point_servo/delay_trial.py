@@ -1,0 +1,56 @@
+"""A delay that one motion told is on trial: the motions that follow decide between it and the delay before.
+
+One motion that J explains badly can look like an image of another time by chance. If it was chance, the motions after
+it agree with the delay before; where motion is so even that both explain it alike, they go on being compared.
+"""
+
+import numpy as np
+
+from dense_vs.health.motion_check import MOVING, Motion
+from dense_vs.recording.joint_delay import joint_steps, unexplained_by_jacobian
+
+LEAST_MOTIONS = 8  # that decide
+MOST_MOTIONS = 60  # after which the better of the two stays
+CLEAR = 0.7  # of what the other leaves unexplained
+
+
+class DelayTrial:
+    """Compares a delay with the one before it.
+
+    Args:
+        before: delay until then [s].
+        now: delay on trial [s].
+        since: time of the image that told it [s].
+    """
+
+    def __init__(self, before: float, now: float, since: float):
+        self.before, self.now, self.since = before, now, since
+        self._waiting: list[Motion] = []  # for their readings
+        self._left: list[np.ndarray] = []  # shares that either leaves unexplained, (2,) each
+
+    def judge(self, motion: Motion | None, times: np.ndarray, positions: np.ndarray) -> float | None:
+        """The delay that explains the motions since better [s]; None until that is known.
+
+        Args:
+            motion: of the newest image; None where there is none.
+            times: ``(S,)`` stamps of the joint readings [s], increasing.
+            positions: ``(S, N)`` the readings [rad, m].
+        """
+        if motion is not None and motion.begin >= self.since:
+            self._waiting.append(motion)
+        delays = np.array([self.before, self.now])
+        while self._waiting and self._waiting[0].end + delays.max() <= times[-1] + 1e-6:
+            self._compare(self._waiting.pop(0), delays, times, positions)
+        if len(self._left) < LEAST_MOTIONS:
+            return None
+        before, now = np.mean(self._left, axis=0)
+        if len(self._left) < MOST_MOTIONS and min(before, now) > CLEAR * max(before, now):
+            return None
+        return self.before if before < now else self.now
+
+    def _compare(self, motion: Motion, delays: np.ndarray, times: np.ndarray, positions: np.ndarray) -> None:
+        steps = joint_steps(np.array([[motion.begin, motion.end]]), delays, times, positions)
+        predicted = np.linalg.norm(motion.jacobian @ steps[:, 0].T, axis=1)  # (K, 2)
+        moving = np.maximum(np.linalg.norm(motion.flow, axis=1), predicted.max(axis=1)) > MOVING
+        if moving.any():
+            self._left.append(unexplained_by_jacobian(steps, [motion.flow[moving]], [motion.jacobian[moving]]))
