@@ -16,6 +16,7 @@ on another one's result, so any number of threads gives the same bits.
 import os
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
+from copy import copy
 from functools import cache
 from itertools import pairwise
 from typing import Any
@@ -81,17 +82,7 @@ class PixelLaunch:
             grids = [(0, (worlds, height, width))]
             column_step = width
         self._arguments = arguments  # keeps the arrays alive as long as the recorded pointers
-        self._commands = [
-            wp.launch(
-                kernel,
-                dim=grid,
-                inputs=[row_begin, column_step, *arguments],
-                device=device,
-                record_cmd=True,
-                record_tape=False,
-            )
-            for row_begin, grid in grids
-        ]
+        self._commands = recorded_parts(kernel, grids, [column_step, *arguments], device)
 
     def __call__(self, stream: wp.Stream | None = None) -> None:
         """Run on the arrays' present content; on a CPU the result is there on return.
@@ -104,6 +95,32 @@ class PixelLaunch:
                 command.launch(stream)
         else:
             share_out(self._commands, self._threads)
+
+
+def recorded_parts(
+    kernel: Any, parts: Sequence[tuple[int, tuple[int, ...]]], arguments: Sequence[Any], device: Any
+) -> list[Any]:
+    """Launches of one kernel on the same arrays, recorded.
+
+    Packing the arguments takes longer than many a launch, so it is done once for all of them.
+
+    Args:
+        kernel: takes where its part begins first.
+        parts: where each begins, and its grid.
+        arguments: what follows, inputs before outputs.
+        device: Warp device of the arrays.
+    """
+    (begin, grid), *others = parts
+    inputs = [begin, *arguments]
+    first: Any = wp.launch(kernel, dim=grid, inputs=inputs, device=device, record_cmd=True, record_tape=False)
+    commands = [first]
+    for begin, grid in others:
+        command = copy(first)
+        command.params, command.fwd_args = list(first.params), list(first.fwd_args)
+        command.set_dim(grid)
+        command.set_param_at_index(0, begin)
+        commands.append(command)
+    return commands
 
 
 def share_out(commands: Sequence[Any], threads: int) -> None:

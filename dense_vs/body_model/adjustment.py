@@ -29,15 +29,15 @@ def adjust(
     Returns:
         The state, its mean robust error (0 to 1) and its median error [px].
     """
-    further = focal_prior, noise, bend_deviation, directions, information
+    whole = TrackProblem(
+        joints, pixels, links, center, np.ones(pixels.shape[:2]), focal_prior, noise, bend_deviation, directions,
+        information,
+    )  # fmt: skip
     for _ in range(rounds):
-        whole = TrackProblem(joints, pixels, links, center, np.ones(pixels.shape[:2]), *further)
         squared = np.minimum((whole.errors(state) ** 2).sum(axis=1), 1e12)
         scale = max(noise, float(np.median(np.sqrt(squared))) / 1.1774)
-        weights = np.zeros(pixels.shape[:2])
-        weights[whole.image, whole.point] = 1 / (1 + squared / (_GROSS * scale) ** 2) ** 2
-        problem = TrackProblem(joints, pixels, links, center, weights, *further)
-        state, _ = solve(problem, state, iterations, 1e-4)
+        weights = 1 / (1 + squared / (_GROSS * scale) ** 2) ** 2
+        state, _ = solve(whole.weighted(weights), state, iterations, 1e-4)
     squared = np.minimum((whole.errors(state) ** 2).sum(axis=1), 1e12)
     robust = float(np.mean(squared / (squared + (_GROSS * noise) ** 2)))
     return state, robust, float(np.median(np.sqrt(squared)))

@@ -16,6 +16,7 @@ from dense_vs.errors import DenseVSError
 from dense_vs.generative.rotations import rotation_matrices, tangents
 
 BACKGROUND = -1  # link of what no joint moves
+POSES = 8  # postures whose poses are kept: those of an image and of where a point was defined are asked for many times
 
 
 @dataclass(frozen=True)
@@ -35,12 +36,15 @@ class Chain:
     home: np.ndarray
     parents: np.ndarray
     travel: np.ndarray = field(default_factory=lambda: np.zeros((0, 3)))
+    _poses: dict[bytes, tuple[np.ndarray, np.ndarray]] = field(
+        default_factory=dict, init=False, repr=False, compare=False
+    )
 
     def __post_init__(self):
         if not len(self.travel):
             object.__setattr__(self, "travel", np.zeros_like(self.axes))
 
-    @property
+    @cached_property
     def slides(self) -> np.ndarray:
         """Bool ``(N,)``: the joints that slide; the others turn."""
         return ~np.any(self.axes, axis=1)
@@ -57,12 +61,12 @@ class Chain:
         """N."""
         return len(self.axes)
 
-    @property
+    @cached_property
     def order(self) -> list[int]:
         """Joints with every parent before its children."""
         return tree_order(self.parents)
 
-    @property
+    @cached_property
     def moved_by(self) -> np.ndarray:
         """Bool ``(N + 1, N)``: whether joint n moves link k; the last row is the background's (index -1)."""
         return ancestors(self.parents)
@@ -72,7 +76,23 @@ class Chain:
 
         Args:
             joints: ``(T, N)`` [rad, m].
+
+        Returns:
+            Those of a single posture are not to be written to: they are kept.
         """
+        if len(joints) != 1:
+            return self._link_poses(joints)
+        posture = np.asarray(joints, dtype=np.float64).tobytes()
+        found = self._poses.get(posture)
+        if found is None:
+            found = self._link_poses(joints)
+            for poses in found:
+                poses.flags.writeable = False
+            kept = [*self._poses.items()][1 - POSES :]
+            object.__setattr__(self, "_poses", {**dict(kept), posture: found})
+        return found
+
+    def _link_poses(self, joints: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         steps = len(joints)
         rotation = np.tile(np.eye(3), (steps, self.joint_count + 1, 1, 1))
         translation = np.zeros((steps, self.joint_count + 1, 3))

@@ -53,21 +53,31 @@ def track_jacobians(tracks: PointTracks, posture: np.ndarray, noise: float) -> T
         posture: ``(N,)`` [rad] about which.
         noise: standard deviation of a track's pixel [px].
     """
-    count, joint_count = tracks.pixels.shape[1], tracks.joints.shape[1]
-    places = np.full((count, 2), np.nan)
-    jacobians, covariances = np.zeros((count, 2, joint_count)), np.zeros((count, joint_count, joint_count))
-    moved_by = np.zeros((count, joint_count), bool)
-    errors, usable = np.full(count, np.inf), np.zeros(count, bool)
-    model = _Quadratic(tracks, posture)
-    for m in range(count):
-        seen = np.flatnonzero(tracks.seen[:, m])
-        if len(seen) < LEAST_SEEN:
-            continue
-        fit = _fit(model.design[seen], tracks.pixels[seen, m], model.prior, model.members, noise)
-        moved_by[m], mean, covariance, errors[m], usable[m] = fit
-        places[m], jacobians[m] = mean[0], mean[1 : 1 + joint_count].T
-        covariances[m] = covariance[1 : 1 + joint_count, 1 : 1 + joint_count]
-    return TrackJacobians(np.asarray(posture), places, jacobians, covariances, moved_by, errors, usable)
+    joint_count = tracks.joints.shape[1]
+    model = _Quadratic(tracks, posture, noise)
+    usable = model.counts >= LEAST_SEEN
+    chosen = np.ones((len(usable), joint_count), bool)
+    best, open_ = model.evidence(chosen), usable.copy()
+    while open_.any() and chosen[open_].any():
+        which = np.flatnonzero(open_)
+        fewer = np.repeat(chosen[which, None], joint_count, axis=1)
+        fewer[:, range(joint_count), range(joint_count)] = False
+        trials = np.stack([model.evidence(fewer[:, n], which) for n in range(joint_count)], axis=1)
+        trials[~chosen[which]] = -np.inf
+        n = trials.argmax(axis=1)
+        better = trials[range(len(which)), n] >= best[which]
+        open_[which[~better]] = False
+        chosen[which[better], n[better]] = False
+        best[which] = np.where(better, trials[range(len(which)), n], best[which])
+        open_ &= chosen.any(axis=1)
+    mean, covariance = model.posterior(chosen)
+    errors = np.where(usable, model.errors(mean), np.inf)
+    places = np.where(usable[:, None], mean[:, 0], np.nan)
+    jacobians = np.where(usable[:, None, None], mean[:, 1 : 1 + joint_count].transpose(0, 2, 1), 0.0)
+    covariances = np.where(usable[:, None, None], covariance[:, 1 : 1 + joint_count, 1 : 1 + joint_count], 0.0)
+    moved_by = chosen & usable[:, None]
+    explained = usable & (errors < _TIGHT * noise)
+    return TrackJacobians(np.asarray(posture), places, jacobians, covariances, moved_by, errors, explained)
 
 
 def joint_set_evidence(tracks: PointTracks, measured: TrackJacobians, sets: np.ndarray, noise: float) -> np.ndarray:
@@ -79,69 +89,71 @@ def joint_set_evidence(tracks: PointTracks, measured: TrackJacobians, sets: np.n
         sets: bool ``(K, N)``, joints that may move a track.
         noise: standard deviation of a track's pixel [px].
     """
-    model = _Quadratic(tracks, measured.posture)
-    evidence = np.zeros((tracks.pixels.shape[1], len(sets)))
-    for m in range(len(evidence)):
-        seen = np.flatnonzero(tracks.seen[:, m])
-        for k, chosen in enumerate(sets if len(seen) else ()):
-            evidence[m, k] = _posterior(
-                model.design[seen], tracks.pixels[seen, m], model.prior, model.members, chosen, noise
-            )[0]
-    return evidence
+    model = _Quadratic(tracks, measured.posture, noise)
+    count = tracks.pixels.shape[1]
+    evidence = [model.evidence(np.tile(chosen, (count, 1))) for chosen in sets]
+    return np.where(model.counts[:, None] > 0, np.stack(evidence, axis=1), 0.0)
 
 
 class _Quadratic:
-    """Columns of the quadratic model in every image, their prior variances, and the joints that each needs."""
+    """The linear Gaussian models of M tracks.
 
-    def __init__(self, tracks: PointTracks, posture: np.ndarray):
+    A set of joints leaves some of the P columns out: the information about them is the prior's alone, which changes
+    neither the others' posterior nor, with the prior's determinant, the evidence.
+
+    Attributes:
+        counts: ``(M,)`` images that each track is seen in.
+    """
+
+    def __init__(self, tracks: PointTracks, posture: np.ndarray, noise: float):
         joint_count = tracks.joints.shape[1]
         step = tracks.joints - posture
         pairs = np.triu_indices(joint_count)
         quadratic = step[:, pairs[0]] * step[:, pairs[1]] * np.where(pairs[0] == pairs[1], 0.5, 1.0)
-        self.design = np.column_stack([np.ones(len(step)), step, quadratic])
+        self._design = np.column_stack([np.ones(len(step)), step, quadratic])
         expected = EXPECTED * tracks.size[1]
-        self.prior = np.concatenate([[1e6], np.full(joint_count + len(pairs[0]), expected**2)])
-        self.members = np.zeros((len(self.prior), joint_count), bool)
-        self.members[1 + np.arange(joint_count), np.arange(joint_count)] = True
+        self._prior = np.concatenate([[1e6], np.full(joint_count + len(pairs[0]), expected**2)])
+        self._needs = np.zeros((len(self._prior), joint_count), bool)  # joints that a column is of
+        self._needs[1 + np.arange(joint_count), np.arange(joint_count)] = True
         rest = 1 + joint_count + np.arange(len(pairs[0]))
-        self.members[rest, pairs[0]] = self.members[rest, pairs[1]] = True
+        self._needs[rest, pairs[0]] = self._needs[rest, pairs[1]] = True
+        self._noise, self._seen = noise, tracks.seen
+        self._target = np.where(self._seen[..., None], tracks.pixels, 0.0)
+        self.counts = self._seen.sum(axis=0)
+        products = (self._design[:, :, None] * self._design[:, None]).reshape(len(step), -1)
+        width = len(self._prior)
+        self._information = (self._seen.T.astype(float) @ products).reshape(-1, width, width) / noise**2
+        self._right = np.einsum("tp,tmi->mpi", self._design, self._target, optimize=True) / noise**2
+        self._squares = (self._target**2).sum(axis=(0, 2)) / noise**2
 
+    def evidence(self, chosen: np.ndarray, which: np.ndarray | slice = np.s_[:]) -> np.ndarray:
+        """Logarithm of the evidence of a set of joints, bool ``(M, N)``, for each of some tracks, up to a constant."""
+        information, right = self._equations(chosen, which)
+        lower = np.linalg.cholesky(information)
+        half = np.linalg.solve(lower, right)
+        fit = self._squares[which] - (half**2).sum(axis=(1, 2))
+        log_determinant = 2 * np.log(np.einsum("mpp->mp", lower)).sum(axis=1) + np.log(self._prior).sum()
+        return -0.5 * fit - log_determinant  # two rows share the determinant
 
-def _fit(design: np.ndarray, target: np.ndarray, prior: np.ndarray, members: np.ndarray, noise: float):
-    """The best set of joints, mean ``(P, 2)``, covariance ``(P, P)``, error [px], and whether it explains the track."""
-    joint_count = members.shape[1]
-    chosen = np.ones(joint_count, bool)
-    best = _posterior(design, target, prior, members, chosen, noise)
-    while chosen.any():
-        trials = []
-        for n in np.flatnonzero(chosen):
-            fewer = chosen.copy()
-            fewer[n] = False
-            trials.append((_posterior(design, target, prior, members, fewer, noise), fewer))
-        trial, fewer = max(trials, key=lambda one: one[0][0])
-        if trial[0] < best[0]:
-            break
-        best, chosen = trial, fewer
-    _, used, mean, covariance = best
-    residual = np.linalg.norm(target - design[:, used] @ mean, axis=1)
-    whole, whole_covariance = np.zeros((len(prior), 2)), np.zeros((len(prior), len(prior)))
-    whole[used], whole_covariance[np.ix_(used, used)] = mean, covariance
-    error = float(np.sqrt(np.mean(residual**2) / 2))
-    return chosen, whole, whole_covariance, error, error < _TIGHT * noise
+    def posterior(self, chosen: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Mean ``(M, P, 2)``, covariance ``(M, P, P)`` with a set of joints for each track; 0 for what is left out."""
+        information, right = self._equations(chosen, np.s_[:])
+        covariance = np.linalg.inv(information)
+        used = self._used(chosen)
+        covariance *= used[:, :, None] & used[:, None]
+        return covariance @ right, covariance
 
+    def errors(self, mean: np.ndarray) -> np.ndarray:
+        """Root mean squares ``(M,)`` of what means ``(M, P, 2)`` leave [px]."""
+        residual = self._target - np.einsum("tp,mpi->tmi", self._design, mean, optimize=True)
+        squares = np.where(self._seen[..., None], residual**2, 0.0).sum(axis=(0, 2))
+        return np.sqrt(squares / np.maximum(2 * self.counts, 1))
 
-def _posterior(design, target, prior, members, chosen, noise):
-    """Evidence, columns used, mean and covariance of the linear model with some joints."""
-    used = np.flatnonzero(~(members & ~chosen).any(axis=1))
-    A = design[:, used]
-    information = A.T @ A / noise**2
-    information[np.diag_indices_from(information)] += 1 / prior[used]
-    lower = np.linalg.cholesky(information)
-    right = A.T @ target / noise**2
-    half = np.linalg.solve(lower, right)
-    fit = (target**2).sum() / noise**2 - (half**2).sum()
-    log_determinant = 2 * np.log(lower.diagonal()).sum() + np.log(prior[used]).sum()
-    evidence = -0.5 * fit - log_determinant  # two rows share the determinant
-    inverse = np.linalg.inv(lower)
-    covariance = inverse.T @ inverse
-    return evidence, used, covariance @ right, covariance
+    def _used(self, chosen: np.ndarray) -> np.ndarray:
+        return np.logical_not((self._needs & ~chosen[:, None]).any(axis=2))
+
+    def _equations(self, chosen: np.ndarray, which: np.ndarray | slice) -> tuple[np.ndarray, np.ndarray]:
+        used = self._used(chosen)
+        information = self._information[which] * (used[:, :, None] & used[:, None])
+        information[:, range(len(self._prior)), range(len(self._prior))] += 1 / self._prior
+        return information, self._right[which] * used[..., None]

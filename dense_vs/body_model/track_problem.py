@@ -5,12 +5,14 @@ slides' shifts, three numbers each, the focal length, the lens's bend where it i
 the home posture, which touches no other point's pixels: ``minimize`` eliminates the points by the Schur complement.
 """
 
+from copy import copy
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from dense_vs.body_model.chain import Chain
 from dense_vs.body_model.lens import Lens
+from dense_vs.body_model.track_observations import TrackObservations
 from dense_vs.generative.least_squares.pixel_problem import NormalEquations
 
 NEAREST = 1e-3  # least depth of a point before the camera, in units of length
@@ -77,34 +79,19 @@ class TrackProblem:
         self.link = links[self.point]
         self.count = len(links)
         self.focal_prior, self.noise = focal_prior, noise
-        starts = np.flatnonzero(np.diff(self.point, prepend=-1))
-        self._starts, self._ends, self._present = starts, np.append(starts[1:], len(self.point)), self.point[starts]
-        # Observations of one image on one link side by side, and rows of both coordinates from where to where.
-        self._by_image = np.lexsort((self.link, self.image))
-        self._to_point = np.argsort(self._by_image)
-        at = np.column_stack([self.link, self.image])[self._by_image]
-        firsts = np.flatnonzero((np.diff(at, axis=0, prepend=-2) != 0).any(axis=1))
-        ends = np.append(firsts[1:], len(at))
-        self._runs = np.column_stack([at[firsts], 2 * firsts, 2 * ends]).tolist()
+        self._observed = TrackObservations(
+            self.point, self.image, links % (joints.shape[1] + 1), self.target, self.directions
+        )
 
-    def positions(self, state: BodyState) -> np.ndarray:
-        """Where the model has the observed points, ``(O, 3)`` in the camera frame."""
-        rotation, translation = state.chain.link_poses(self.joints)
-        at = self.image, self.link
-        return np.einsum("oij,oj->oi", rotation[at], state.points[self.point]) + translation[at]
+    def weighted(self, weights: np.ndarray) -> "TrackProblem":
+        """The same of other weights ``(O,)`` of its observations' squares, above 0."""
+        other = copy(self)
+        other.root = np.sqrt(weights)
+        return other
 
     def errors(self, state: BodyState) -> np.ndarray:
         """Model less measurement, ``(O, 2)`` [px], in the directions in which it counts; infinite behind the camera."""
-        p = self.positions(state)
-        depth = np.where(p[:, 2] > NEAREST, p[:, 2], np.nan)
-        seen = self._lens(state).bent(state.focal * p[:, :2] / depth[:, None] + self.center)
-        return np.nan_to_num(self._directed(seen - self.target), nan=np.inf)
-
-    def _directed(self, values: np.ndarray) -> np.ndarray:
-        """Values ``(O, 2)`` or ``(O, 2, K)`` of x and y in the directions in which places count."""
-        if self.directions is None:
-            return values
-        return (self.directions @ values.reshape(len(values), 2, -1)).reshape(values.shape)
+        return self._observed.errors(state.chain.link_poses(self.joints), state.points, self._camera(state), NEAREST)
 
     def cost(self, state: BodyState) -> float:
         """Sum of weighted squares [px^2]."""
@@ -118,39 +105,10 @@ class TrackProblem:
         """Normal equations: joints (4 N) as :meth:`.chain.Chain.moved` has them, logarithm of the focal length, the
         bend where it is asked for, and blocks of 3 for the points.
         """
-        rotation, translation = state.chain.link_poses(self.joints)
-        at = self.image, self.link
-        p = np.einsum("oij,oj->oi", rotation[at], state.points[self.point]) + translation[at]
+        poses = state.chain.link_poses(self.joints)
         joint_count, bends = state.chain.joint_count, int(self.bend_deviation > 0)
-        normal = p[:, :2] / p[:, 2:]
-        lens, straight = self._lens(state), state.focal * normal + self.center
-        scale = self.root * state.focal / p[:, 2]
-        by_position = np.zeros((len(p), 2, 3))
-        by_position[:, 0, 0] = by_position[:, 1, 1] = scale
-        by_position[:, :, 2] = -normal * scale[:, None]
-        by_focal = state.focal * self.root[:, None] * normal
-        if bends or lens.bend:
-            slopes = lens.slopes(straight)
-            by_position, by_focal = slopes @ by_position, np.einsum("oij,oj->oi", slopes, by_focal)
-        by_position = self._directed(by_position)
-        # Columns: the point's own three, the shared ones, the error.
-        rows = np.empty((len(p), 2, 3 + 4 * joint_count + 1 + bends + 1))
-        rows[:, :, : 3 + 4 * joint_count] = self._by_screws(state.chain, rotation, translation, p, by_position)
-        rows[:, :, 3 + 4 * joint_count] = self._directed(by_focal)
-        if bends:
-            rows[:, :, -2] = self.root[:, None] * self._directed(lens.by_bend(straight))
-        errors = rows[:, :, -1]
-        errors[:] = self._directed(lens.bent(straight) - self.target) * self.root[:, None]
-        shared = rows[:, :, 3:].reshape(2 * len(p), -1)
-        products = shared[:, :-1].T @ shared
-        equations = NormalEquations(float((errors**2).sum()), products[:, :-1].copy(), products[:, -1].copy())
-        by_point = np.zeros((self.count, 3, rows.shape[2]))
-        for m, first, end in zip(self._present, self._starts, self._ends, strict=True):
-            of_one = rows[first:end].reshape(-1, rows.shape[2])
-            by_point[m] = of_one[:, :3].T @ of_one
-        equations.local = by_point[:, :, :3].copy()
-        equations.coupling = by_point[:, :, 3:-1].copy()
-        equations.local_gradient = by_point[:, :, -1].copy()
+        screws = self._screws(state.chain, *poses)
+        equations = self._observed.equations(poses, state.points, self._camera(state), self.root, screws, bends > 0)
         priors = [self._prior(state), self._bend_prior(state)]
         for k, (cost, gradient, information) in enumerate(priors[: 1 + bends], start=4 * joint_count):
             equations.cost += cost
@@ -163,15 +121,13 @@ class TrackProblem:
             equations.shared_gradient[: len(pull)] += pull
         return equations
 
-    def _by_screws(
-        self, chain: Chain, rotation: np.ndarray, translation: np.ndarray, p: np.ndarray, by_position: np.ndarray
-    ) -> np.ndarray:
-        """Slopes ``(O, 2, 3 + 4 N)`` by each point's home position and by the joints.
+    def _screws(self, chain: Chain, rotation: np.ndarray, translation: np.ndarray) -> np.ndarray:
+        """Slopes ``(L, T, 6, 3 + 4 N)`` of a row (b, p x b) by each point's home position and by the joints.
 
         A turn of joint n's line about its point, at w in an image, moves a point p by d x (p - w) and a shift by d,
         with d the difference of the turn's axis, or the shift, as the joint's parent and the joint itself carry it. For
         a row b of the slopes by position, b . (d x p) is d . (p x b): so one product of the six numbers (b, p x b) with
-        those of an image gives all joints' columns.
+        those of an image and a link gives all joints' columns.
         """
         images, joint_count = len(self.joints), chain.joint_count
         carried = rotation[:, chain.parents]  # (T, N, 3, 3)
@@ -188,15 +144,7 @@ class TrackProblem:
         on_link = np.zeros((len(chain.moved_by), images, 6, 3 + 4 * joint_count))
         on_link[:, :, :3, :3] = rotation.swapaxes(0, 1)
         on_link[:, :, :, 3:] = (screws * chain.moved_by[:, None, None, :, None]).reshape(len(on_link), images, 6, -1)
-        six = np.empty((len(p), 2, 6))
-        six[:, :, :3] = by_position
-        b, (x, y, z) = np.moveaxis(by_position, 2, 0), p.T[:, :, None]
-        six[:, :, 3], six[:, :, 4], six[:, :, 5] = y * b[2] - z * b[1], z * b[0] - x * b[2], x * b[1] - y * b[0]
-        six = six[self._by_image].reshape(-1, 6)
-        slopes = np.empty((2 * len(p), on_link.shape[3]))
-        for link, image, first, end in self._runs:
-            np.matmul(six[first:end], on_link[link, image], out=slopes[first:end])
-        return slopes.reshape(len(p), 2, -1)[self._to_point]
+        return on_link
 
     def move(self, state: BodyState, shared: np.ndarray, local: np.ndarray | None = None) -> BodyState:
         """The state after a step of the unknowns."""
@@ -234,5 +182,7 @@ class TrackProblem:
         pull = self.information @ moved
         return float(moved @ pull), pull
 
-    def _lens(self, state: BodyState) -> Lens:
-        return Lens.of_center(self.center, state.bend)
+    def _camera(self, state: BodyState) -> np.ndarray:
+        """Focal length, principal point, bend, and distance of the corner that it is told of."""
+        lens = Lens.of_center(self.center, state.bend)
+        return np.array([state.focal, *lens.center, lens.bend, lens.corner])

@@ -13,6 +13,7 @@ import numpy as np
 
 from dense_vs.body.guided_filter import guided_filter
 from dense_vs.checks import check_number
+from dense_vs.device import one_blas_thread
 from dense_vs.errors import DenseVSError
 from dense_vs.jacobian.estimator import DenseJacobian
 from dense_vs.pipeline.occlusion import Occlusion
@@ -81,6 +82,7 @@ class BodyPrior:
         self._vacated: Vacated | None = None
         self._left: np.ndarray | None = None  # by the last motion, where J stays behind
         self._kept: tuple[bytes, np.ndarray, np.ndarray] | None = None  # posture, J and body asked for last
+        self._moved: tuple[np.ndarray, bytes, np.ndarray] | None = None  # J, step and motion asked for last
 
     @classmethod
     def of(cls, body: KnownBody, size: tuple[int, int], joints: int) -> "BodyPrior":
@@ -172,7 +174,7 @@ class BodyPrior:
         step = np.asarray(span, dtype=np.float32)
         by_estimate = estimator.predicted_flow(step)
         self._left = self._vacated.observe(body, flow, by_estimate)
-        hidden = self._occlusion.observe(body, flow, _motion(J, step), by_estimate)
+        hidden = self._occlusion.observe(body, flow, self._motion(J, step), by_estimate)
         if not hidden.any():
             return flow
         return np.where(self._occlusion.around[..., None], np.float32(np.nan), flow)
@@ -187,7 +189,7 @@ class BodyPrior:
             span: ``(N,)`` joint displacement of that flow [rad].
         """
         J, body = self._at(positions)
-        predicted = _motion(J, np.asarray(span, dtype=np.float32))[body]
+        predicted = self._motion(J, np.asarray(span, dtype=np.float32))[body]
         measured = flow[body]
         counted = (np.linalg.norm(predicted, axis=1) > MOVING) & np.isfinite(measured).all(axis=1)
         if counted.sum() >= LEAST_PIXELS:
@@ -231,7 +233,10 @@ class BodyPrior:
         told = np.asarray(self.told(positions), dtype=np.float32)
         return J + estimator.to_numpy() @ (np.eye(len(told), dtype=np.float32) - told)
 
-
-def _motion(J: np.ndarray, step: np.ndarray) -> np.ndarray:
-    """J ``(H, W, 2, N)`` times a joint step ``(N,)``, as one product of a matrix."""
-    return (J.reshape(-1, len(step)) @ step).reshape(J.shape[:3])
+    def _motion(self, J: np.ndarray, step: np.ndarray) -> np.ndarray:
+        """J ``(H, W, 2, N)`` times a joint step ``(N,)``, as one product of a matrix, which is asked for twice too."""
+        asked = step.tobytes()
+        if self._moved is None or self._moved[0] is not J or self._moved[1] != asked:
+            with one_blas_thread():
+                self._moved = J, asked, (J.reshape(-1, len(step)) @ step).reshape(J.shape[:3])
+        return self._moved[2]

@@ -1,6 +1,7 @@
 """A point of a link, known by its pixel when it was defined and a depth: where and how it is seen in other postures."""
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
@@ -25,6 +26,8 @@ POINT = 0  # index of the point among the features
 WIDE = 28.0  # px, standard deviation of the weight by which the link's features tell what the point is off
 SMALL = 0.01  # of the logarithm of the depth, for derivatives
 NOWHERE = np.zeros(2)
+_BESIDE = np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0], [0.0, 0.0]])  # px, of what tells how the surroundings are seen
+_FARTHER = np.array([0.0, 0.0, 0.0, 1.0])  # steps of the depth
 
 
 class PointOnLink:
@@ -54,6 +57,7 @@ class PointOnLink:
         self._first_depths: np.ndarray | None = None  # of the features that were seen then, by the chain at first
         self._begun = np.zeros((0, 2)), np.zeros((0, 2, 2))  # their places then and directions
         self._astray = np.zeros(2)
+        self._viewed: tuple[Any, tuple[np.ndarray, np.ndarray, np.ndarray], Any] | None = None
 
     @property
     def link(self) -> int:
@@ -110,7 +114,7 @@ class PointOnLink:
         expected = features.pixels(there.reshape(-1, 3)).reshape(*there.shape[:2], 2)
         errors = np.einsum("tij,dtj->dti", directions[seen, 0], expected - places[seen, 0])
         self.depth = point_depth(around, np.linalg.norm(errors, axis=2))
-        features.points[POINT] = self._at(self.depth.depth)
+        features.points[POINT] = self._at(np.array([self.depth.depth]))[0]
         features.states[POINT] = FeatureState.KNOWN
 
     def _off_about(self, numbers: np.ndarray, begun: np.ndarray, directions: np.ndarray) -> np.ndarray:
@@ -143,14 +147,18 @@ class PointOnLink:
         """
         assert self.depth is not None
         features, depth = self._features, self.depth.depth
+        # An image asks three times for the same; chain and lens are replaced, never changed.
+        asked = postures.tobytes(), depth, self.link, features.focal, id(features.chain), id(features.lens)
+        if self._viewed is not None and self._viewed[0] == asked:
+            return self._viewed[1]
         rotation, translation = features.chain.link_poses(postures)
-        beside = ((0, 0), (1, 0), (0, 1), (0, 0))
-        depths = (depth, depth, depth, depth * np.exp(SMALL))
-        home = np.array([self._at(d, np.array(b)) for d, b in zip(depths, beside, strict=True)])
+        home = self._at(depth * np.exp(SMALL * _FARTHER), _BESIDE)
         there = np.einsum("tij,kj->tki", rotation[:, self.link], home) + translation[:, None, self.link]
         places = features.pixels(there.reshape(-1, 3)).reshape(len(postures), 4, 2)
         maps = np.stack([places[:, 1] - places[:, 0], places[:, 2] - places[:, 0]], axis=-1)
-        return places[:, 0], maps, (places[:, 3] - places[:, 0]) / SMALL
+        view = places[:, 0], maps, (places[:, 3] - places[:, 0]) / SMALL
+        self._viewed = asked, view, (features.chain, features.lens)  # kept, so that no others get their numbers
+        return view
 
     def posture_for(
         self,
@@ -198,12 +206,16 @@ class PointOnLink:
         views = np.einsum("tji,tj->ti", rotation, there)
         return self._features.pixels(there), views / np.linalg.norm(views, axis=1, keepdims=True)
 
-    def _at(self, depth: float | np.ndarray, beside: np.ndarray = NOWHERE) -> np.ndarray:
-        """The point, or what is so many px beside it, in the home posture ``(..., 3)``; of that depth when defined."""
+    def _at(self, depth: np.ndarray, beside: np.ndarray = NOWHERE) -> np.ndarray:
+        """The point, or what is ``(2,)`` or ``(K, 2)`` px beside it, in the home posture ``(K, 3)``.
+
+        Args:
+            depth: ``(K,)`` of it when defined, in the chain's unit.
+            beside: then [px].
+        """
         features = self._features
         rotation, translation = features.chain.link_poses(self.defined_at[None])
-        ray = features.rays((self._pixel + beside)[None])[0]
-        here = np.multiply.outer(depth, ray)
+        here = depth[:, None] * features.rays(np.atleast_2d(self._pixel + beside))
         return (here - translation[0, self.link]) @ rotation[0, self.link]
 
 

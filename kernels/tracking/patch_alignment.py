@@ -26,7 +26,7 @@ from typing import Any
 import warp as wp
 
 from dense_vs.kernels.image.cubic_spline import sample_spline, spline_weights
-from dense_vs.kernels.launch import BANDS_PER_THREAD, share_out
+from dense_vs.kernels.launch import BANDS_PER_THREAD, recorded_parts, share_out
 
 wp.set_module_options({"enable_backward": False})
 
@@ -106,21 +106,14 @@ def align_patches(
         return
     tiled = not image.device.is_cpu
     parts = 1 if tiled or threads == 1 else min(BANDS_PER_THREAD * threads, points)
+    lanes, kernel = BLOCK if tiled else 1, align_kernel(tiled)
+    arguments = [image, guess, affine, patches.window, patches.pixels, points_out, affine_out, correlation_out]
+    if parts == 1:
+        wp.launch(kernel, (worlds, points, lanes), inputs=[0, *arguments], device=image.device, block_dim=BLOCK)
+        return
     edges = [points * part // parts for part in range(parts + 1)]
-    commands: list[Any] = [
-        wp.launch(
-            align_kernel(tiled),
-            dim=(worlds, last - first, BLOCK if tiled else 1),
-            inputs=[image, guess[:, first:last], affine[:, first:last], patches.window, patches.pixels[:, first:last]],
-            outputs=[out[:, first:last] for out in (points_out, affine_out, correlation_out)],
-            block_dim=BLOCK,
-            device=image.device,
-            record_cmd=parts > 1,
-        )
-        for first, last in pairwise(edges)
-    ]
-    if parts > 1:
-        share_out(commands, threads)
+    grids = [(first, (worlds, last - first, lanes)) for first, last in pairwise(edges)]
+    share_out(recorded_parts(kernel, grids, arguments, image.device), threads)
 
 
 @wp.func
@@ -295,6 +288,7 @@ def align_kernel(tiled: bool) -> Any:
     @kernel
     def align(
         # In:
+        first: int,
         image_in: wp.array3d(dtype=wp.uint8),
         guess_in: wp.array2d(dtype=wp.vec2d),
         affine_in: wp.array2d(dtype=wp.mat22),
@@ -306,7 +300,8 @@ def align_kernel(tiled: bool) -> Any:
         correlation_out: wp.array2d(dtype=float),
     ):
         """Iterate until the patch's corners stand still. All threads of a block take every branch together."""
-        world, point, lane = wp.tid()
+        world, row, lane = wp.tid()
+        point = first + row
         stride = int(1)
         if wp.static(tiled):
             stride = wp.block_dim()

@@ -84,6 +84,9 @@ def _minimize(problem: Any, state: PixelState, max_iterations: int, tolerance: f
         gain = (equations.cost - cost) / predicted
         if gain > 0:
             state = candidate
+            if iteration == max_iterations:  # no step follows that would need its equations
+                equations.cost = cost
+                break
             equations = problem.linearize(state)
             damping *= max(1 / 3, 1 - (2 * gain - 1) ** 3)
             growth = 2.0

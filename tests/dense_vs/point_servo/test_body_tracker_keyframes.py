@@ -52,7 +52,9 @@ def test_a_feature_that_leaves_its_link_is_given_up(monkeypatch, away, kept):
 
 
 def test_features_are_held_to_their_first_looks(monkeypatch):
-    """Those of the point's link in every second image, of others in every third; what looks otherwise is given up."""
+    """Those of the point's link and those of others in turn; what looks otherwise is given up."""
+    monkeypatch.setattr(body_tracker, "HELD", 2)
+    monkeypatch.setattr(body_tracker, "OTHERS_HELD", 3)
     at = np.array([[0, 0], *([10 * k, 10] for k in range(1, 9))], float)
     features = Features(at, np.zeros_like(at), links=[1, 1, 1, 1, 1, 0, 0, 0, 0])
     looks = Looks({1: (0.5, 0.25), 6: (1.0, 0.0)}, unsure=[2], unlike=[3])
@@ -73,8 +75,8 @@ def test_features_are_held_to_their_first_looks(monkeypatch):
     assert seen[1:] == [([1, 2, 4, 5, 6, 7, 8], [1, 3, 4, 5, 7, 8]), ([2, 4, 5, 6, 7, 8], [1, 3, 4, 5, 6, 7, 8])]
 
 
-@pytest.mark.parametrize(("motion", "kept"), [(5.9, False), (6.1, True)])
-def test_a_keyframe_is_taken_when_a_feature_of_the_link_has_moved_by_six_pixels(monkeypatch, motion, kept):
+@pytest.mark.parametrize(("motion", "kept"), [(9.9, False), (10.1, True)])
+def test_a_keyframe_is_taken_when_a_feature_of_the_link_has_moved_by_ten_pixels(monkeypatch, motion, kept):
     at = np.array([[0, 0], [10, 10], [20, 10], [30, 10], [40, 10]], float)
     features = Features(at, [[0, 0], [motion, 0], [0, motion / 2], [0, 0], [30, 0]], links=[1, 1, 1, 1, 0])
     carrying(monkeypatch, 0.0, [True] * 4)
@@ -168,7 +170,7 @@ def test_a_keyframe_is_kept_with_the_sighting_and_young_features_are_decided(mon
     frame = Keyframe(np.zeros(1), np.array([1]), np.zeros((1, 2)), GRAY)
     features.keyframes = [frame] * 10
     calls = []
-    tracker = bare(features, [0, 1, 2, 3, 4], np.arange(10.0), _sighting=np.array([3.0, 4.0]), _next=5)
+    tracker = bare(features, [0, 1, 2, 3, 4], np.arange(10.0), _sighting=np.array([3.0, 4.0]), _next=8)
     tracker._sure = np.arange(6)
     tracker._first = np.array([0, 1, 5])
     tracker._find_in = lambda keyframes: calls.append(list(keyframes))
@@ -183,15 +185,15 @@ def test_a_keyframe_is_kept_with_the_sighting_and_young_features_are_decided(mon
     assert kept.positions is not q
     assert tracker._kept_at.tolist() == [0.5]
     assert features.assigned == [[2, 4]]  # young, the point aside
-    # Eight of the ten former keyframes, from the sixth on and round; then the adjustment, and new features.
-    assert calls == [[0, 1, 2, 5, 6, 7, 8, 9], [0, 1, 5], "more"]
-    assert tracker._next == 13
+    # Four of the ten former keyframes, from the ninth on and round; then the adjustment, and new features.
+    assert calls == [[0, 1, 8, 9], [0, 1, 5], "more"]
+    assert tracker._next == 12
     assert features.refined == [([0, 1, 2, 3, 4, 0], [1, 5])]
     assert tracker._live.tolist() == [0, 1, 2, 4]  # without what no link explains
     np.testing.assert_array_equal(tracker._places, np.arange(10.0).reshape(5, 2)[[0, 1, 2, 4]])
     features.states[:] = KNOWN
     tracker._keep(GRAY, q)
-    assert calls[3] == sorted(k % 11 for k in range(13, 21))
+    assert calls[3] == sorted(k % 11 for k in range(12, 16))
 
 
 @pytest.mark.parametrize(("many", "forgotten"), [(600, False), (601, True)])
@@ -285,9 +287,9 @@ def test_a_keyframe_is_due_as_the_point_moves_where_nothing_else_of_its_link_is_
     tracker._correct = lambda q, link, gray: None
     kept = []
     tracker._keep = lambda gray, q: kept.append(q[0])
-    for q in (1.0, 1.9, 2.1):
+    for q in (1.0, 3.3, 3.4):
         tracker.update(GRAY, [q])
-    assert kept == [2.1]  # 6.3 px
+    assert kept == [3.4]  # 10.2 px
 
 
 @pytest.mark.parametrize(
