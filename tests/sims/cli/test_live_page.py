@@ -54,7 +54,7 @@ def page(session):
 def until(page, condition, seconds=90.0) -> bool:
     end = time.monotonic() + seconds
     while not (held := bool(condition())) and time.monotonic() < end:
-        page.wait_for_timeout(50)
+        page.wait_for_timeout(50 if PICTURES else 250)  # asking takes time from what is waited for
         film(page)
     return held
 
