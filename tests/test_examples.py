@@ -22,7 +22,7 @@ def test_examples_are_numbered_and_short():
 @pytest.mark.slow
 @pytest.mark.parametrize("file", EXAMPLES, ids=lambda file: file.stem)
 def test_example(file, tmp_path):
-    environment = {**os.environ, "OMP_NUM_THREADS": "1"}
+    environment = {**os.environ, "OMP_NUM_THREADS": "1", "DENSE_VS_THREADS": "1"}  # beside other tests
     done = subprocess.run(
         [sys.executable, str(file)], capture_output=True, text=True, check=False, cwd=tmp_path, env=environment
     )
