@@ -83,6 +83,7 @@ function refresh() {
 const isHeard = (id) => latest.heard >= (chosen[id] ?? 0);
 
 function enable(steers) {
+  picture.steers = steers;
   for (const element of document.querySelectorAll(".steer")) if (element.id !== "go") element.disabled = !steers;
   if (!steers) $("go").disabled = true;
   const commands = latest?.commands !== false;

@@ -20,6 +20,7 @@ export class Picture {
     this.showTrails = true;
     this.trails = new Map();
     this.drag = null;
+    this.steers = false; // by the latest state, which may be newer than the image
     this.sent = 0;
     this.marks.addEventListener("pointerdown", (event) => this.down(event));
     this.marks.addEventListener("pointermove", (event) => this.move(event));
@@ -87,7 +88,7 @@ export class Picture {
   }
 
   down(event) {
-    if (!this.state || this.state.control !== "yours" || event.button > 0) return;
+    if (!this.state || !this.steers || event.button > 0) return;
     this.marks.setPointerCapture(event.pointerId);
     this.drag = { from: this.place(event), to: this.place(event), hit: this.hit(event), moved: false, start: [event.clientX, event.clientY], frame: this.frame };
   }

@@ -116,7 +116,8 @@ def test_a_drag_lets_the_point_follow(page, session, robot):
     session.ask(session.points.clear)
     assert until(page, lambda: not len(session.points) and page.locator(".point").count() == 0)
     click(page, (80, 60))
-    assert until(page, lambda: page.locator(".point").count() == 1)
+    # The list shows a point with the state that tells of it, a drag takes hold of it once an image with it is drawn.
+    assert until(page, lambda: page.locator(".point.chosen").count() == 1)
     number = next(iter(session.points)).number
     box = page.locator("#marks").bounding_box()
     scale = box["width"] / WIDTH
