@@ -10,8 +10,9 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
+from dense_vs.kernels.body.surface_image import BORDER
+
 STEPS = 6  # of Newton's method; three are enough for lenses up to 0.2 either way
-BORDER = 2.0  # squared distance from the middle, in those of a corner, beyond which the bend no longer grows
 
 
 @dataclass(frozen=True)

@@ -1,49 +1,24 @@
-"""What was seen of points of a body, laid out for the kernels that compare it with a chain."""
+"""Errors of what was seen of points of a body, and the normal equations of their bundle adjustment."""
 
-from itertools import pairwise
 from typing import Any
 
 import numpy as np
 import warp as wp
 
-from dense_vs.device import resolve_threads
+from dense_vs.body_model.observed_places import PARTS, ObservedPlaces, on_cpu
 from dense_vs.generative.least_squares.pixel_problem import NormalEquations
-from dense_vs.kernels.body.track_equations import LANES, MOST_COLUMNS, track_equations, track_errors
-from dense_vs.kernels.launch import recorded_parts, share_out
-
-PARTS = 8  # of the points, each summed for itself: always as many, so that sums do not depend on the threads
+from dense_vs.kernels.body.track_equations import LANES, track_equations, track_errors
 
 
 class TrackObservations:
-    """O places of M points in some images.
+    """What a chain should explain.
 
     Args:
-        point: ``(O,)`` that each is of, in increasing order.
-        image: ``(O,)`` that each was seen in.
-        links: ``(M,)`` that the points are on, from 0.
-        target: ``(O, 2)`` the places [px].
-        directions: ``(O, 2, 2)``, what errors are multiplied by; 1 if None.
+        seen: the places, as seen in the images.
     """
 
-    def __init__(
-        self,
-        point: np.ndarray,
-        image: np.ndarray,
-        links: np.ndarray,
-        target: np.ndarray,
-        directions: np.ndarray | None,
-    ):
-        count = len(links)
-        starts = np.searchsorted(point, np.arange(count + 1))
-        if directions is None:
-            directions = np.tile(np.eye(2), (len(point), 1, 1))
-        # Parts with about as many places each.
-        share = np.arange(1, PARTS) * len(point) // PARTS
-        edges = np.concatenate([[0], np.searchsorted(starts[1:], share), [count]])
-        self._parts = [(part, (1,)) for part, (first, last) in enumerate(pairwise(edges)) if last > first]
-        self._count, self._seen = count, len(point)
-        self._fixed = [_whole(edges), _whole(starts), _whole(image), _whole(links), _exact(target), _exact(directions)]
-        self._threads = resolve_threads()
+    def __init__(self, seen: ObservedPlaces):
+        self._seen = seen
 
     def errors(
         self, poses: tuple[np.ndarray, np.ndarray], points: np.ndarray, camera: np.ndarray, nearest: float
@@ -56,9 +31,8 @@ class TrackObservations:
             camera: focal length, principal point (x, y), bend of the lens and distance of its corner [px].
             nearest: least depth of what is before the camera.
         """
-        errors: Any = wp.zeros((self._seen, 2), dtype=wp.float64, device="cpu")
-        moving = [*(_exact(pose) for pose in poses), _exact(points), _exact(camera)]
-        self._launch(track_errors, [*self._fixed, *moving, nearest, errors])
+        errors: Any = wp.zeros((self._seen.place_count, 2), dtype=wp.float64, device="cpu")
+        self._seen.launch(track_errors, poses, [on_cpu(points, wp.vec3d), on_cpu(camera), nearest, errors])
         return errors.numpy()
 
     def equations(
@@ -82,31 +56,17 @@ class TrackObservations:
         """
         by_screws = screws.shape[3]
         columns = by_screws + 1 + bends + 1
-        if columns > MOST_COLUMNS:
-            raise ValueError(f"{columns} columns; expected at most {MOST_COLUMNS}")
         width = -(-columns // LANES) * LANES
         padded = np.zeros((*screws.shape[:3], width))
         padded[..., :by_screws] = screws
-        own: Any = wp.zeros((self._count, 3, width), dtype=wp.float64, device="cpu")
-        of_all: Any = wp.zeros((PARTS, columns - 3, width), dtype=wp.float64, device="cpu")
-        moving = [*(_exact(pose) for pose in poses), _exact(points), _exact(camera)]
-        settings = [_exact(root), _exact(padded), columns, by_screws, bends]
-        self._launch(track_equations, [*self._fixed, *moving, *settings, own, of_all])
+        shapes = (PARTS, 2, width), (self._seen.point_count, 3, width), (PARTS, columns - 3, width)
+        out: list[Any] = [wp.zeros(shape, dtype=wp.float64, device="cpu") for shape in shapes]
+        settings = [on_cpu(root), on_cpu(padded), columns, by_screws, bends]
+        self._seen.launch(track_equations, poses, [on_cpu(points, wp.vec3d), on_cpu(camera), *settings, *out])
+        own, of_all = out[1:]
         shared, blocks = of_all.numpy().sum(axis=0)[:, 3:columns], own.numpy()
         equations = NormalEquations(float(shared[-1, -1]), shared[:-1, :-1].copy(), shared[:-1, -1].copy())
         equations.local = blocks[:, :, :3].copy()
         equations.coupling = blocks[:, :, 3 : columns - 1].copy()
         equations.local_gradient = blocks[:, :, columns - 1].copy()
         return equations
-
-    def _launch(self, kernel: Any, arguments: list[Any]) -> None:
-        if self._parts:
-            share_out(recorded_parts(kernel, self._parts, arguments, "cpu"), min(self._threads, len(self._parts)))
-
-
-def _exact(values: np.ndarray) -> Any:
-    return wp.array(np.ascontiguousarray(values, dtype=np.float64), dtype=wp.float64, device="cpu", copy=False)
-
-
-def _whole(values: np.ndarray) -> Any:
-    return wp.array(np.ascontiguousarray(values, dtype=np.int32), dtype=int, device="cpu", copy=False)

@@ -12,6 +12,7 @@ import numpy as np
 
 from dense_vs.body_model.chain import Chain
 from dense_vs.body_model.lens import Lens
+from dense_vs.body_model.observed_places import ObservedPlaces
 from dense_vs.body_model.track_observations import TrackObservations
 from dense_vs.generative.least_squares.pixel_problem import NormalEquations
 
@@ -79,9 +80,9 @@ class TrackProblem:
         self.link = links[self.point]
         self.count = len(links)
         self.focal_prior, self.noise = focal_prior, noise
-        self._observed = TrackObservations(
-            self.point, self.image, links % (joints.shape[1] + 1), self.target, self.directions
-        )
+        on_links = links % (joints.shape[1] + 1)
+        seen = ObservedPlaces(self.point, self.image, on_links, self.target, self.directions)
+        self._observed = TrackObservations(seen)
 
     def weighted(self, weights: np.ndarray) -> "TrackProblem":
         """The same of other weights ``(O,)`` of its observations' squares, above 0."""

@@ -152,9 +152,10 @@ class JointStream:
 
     def _changed(self, delay: float) -> Fault:
         self.delay = delay
-        text = f"joint readings are {delay:.3f} s behind the images now; taken out"
-        if delay <= 0:
-            text = f"images come {-delay:.3f} s later than their stamps say; taken out"
         if delay == 0:
             text = "images come when their stamps say again"
+        elif delay < 0:
+            text = f"images come {-delay:.3f} s later than their stamps say; taken out"
+        else:
+            text = f"joint readings are {delay:.3f} s behind the images now; taken out"
         return Fault(FaultKind.LATE, text, stops=False, holds=False)

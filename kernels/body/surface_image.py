@@ -12,7 +12,7 @@ wp.set_module_options({"enable_backward": False})
 NEAREST = wp.constant(1.0e-6)  # points at or behind the camera are left out
 FARTHEST = wp.constant(3.0e38)
 NONE = wp.constant(2147483647)
-BORDER = wp.constant(2.0)  # as of the lens, see :class:`.Lens`
+BORDER = 2.0  # squared distance from the middle, in those of a corner, beyond which the lens's bend no longer grows
 SIDES = wp.constant(4)  # of eight, on which a pixel between points has points
 
 

@@ -5,7 +5,7 @@ import pytest
 from scipy.optimize import minimize
 from synthetic_body import CENTER, FOCAL, postures, serial_body
 
-from dense_vs.body_model import link_assignment, track_observations
+from dense_vs.body_model import observed_places
 from dense_vs.body_model.chain import Chain
 from dense_vs.body_model.lens import Lens
 from dense_vs.body_model.link_assignment import place_points
@@ -84,7 +84,7 @@ def test_normal_equations_are_the_products_of_slopes_by_differences(bend, deviat
 def test_the_number_of_threads_changes_no_bit(monkeypatch):
     found = []
     for threads in (1, 2, 3):
-        monkeypatch.setattr(track_observations, "resolve_threads", lambda count=threads: count)
+        monkeypatch.setattr(observed_places, "resolve_threads", lambda count=threads: count)
         problem, state, _ = problem_of(5, -0.05, 0.03)
         equations = problem.linearize(state)
         found.append([problem.errors(state), equations.shared, equations.coupling, equations.local])
@@ -93,12 +93,20 @@ def test_the_number_of_threads_changes_no_bit(monkeypatch):
             np.testing.assert_array_equal(one, same)
 
 
-def test_more_columns_than_a_row_has_room_for_are_refused():
+def test_any_number_of_shared_columns_is_summed():
+    """600 columns beside the screws' own are the products of slopes that the first columns give."""
     problem, state, _ = problem_of(4)
-    poses = state.chain.link_poses(problem.joints)
-    screws = np.zeros((4, len(problem.joints), 6, 511))
-    with pytest.raises(ValueError, match="513 columns; expected at most 512"):
-        problem._observed.equations(poses, state.points, np.ones(5), problem.root, screws, False)
+    rng = np.random.default_rng(2)
+    poses, count = state.chain.link_poses(problem.joints), len(state.points)
+    of_point = rng.normal(size=(4, len(problem.joints), 6, 3))
+    mixed = rng.normal(size=(3, 600))  # every shared column as some of the points' own
+    screws = np.concatenate([of_point, of_point @ mixed], axis=3)
+    camera = np.array([FOCAL, *CENTER, 0.0, 200.0])
+    equations = problem._observed.equations(poses, state.points, camera, problem.root, screws, False)
+    expected = mixed.T @ equations.local.sum(axis=0) @ mixed
+    np.testing.assert_allclose(equations.shared[:600, :600], expected, rtol=1e-9, atol=1e-9 * np.abs(expected).max())
+    for m in range(0, count, 11):
+        np.testing.assert_allclose(equations.coupling[m, :, :600], equations.local[m] @ mixed, rtol=1e-9, atol=1e-6)
 
 
 @pytest.mark.parametrize("directed", [False, True])
@@ -143,7 +151,7 @@ def test_points_that_are_seen_nowhere_or_behind_the_camera_stay_and_say_so(monke
     assert placed.cost[0] == 0.0
     assert placed.cost[1] == pytest.approx(1.0)
     for threads in (1, 3):
-        monkeypatch.setattr(link_assignment, "resolve_threads", lambda count=threads: count)
+        monkeypatch.setattr(observed_places, "resolve_threads", lambda count=threads: count)
         again = place_points(*given)
         np.testing.assert_array_equal(again.points, placed.points)
     none = place_points(*given[:4], pixels[:, :0], problem.links[:0], start[:0], NOISE)
