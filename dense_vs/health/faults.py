@@ -13,6 +13,8 @@ class FaultKind(StrEnum):
     """A joint reading that no motor can have made."""
     STUCK = "stuck joint"
     """A joint's reading does not follow its commands: the joint, or its encoder, is stuck."""
+    SLIP = "slipping joint"
+    """A joint moves by another share of what its reading says, as by a belt that slips behind the encoder."""
     DARK = "dark image"
     """The image shows nothing."""
     FROZEN = "frozen image"

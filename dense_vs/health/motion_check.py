@@ -37,12 +37,14 @@ class Motion:
         begin, end: stamps of the two images [s].
         flow: ``(K, 2)`` [px].
         jacobian: ``(K, 2, N)`` there [px/rad].
+        trusted: whether J was known well enough to judge by.
     """
 
     begin: float
     end: float
     flow: np.ndarray
     jacobian: np.ndarray
+    trusted: bool = False
 
 
 class MotionCheck:
@@ -90,7 +92,8 @@ class MotionCheck:
         moving = np.maximum((flow**2).sum(axis=1), (predicted**2).sum(axis=1)) > MOVING**2
         robot = np.flatnonzero((size > ON_ROBOT * size.max(initial=0.0)) & np.isfinite(energy))
         some = robot[:: max(1, len(robot) // MOST_PLACES)]
-        self.last = motion = Motion(begin, end, flow[some], jacobian[some])
+        known = self.usual is not None and self._judged >= KNOWN and self.usual < TRUSTED
+        self.last = motion = Motion(begin, end, flow[some], jacobian[some], known)
         if self.recent:
             self.recent.append(motion)
         chosen = (size > ON_ROBOT * size.max(initial=0.0)) & moving & np.isfinite(energy)
@@ -98,7 +101,6 @@ class MotionCheck:
             return None
         error = ((flow[chosen] - predicted[chosen]) ** 2).sum(axis=1)
         self.share = float(np.median(error / energy[chosen]))
-        known = self.usual is not None and self._judged >= KNOWN and self.usual < TRUSTED
         wrong = known and self.usual is not None and self.share > max(self.least_share, TIMES_USUAL * self.usual)
         if wrong and not self.recent:
             self.recent.append(motion)

@@ -1,8 +1,13 @@
-"""A live robot's joints on the camera's clock: readings judged, kept, and interpolated to the images' stamps."""
+"""A live robot's joints on the camera's clock: readings judged, kept, and interpolated to the images' stamps.
+
+A joint that moves by another share than its readings say, as by a slipping belt, is followed by that share: its
+position is the reading and all that its belt has slipped.
+"""
 
 import numpy as np
 
 from dense_vs.health.faults import Fault, FaultKind
+from dense_vs.health.gain_check import APART, GainCheck
 from dense_vs.health.joint_watch import JointWatch
 from dense_vs.health.motion_check import Motion, MotionCheck
 from dense_vs.pipeline.frame_pipeline import ProcessedFrame
@@ -31,6 +36,8 @@ class JointStream:
     Attributes:
         delay: as far as is known [s].
         finding: whether it is still to be found.
+        gains: ``(n,)``, what the joints move by for each unit of their readings; 1 where nothing is wrong.
+        slipped: ``(n,)``, what the joints have moved beside their readings [rad, m].
     """
 
     def __init__(self, robot: Robot, group: JointGroup, watch: JointWatch, delay: float | None):
@@ -38,6 +45,8 @@ class JointStream:
         self.finding = delay is None
         self.delay = 0.0 if delay is None else delay
         self._sought = 0  # times
+        self.gains, self.slipped = np.ones(len(group.names)), np.zeros(len(group.names))
+        self._gain_check = GainCheck(len(group.names))
         self.restart()
 
     def restart(self) -> None:
@@ -47,6 +56,7 @@ class JointStream:
         self._motion: list[tuple[float, float, np.ndarray]] = []  # stamps of two images and the flow between them
         self._begin: float | None = None  # stamp of the image that the next flow begins at
         self._trial: DelayTrial | None = None
+        self._gain_check.restart()
 
     def read(self, image_time: float) -> tuple[Fault, ...]:
         """Take the robot's newest reading, if it can be believed; what is wrong with it.
@@ -56,16 +66,25 @@ class JointStream:
         """
         positions, stamp = self._robot.joints()
         reading = np.asarray(self._group.take(positions), dtype=np.float64)
+        before = self.watch.positions
         faults = self.watch.judge(reading, stamp, image_time)
         if not any(fault.stops for fault in faults):
-            self._buffer.add(reading, stamp)
-        return tuple(faults)
+            if before is not None:
+                self.slipped += (self.gains - 1) * (reading - before)
+            self._buffer.add(reading + self.slipped, stamp)
+        slips = (self._slips(int(joint)) for joint in np.flatnonzero(self.gains != 1))
+        return (*faults, *slips)
 
     @property
-    def newest(self) -> np.ndarray:
+    def reading(self) -> np.ndarray:
         """The last reading that was believed, ``(n,)`` [rad]."""
         assert self.watch.positions is not None  # one is read before anything is asked
         return self.watch.positions
+
+    @property
+    def newest(self) -> np.ndarray:
+        """Where the joints are by the last reading that was believed, ``(n,)`` [rad]."""
+        return self.reading + self.slipped
 
     @property
     def newest_time(self) -> float:
@@ -107,8 +126,8 @@ class JointStream:
         self.delay = found or 0.0
         return self.delay != 0.0
 
-    def judge_clock(self, frame: ProcessedFrame, check: MotionCheck) -> tuple[Fault, float] | None:
-        """Take out a delay that has changed since it was found, as far as a frame's motion tells it.
+    def judge_motion(self, frame: ProcessedFrame, check: MotionCheck) -> tuple[Fault, float] | None:
+        """Take out a joint's gain or a delay that has changed, as far as a frame's motion tells it.
 
         Args:
             frame: the newest.
@@ -117,10 +136,33 @@ class JointStream:
         Returns:
             What to say, and the time of the first image that is meant [s]; None where nothing changed.
         """
+        newest = check.last if check.last is not None and check.last.end == frame.time else None
+        if (slip := self._find_gain(newest)) is not None:
+            return slip
         if any(fault.kind is FaultKind.MISFIT for fault in frame.faults):
             return self._find_change(list(check.recent))
-        newest = check.last if check.last is not None and check.last.end == frame.time else None
         return self._confirm(newest)
+
+    def _find_gain(self, motion: Motion | None) -> tuple[Fault, float] | None:
+        """A joint that moves by another share of its readings than until now, which is taken out of what is kept."""
+        if motion is None or not motion.trusted:
+            return None
+        change = self._gain_check.judge(motion, self.at(motion.end) - self.at(motion.begin), self.gains)
+        if change is None:
+            return None
+        joint, before = change.joint, self.gains[change.joint]
+        gain = change.factor * before
+        self.gains[joint] = 1.0 if abs(gain - 1) < APART else gain
+        newest = self._buffer.at(self._buffer.last_time)
+        self._buffer.stretch(joint, self.gains[joint] / before, change.since + self.delay)
+        self.slipped += self._buffer.at(self._buffer.last_time) - newest
+        self._gain_check.restart()
+        return self._slips(joint), change.since
+
+    def _slips(self, joint: int) -> Fault:
+        gain = self.gains[joint]
+        share = "as its readings say again" if gain == 1 else f"by {gain:.2f} of what its readings say; taken out"
+        return Fault(FaultKind.SLIP, f"{self._group.names[joint]} moves {share}", stops=False, holds=False)
 
     def _find_change(self, recent: list[Motion]) -> tuple[Fault, float] | None:
         """A delay that explains motions which the present one does not."""

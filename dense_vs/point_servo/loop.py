@@ -183,7 +183,7 @@ class ServoLoop:
         stop = "; ".join(str(fault) for fault in self.faults if fault.stops)
         sent = self.gate.send(
             np.where(self.joints.watch.stuck, 0.0, delta),
-            self.joints.newest,
+            self.joints.reading,
             image_time=self.frame.time if not self._held else None,
             now=self._newest,
             reading_time=self.joints.newest_time,
@@ -370,18 +370,18 @@ class ServoLoop:
     def _process(self, image: np.ndarray, time: float, depth: Any, faults: tuple[Fault, ...]) -> ProcessedFrame:
         self._frame = frame = self.pipeline.process(image, time, self.joints.at(time), faults, depth)
         check = self.pipeline.check
-        changed = None if check is None else self.joints.judge_clock(frame, check)
+        changed = None if check is None else self.joints.judge_motion(frame, check)
         if changed is not None:
-            late, since = changed
+            fault, since = changed
             self._body.retime(self.joints.kept_at, since)
             self.pipeline.restart()
-            self._say(late)
+            self._say(fault, positions=self.joints.at(time))
         return self._frame
 
-    def _say(self, fault: Fault) -> None:
-        """Add what is wrong to the last frame."""
+    def _say(self, fault: Fault, **known: Any) -> None:
+        """Add what is wrong to the last frame, and what is known better by it."""
         followed = self._followed is self._frame
-        self._frame = replace(self._frame, faults=(*self._frame.faults, fault))
+        self._frame = replace(self._frame, faults=(*self._frame.faults, fault), **known)
         if followed:
             self._followed = self._frame
 

@@ -209,6 +209,15 @@ class JointBuffer:
         self._positions[self._count] = positions
         self._count += 1
 
+    def stretch(self, joint: int, factor: float, since: float) -> None:
+        """Make a joint's motion since a time [s] longer by a factor, beginning where it was at that time."""
+        if not self._count:
+            return
+        begin = self.at(since)[joint]
+        later = self._positions[: self._count][self._times[: self._count] > since]
+        later[:, joint] = begin + factor * (later[:, joint] - begin)
+        self._positions[: self._count][self._times[: self._count] > since] = later
+
     def readings(self) -> tuple[np.ndarray, np.ndarray]:
         """Times ``(S,)`` [s] and positions ``(S, N)`` that are kept, the oldest first."""
         return self._times[: self._count].copy(), self._positions[: self._count].copy()

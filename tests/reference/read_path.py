@@ -9,10 +9,10 @@ NAMES = tuple("abcd")
 class Path:
     """A robot that goes along a smooth random path, read at the time that is set."""
 
-    def __init__(self, seed):
+    def __init__(self, seed, frames=200):
         rng = np.random.default_rng(seed)
         noise, steps = np.zeros(JOINTS), []
-        for _ in range(200):
+        for _ in range(frames):
             noise = 0.85 * noise + rng.normal(0, 0.006, JOINTS)
             steps.append(noise)
         self.path, self.time = np.cumsum(steps, axis=0), 0.0

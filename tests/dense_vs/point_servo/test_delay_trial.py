@@ -77,7 +77,7 @@ def test_a_stream_goes_back_from_a_delay_that_was_chance(monkeypatch, true):
         if k == 100:
             check.recent.append(motion)
         frame = SimpleNamespace(time=motion.end, faults=(misfit,) if k == 100 else ())
-        if (changed := stream.judge_clock(frame, check)) is not None:
+        if (changed := stream.judge_motion(frame, check)) is not None:
             changes.append((k, *changed))
             check.forget_doubt()
     (first, told, since), *back = changes

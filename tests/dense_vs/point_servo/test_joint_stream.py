@@ -36,7 +36,7 @@ def judged(seed, frames, jump=False):
             0, 0.15, (PLACES, 2)
         )
         fault = check.judge(flow, learned, stream.at(end) - stream.at(begin), begin, end)
-        found = stream.judge_clock(SimpleNamespace(time=end, faults=() if fault is None else (fault,)), check)
+        found = stream.judge_motion(SimpleNamespace(time=end, faults=() if fault is None else (fault,)), check)
         if found is not None:
             assert found[1] == check.recent[0].end
             return SimpleNamespace(fault=found[0], delay=stream.delay, frame=k)

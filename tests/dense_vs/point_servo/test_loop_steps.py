@@ -25,10 +25,10 @@ def bare(**given):
     loop = object.__new__(ServoLoop)
     loop.events = events = []
     stream = SimpleNamespace(
-        delay=0.0, newest=np.array([0.5, 0.6]), newest_time=7.5, finding=False,
+        delay=0.0, newest=np.array([0.5, 0.6]), reading=np.array([0.5, 0.4]), newest_time=7.5, finding=False,
         watch=SimpleNamespace(stuck=np.array([False, True]), commanded=lambda sent: events.append(("sent", sent))),
         read=lambda time: events.append(("read", time)) or (), at=lambda time: np.array([time, 0.0]),
-        restart=lambda: events.append("joints"), has=lambda time: False, judge_clock=lambda frame, check: None,
+        restart=lambda: events.append("joints"), has=lambda time: False, judge_motion=lambda frame, check: None,
         kept_at="kept",
     )  # fmt: skip
     loop.__dict__.update(
@@ -118,7 +118,13 @@ def test_images_wait_for_the_readings_of_their_time():
 def commanding(loop, faults=()):
     """A camera, and a gate that sends half of what it is given."""
     processing(loop)
-    loop.gate.send = lambda delta, newest, **named: loop.events.append(("send", delta.tolist(), named)) or delta / 2
+
+    def send(delta, reading, **named):
+        assert reading is loop.joints.reading  # limits are the encoder's
+        loop.events.append(("send", delta.tolist(), named))
+        return delta / 2
+
+    loop.gate.send = send
     loop.camera = SimpleNamespace(read=lambda: ("image", 10.1))
     loop.joints.read = lambda time: faults
 
@@ -168,7 +174,7 @@ def test_a_point_that_is_not_seen_is_said(monkeypatch, why):
     loop = bare()
     asked, moved = [], []
     monkeypatch.setattr(module, "follow", lambda *given: asked.append(given) or why)
-    monkeypatch.setattr(module, "replace", lambda frame, faults: Frame(**{**vars(frame), "faults": faults}))
+    monkeypatch.setattr(module, "replace", lambda frame, **anew: Frame(**{**vars(frame), **anew}))
     loop._point_flow, loop.renew_patch = "flow", 0.9
     loop.aim = SimpleNamespace(update=lambda point, dq, depth: moved.append((point, dq.tolist(), depth)))
     loop.tracker = SimpleNamespace(points=["place"])
@@ -191,10 +197,10 @@ def test_a_point_that_is_not_seen_is_said(monkeypatch, why):
 @pytest.mark.parametrize("late", [None, fault(FaultKind.LATE)])
 def test_a_delay_that_changed_is_taken_out_of_what_was_seen(monkeypatch, late):
     loop = bare()
-    monkeypatch.setattr(module, "replace", lambda frame, faults: Frame(**{**vars(frame), "faults": faults}))
+    monkeypatch.setattr(module, "replace", lambda frame, **anew: Frame(**{**vars(frame), **anew}))
     processing(loop)
     asked = []
-    loop.joints.judge_clock = lambda frame, check: asked.append((frame.time, check)) or (late and (late, 9.5))
+    loop.joints.judge_motion = lambda frame, check: asked.append((frame.time, check)) or (late and (late, 9.5))
     check = loop.pipeline.check = SimpleNamespace()
     given = (fault(FaultKind.MISFIT),)
     loop._process("image", 10.1, None, given)

@@ -164,7 +164,7 @@ def test_a_delay_that_changed_is_taken_out(monkeypatch, now, found, text):
     read(stream, robot, 3)
     motions = [SimpleNamespace(flow=f"u{k}", jacobian=f"J{k}", begin=k, end=k + 1) for k in range(4)]
     told = SimpleNamespace(faults=(Fault(FaultKind.MISFIT, "", stops=False),))
-    changed = stream.judge_clock(told, SimpleNamespace(recent=motions))
+    changed = stream.judge_motion(told, SimpleNamespace(recent=motions, last=None))
     assert given["flows"] == ["u1", "u2", "u3"]  # the first may span the change
     assert given["jacobians"] == ["J1", "J2", "J3"]
     assert given["pairs"].tolist() == [[1, 2], [2, 3], [3, 4]]

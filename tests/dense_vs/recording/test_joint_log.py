@@ -224,3 +224,16 @@ def test_buffer_refuses():
             buffer.add(q, time)
     with pytest.raises(DenseVSError, match="no joint reading yet"):
         buffer.at(0.0)
+
+
+def test_buffer_stretches_a_joints_motion_from_a_time_on():
+    buffer = JointBuffer(2)
+    for k in range(5):
+        buffer.add(np.array([float(k), 10.0 * k]), 0.1 * k)
+    buffer.stretch(1, 0.5, 0.25)  # between two readings: it was at 25
+    times, positions = buffer.readings()
+    np.testing.assert_allclose(times, 0.1 * np.arange(5))
+    np.testing.assert_allclose(positions, [[0, 0], [1, 10], [2, 20], [3, 27.5], [4, 32.5]])
+    buffer.stretch(0, 2.0, 0.4)  # nothing is later
+    np.testing.assert_allclose(buffer.readings()[1], positions)
+    JointBuffer(1).stretch(0, 2.0, 0.0)  # nor in an empty one
