@@ -5,9 +5,7 @@
 Real images are those that VOS-VS annotated by hand, ten of each object: learned from every second one and asked about
 the others, then the other way round. Simulated ones are the objects of the mobile manipulator: learned from ten
 annotated images, asked about ten of other poses, distances and supports. The figure is intersection over union.
-
-Tracking: each simulated object passes before a camera that moves by about a centimeter an image, as at 30 images a
-second, and is looked for around its last mask (``window``), beside the same segmenter that looks everywhere.
+Every image is looked at anew, as a whole; ``tracking.py`` follows objects from image to image.
 """
 
 import argparse
@@ -20,15 +18,11 @@ import numpy as np
 from metrics import Metric, add_report_arguments, report
 
 from dense_vs.segmentation import AnnotatedFolder, FewShotSegmenter
-from dense_vs.sims.mobile_manipulator.annotations import SUPPORTS, annotate
+from dense_vs.sims.mobile_manipulator.annotations import annotate
 from dense_vs.sims.mobile_manipulator.objects import household_objects
-from dense_vs.sims.mobile_manipulator.postures import above
 from dense_vs.sims.mobile_manipulator.world import MobileWorld
 from dense_vs.view.progress import progress
 
-WINDOW = 24  # px of the reduced image around the last mask
-TRACKED = 15  # images of an object
-STEP = 0.01  # m that the camera moves from image to image
 DATA = Path(__file__).parents[2] / "shared" / "data"
 
 
@@ -121,58 +115,7 @@ def simulated(names: Sequence[str], seeds: Sequence[int], threads: int | None) -
                 )
                 measured.ask(name, (learned.images, learned.masks), (asked.images, asked.masks), seed)
                 bar.update()
-    return measured.metrics("simulated") + tracking(world, names, seeds[-1])
-
-
-def tracking(world: MobileWorld, names: Sequence[str], seed: int) -> list[Metric]:
-    """The camera passes over every object; masks with a window and without."""
-    windows = {"window": WINDOW, "everywhere": 0}
-    overlaps: dict[str, list[float]] = {name: [] for name in windows}
-    seconds: dict[str, list[float]] = {name: [] for name in windows}
-    known = list(household_objects())
-    for name in names:
-        rng = np.random.default_rng([seed, 80, known.index(name)])
-        learned = annotate(world, name, rng)
-        both = {kind: FewShotSegmenter(seed=seed, window=w) for kind, w in windows.items()}
-        for segmenter in both.values():
-            segmenter.fit(learned.images, learned.masks)
-        x, y, z = SUPPORTS[1]
-        if world.objects[name].links:
-            world.lay_chain(name, (x, y, z), rng)
-        else:
-            world.place(name, (x, y, z), rng.uniform(-np.pi, np.pi))
-        away = rng.uniform(-0.06, 0.06, 2)
-        for number in range(TRACKED):
-            away = away + STEP * np.array([np.cos(0.4 * number), np.sin(0.4 * number)])
-            world.set_posture(above(x + away[0], y + away[1], 0.75 - 0.005 * number))
-            image, mask = world.image("grasp"), world.true_mask("grasp", name)
-            for kind, segmenter in both.items():
-                begun = time.perf_counter()
-                found = segmenter.segment(image)
-                if number:  # the first image has nothing before it
-                    seconds[kind].append(time.perf_counter() - begun)
-                    overlaps[kind].append(intersection_over_union(found, mask))
-        world.store([name])
-    return [
-        metric
-        for kind in windows
-        for metric in (
-            Metric(f"tracking, {kind}: mean IoU", float(np.mean(overlaps[kind])), "1", "higher", 0.03),
-            Metric(
-                f"tracking, {kind}: images with IoU below 0.5",
-                float(np.mean(np.array(overlaps[kind]) < 0.5)),
-                "1",
-                "lower",
-            ),
-            Metric(f"tracking, {kind}: segment [ms]", 1e3 * float(np.median(seconds[kind])), "ms", "lower"),
-            Metric(
-                f"tracking, {kind}: segment, 90th percentile [ms]",
-                1e3 * float(np.percentile(seconds[kind], 90)),
-                "ms",
-                "lower",
-            ),
-        )
-    ]
+    return measured.metrics("simulated")
 
 
 def intersection_over_union(found: np.ndarray, true: np.ndarray) -> float:

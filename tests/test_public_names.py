@@ -13,8 +13,8 @@ NAMES = {
     "FramePipeline GraspLoop HadamardBroyden JointLog MaskServo PointTracker Robot SelfBody ServoLoop VisualServo",
     "dense_vs.depth": "METHODS DepthEstimate DepthUnobservableError MaskDepth depth_from_areas depth_from_masks "
     "depth_from_regions mask_regions",
-    "dense_vs.segmentation": "AnnotatedFolder FewShotOptions FewShotSegmenter MaskQuality MaskVerdict OnnxOptions "
-    "OnnxSegmenter Segmenter assess_mask read_image read_images read_mask write_mask",
+    "dense_vs.segmentation": "AnnotatedFolder Doubt FewShotOptions FewShotSegmenter MaskQuality MaskVerdict "
+    "OnnxOptions OnnxSegmenter Segmenter assess_mask read_image read_images read_mask write_mask",
     "dense_vs.generative": "GenerativeModel Observations",
     "dense_vs.sims": "FRAME_SECONDS ROBOTS BatchServo DepthSensor DeviceFrame DomainRandomization Frame IdSegmenter "
     "SimCamera SimDepthCamera SimRobot SimWorld SurfacePoint",

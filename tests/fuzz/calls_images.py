@@ -94,7 +94,7 @@ def grasp_targets() -> list[Target]:
                lambda: {"masks": masks.copy(), "camera_back": back.copy()}, weight=0.3),
         Target("check_grasp", lambda **o: check_grasp(**o).outcome,
                lambda: {"area_grasp": 100.0, "area_raised": 80.0, "opening": 0.02, "behind": 0.5, "share": 0.5,
-                        "min_area": 16.0, "closed": 0.0015}),
+                        "min_area": 16.0, "closed": 0.0015, "others": [20.0, 30.0]}),
         Target("grasp_camera_position", grasp_camera_position, lambda: {"z_object": 0.4, "z_gripper": 0.2}),
         Target("RegraspPolicy", lambda **o: RegraspPolicy(**o).attempts_made,
                lambda: {"attempts": 3, "searches": 2, "step": 0.008, "max_deeper": 0.016}),

@@ -3,6 +3,7 @@
 May import: the ground, kernels and the interface :mod:`dense_vs.segmentation.segmenter`.
 """
 
+from dense_vs.segmentation.few_shot.object_track import Doubt
 from dense_vs.segmentation.few_shot.segmenter import FewShotOptions, FewShotSegmenter
 
-__all__ = ["FewShotOptions", "FewShotSegmenter"]
+__all__ = ["Doubt", "FewShotOptions", "FewShotSegmenter"]

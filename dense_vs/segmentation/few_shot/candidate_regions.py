@@ -11,11 +11,12 @@ from dense_vs.segmentation.few_shot.pixel_channels import PixelChannels, pixel_c
 from dense_vs.segmentation.few_shot.pixel_features import PixelFeatures
 from dense_vs.segmentation.few_shot.region_features import (
     SuperpixelFigures,
+    border_figures,
     merge_features,
     region_features,
     superpixel_figures,
 )
-from dense_vs.segmentation.few_shot.region_tree import RegionTree, region_tree
+from dense_vs.segmentation.few_shot.region_tree import RegionTree, region_trees
 from dense_vs.segmentation.few_shot.superpixels import Superpixels, find_superpixels
 
 # How much color counts beside the probability where regions merge: one tree that hardly knows the object, so that
@@ -73,13 +74,15 @@ def candidate_regions(
         min_area: smallest candidate.
     """
     histogram = seen.pixels.histogram(words.of(seen.channels.rgb), words.count)
-    trees, index, nodes, areas, rows = [], [], [], [], []
-    for number, color in enumerate(COLOR_WEIGHTS):
-        tree = region_tree(seen.pixels, merge_features(seen.figures, seen.pixels, likely, color))
-        features = region_features(seen.figures, seen.pixels, tree, likely, histogram, examples, seen.image_area)
+    compared = np.stack([merge_features(seen.figures, seen.pixels, likely, color) for color in COLOR_WEIGHTS])
+    borders = border_figures(seen.figures, seen.pixels, likely, histogram)
+    trees, index, nodes, areas, rows = region_trees(seen.pixels, compared), [], [], [], []
+    for number, tree in enumerate(trees):
+        features = region_features(
+            seen.figures, borders, seen.pixels, tree, likely, histogram, examples, seen.image_area
+        )
         area = tree.node_sums(seen.pixels.area[:, None])[:, 0]
         kept = np.flatnonzero(area >= min_area)
-        trees.append(tree)
         index.append(np.full(len(kept), number))
         nodes.append(kept)
         areas.append(area[kept])

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from dense_vs.kernels.masks.row_sums import shared_histograms, sums_by_row
 from dense_vs.segmentation.few_shot.pixel_channels import COLORS, PATTERNS, TEXTURES, PixelChannels
 from dense_vs.segmentation.few_shot.region_tree import RegionTree
 from dense_vs.segmentation.few_shot.superpixels import Superpixels
@@ -23,15 +24,24 @@ class SuperpixelFigures:
     place: np.ndarray  # (n, 5) sums of x, y, x^2, y^2, x y
 
 
+@dataclass(frozen=True)
+class BorderFigures:
+    """What lies on the other side of borders: length, strength, and of the other side Lab, words and probability."""
+
+    around: np.ndarray  # (n, c) of all the border of a superpixel
+    of_pair: np.ndarray  # (p, c) of a pair of neighbors, both sides together
+
+
 def superpixel_figures(channels: PixelChannels, pixels: Superpixels) -> SuperpixelFigures:
     """Sums over every superpixel."""
     height, width = pixels.labels.shape
-    y, x = np.mgrid[:height, :width].astype(np.float64)  # squares of coordinates need the digits
+    y, x = np.mgrid[:height, :width].reshape(2, -1).astype(np.float64)  # squares of coordinates need the digits
+    label = pixels.labels.ravel()
     return SuperpixelFigures(
         pixels.sums(channels.planes),
         pixels.sums(channels.lab**2),
         pixels.histogram(channels.patterns, PATTERNS),
-        pixels.sums(np.stack([x, y, x * x, y * y, x * y], axis=2)),
+        np.stack([np.bincount(label, part) for part in (x, y, x * x, y * y, x * y)], axis=1),
     )
 
 
@@ -41,8 +51,29 @@ def merge_features(figures: SuperpixelFigures, pixels: Superpixels, likely: np.n
     return np.concatenate([color * lab, likely[:, None]], axis=1)
 
 
+def border_figures(
+    figures: SuperpixelFigures, pixels: Superpixels, likely: np.ndarray, words: np.ndarray
+) -> BorderFigures:
+    """What lies on the other side of superpixels' borders, weighted by their length.
+
+    Args:
+        figures: of the superpixels.
+        pixels: the superpixels.
+        likely: probability of the object (n,).
+        words: histogram (n, K) of color words.
+    """
+    area = pixels.area[:, None]
+    outside = np.concatenate([figures.planes[:, :3] / area, words / area, likely[:, None]], axis=1)
+    length, strength = pixels.length[:, None], pixels.strength[:, None]
+    of_first = np.concatenate([length, strength, length * outside[pixels.second]], axis=1)
+    of_second = np.concatenate([length, strength, length * outside[pixels.first]], axis=1)
+    around = sums_by_row(pixels.first, of_first, pixels.count) + sums_by_row(pixels.second, of_second, pixels.count)
+    return BorderFigures(around, of_first + of_second)
+
+
 def region_features(
     figures: SuperpixelFigures,
+    borders: BorderFigures,
     pixels: Superpixels,
     tree: RegionTree,
     likely: np.ndarray,
@@ -53,7 +84,7 @@ def region_features(
     """Features (N, F) float32 that separate the nodes of the tree that are the object from the others.
 
     Args:
-        figures: of the superpixels.
+        figures, borders: of the superpixels.
         pixels, tree: the superpixels, and the tree over them.
         likely: probability of the object (n,).
         words: histogram (n, K) of color words.
@@ -71,29 +102,23 @@ def region_features(
         words,
         doubt,
         doubt * likely[:, None],
+        pixels.rim[:, None],
+        borders.around,
     ]
     sums = np.split(tree.node_sums(np.concatenate(leaf, axis=1)), np.cumsum([part.shape[1] for part in leaf])[:-1], 1)
-    size, place, planes, squares, patterns, histogram, belief, belief_square = sums
+    size, place, planes, squares, patterns, histogram, belief, belief_square, rim, around = sums
     mean, histogram, patterns, belief = (part / size for part in (planes, histogram, patterns, belief))
     spread = _spread(squares / size, mean[:, :3])
     belief_spread = _spread(belief_square / size, belief)
 
-    # What lies on the other side of the boundary, weighted by the length of the common border.
-    outside = np.concatenate([figures.planes[:, :3] / area, words / area, likely[:, None]], axis=1)
-    length, strength = pixels.length[:, None], pixels.strength[:, None]
-    ring = tree.boundary_sums(
-        pixels,
-        np.concatenate([length, strength, length * outside[pixels.second]], axis=1),
-        np.concatenate([length, strength, length * outside[pixels.first]], axis=1),
-    )
+    ring = tree.boundary_sums(around, borders.of_pair)
     border = np.maximum(ring[:, :1], 1.0)
     lab_around, words_around, belief_around = np.split(ring[:, 2:] / border, [3, 3 + words.shape[1]], axis=1)
-    rim = tree.node_sums(pixels.rim[:, None])
     perimeter = np.maximum(ring[:, :1] + rim, 1.0)
 
     parent_height = tree.height[tree.parent][:, None] + 1e-3
     own_height = tree.height[:, None] + 1e-3
-    likeness = np.minimum(histogram[:, None], examples).sum(axis=2)
+    likeness = shared_histograms(histogram, examples)
     return np.concatenate(
         [
             mean[:, :COLORS],

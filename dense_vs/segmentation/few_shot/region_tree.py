@@ -1,17 +1,17 @@
 """A hierarchy of regions over superpixels: neighbors that look alike merge first, so that objects appear as nodes.
 
-Ward's criterion on the superpixels' features with their adjacency as constraint (scikit-learn). Every node of the tree
-is a candidate region: n superpixels give 2 n - 1. What adds up over superpixels (areas, moments, histograms) is known
-for all nodes from one cumulative sum, as the superpixels under a node are neighbors in depth-first order.
+Ward's criterion on the superpixels' features with their adjacency as constraint. Every node of the tree is a candidate
+region: n superpixels give 2 n - 1. What adds up over superpixels (areas, moments, histograms) is known for all nodes
+from one cumulative sum, as the superpixels under a node are neighbors in depth-first order.
 """
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
-from scipy import sparse
 
-from dense_vs.errors import DenseVSError
+from dense_vs.device import resolve_threads
+from dense_vs.kernels.masks.region_merging import merge_regions
+from dense_vs.kernels.masks.row_sums import sums_by_row
 from dense_vs.segmentation.few_shot.superpixels import Superpixels
 
 
@@ -32,20 +32,15 @@ class RegionTree:
         np.cumsum(leaf_sums[self.order], axis=0, out=total[1:])
         return total[self.start + self.size] - total[self.start]
 
-    def boundary_sums(self, pixels: Superpixels, of_first: np.ndarray, of_second: np.ndarray) -> np.ndarray:
+    def boundary_sums(self, around: np.ndarray, of_pair: np.ndarray) -> np.ndarray:
         """Sums (N, c) along the outer boundary of every node, the image's border not counted.
 
         Args:
-            pixels: the superpixels.
-            of_first, of_second: what a pair's border counts for its first and its second superpixel, (p, c).
+            around: sums (N, c) over the nodes' superpixels, each with all of its own border.
+            of_pair: (p, c) what a pair's border counts for its two superpixels together; it is inside a node that
+                holds both.
         """
-        columns = of_first.shape[1]
-        around, inner = np.zeros((pixels.count, columns)), np.zeros((len(self.parent), columns))
-        for c in range(columns):
-            around[:, c] = np.bincount(pixels.first, of_first[:, c], pixels.count)
-            around[:, c] += np.bincount(pixels.second, of_second[:, c], pixels.count)
-            inner[:, c] = np.bincount(self.join, of_first[:, c] + of_second[:, c], len(self.parent))
-        return self.node_sums(around) - self._over_subtrees(inner)
+        return around - self._over_subtrees(sums_by_row(self.join, of_pair, len(self.parent)))
 
     def mask(self, pixels: Superpixels, node: int) -> np.ndarray:
         """The node's pixels, bool (h, w)."""
@@ -68,42 +63,10 @@ class RegionTree:
         return total[self.start + self.size] - total[self.start + 1]
 
 
-def region_tree(pixels: Superpixels, features: np.ndarray) -> RegionTree:
-    """Merge superpixels by their features (n, c).
-
-    Raises:
-        DenseVSError: scikit-learn is not installed.
-    """
-    try:
-        from sklearn.cluster import ward_tree
-    except ImportError as error:
-        raise DenseVSError(
-            "the few-shot segmenter needs scikit-learn, which is not installed; pip install 'dense-vs[vos]'"
-        ) from error
-    n = pixels.count
-    pairs = sparse.coo_matrix((np.ones(len(pixels.first)), (pixels.first, pixels.second)), shape=(n, n))
-    merged: Any = ward_tree(features, connectivity=(pairs + pairs.T).tocsr(), return_distance=True)
-    children, distances = np.asarray(merged[0]), np.asarray(merged[4])
-    nodes = n + len(children)
-    parent, size, start = np.full(nodes, nodes - 1), np.ones(nodes, np.int64), np.zeros(nodes, np.int64)
-    for k, (one, other) in enumerate(children.tolist()):
-        parent[one] = parent[other] = n + k
-        size[n + k] = size[one] + size[other]
-    for k in range(len(children) - 1, -1, -1):
-        one, other = children[k]
-        start[one] = start[n + k]
-        start[other] = start[n + k] + size[one]
-    order = np.argsort(start[:n], kind="stable")
-    height = np.concatenate([np.zeros(n), distances])
-    return RegionTree(parent, height, order, start, size, _joins(parent, pixels.first, pixels.second))
-
-
-def _joins(parent: np.ndarray, first: np.ndarray, second: np.ndarray) -> np.ndarray:
-    """Lowest common ancestors: as parents come later, the earlier node of a pair climbs until both are one."""
-    one, other = first.copy(), second.copy()
-    while (apart := one != other).any():
-        climbs = apart & (one < other)
-        one[climbs] = parent[one[climbs]]
-        climbs = apart & ~climbs
-        other[climbs] = parent[other[climbs]]
-    return one
+def region_trees(pixels: Superpixels, features: np.ndarray) -> list[RegionTree]:
+    """Merge superpixels by their features, once for each of the sets (T, n, c)."""
+    merged = merge_regions(pixels.first, pixels.second, features, resolve_threads())
+    return [
+        RegionTree(merged.parent[t], merged.height[t], merged.order[t], merged.start[t], merged.size[t], merged.join[t])
+        for t in range(len(features))
+    ]

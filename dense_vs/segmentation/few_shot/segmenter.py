@@ -18,18 +18,18 @@ import numpy as np
 from dense_vs.checks import check_number, check_whole
 from dense_vs.errors import DenseVSError
 from dense_vs.files import atomic_write, read_arrays, stored_array
-from dense_vs.segmentation.few_shot.candidate_regions import CELL, mask_share, overlaps, see
+from dense_vs.segmentation.few_shot.candidate_regions import mask_share, overlaps, see
 from dense_vs.segmentation.few_shot.color_words import ColorWords
 from dense_vs.segmentation.few_shot.decision_forest import DecisionForest
 from dense_vs.segmentation.few_shot.mask_refinement import refine_mask
+from dense_vs.segmentation.few_shot.object_track import Doubt, FoundRegion, ObjectTrack, Window
 from dense_vs.segmentation.few_shot.training import ObjectModel, learn_object
 from dense_vs.segmentation.segmenter import check_image, check_mask
 
 FORMAT = "dense-vs few-shot segmenter"
 FORMAT_VERSION = 2
 COLORS = 1 << 15  # 5 bits a channel
-LEAST_WINDOW = 16  # px of the reduced image
-WINDOW_AREA = 12_000  # px; larger windows are reduced
+WINDOW_AREA = 16_000  # px; larger windows are reduced
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -43,9 +43,9 @@ class FewShotOptions:
         min_score: least predicted overlap that counts as having found the object, as a share of what the object's
             images lead to expect.
         memory: how much a region gains by overlapping the last mask, in units of predicted overlap; 0 for stills.
-        window: how far around the last mask the object is looked for first [px of the reduced image], then everywhere;
-            0 for everywhere at once. For images that follow one another closely, as those of a camera that tracks.
-            Windows of large objects are reduced further, and the mask is then brought to the image's outlines.
+        window: how far around the last mask's box the object is looked for first [px of the reduced image]; 0 for
+            everywhere at once. Windows of large objects are reduced further, and the mask is then brought to the
+            image's outlines. Where what is found there is doubted, the whole image is looked at in the same frame.
         seed: of the drawn pixels and of the forests.
     """
 
@@ -54,7 +54,7 @@ class FewShotOptions:
     min_area: int = 12
     min_score: float = 0.5
     memory: float = 0.3
-    window: int = 0
+    window: int = 16
     seed: int = 0
 
     def __post_init__(self):
@@ -65,7 +65,9 @@ class FewShotOptions:
 
 
 class FewShotSegmenter:
-    """Finds one object after having seen it in about ten annotated images.
+    """Finds one object after having seen it in about ten annotated images, and follows it from image to image.
+
+    Images are those of one camera, one after the other; call :meth:`reset` where they are not, as between stills.
 
     Args:
         size, samples, min_area, min_score, memory, window, seed: see :class:`FewShotOptions`.
@@ -73,6 +75,8 @@ class FewShotSegmenter:
     Attributes:
         options: what it was made with.
         score: predicted overlap of the last mask with the object, 0 where nothing was worth a mask.
+        everywhere: whether the whole of the last image was looked at.
+        doubt: why, where the object had been found in the image before; None otherwise.
 
     Raises:
         DenseVSError: an option out of range.
@@ -86,13 +90,16 @@ class FewShotSegmenter:
         min_area: int = 12,
         min_score: float = 0.5,
         memory: float = 0.3,
-        window: int = 0,
+        window: int = 16,
         seed: int = 0,
     ):
         self.options = FewShotOptions(
             size=size, samples=samples, min_area=min_area, min_score=min_score, memory=memory, window=window, seed=seed
         )
         self._model: ObjectModel | None = None
+        self._track = ObjectTrack()
+        self.everywhere: bool
+        self.doubt: Doubt | None
         self.reset()
 
     def fit(self, images: Sequence[np.ndarray], masks: Sequence[np.ndarray]) -> "FewShotSegmenter":
@@ -135,43 +142,35 @@ class FewShotSegmenter:
         self._learned()
         height, width = image.shape[:2]
         reduced = self._reduced(image)
-        region = self._find_near(reduced)
-        if region is None:
-            region = self._find(reduced, slice(0, reduced.shape[0]), slice(0, reduced.shape[1]))
-        if region is None:
+        found, self.doubt = self._find_near(reduced, (height, width))
+        self.everywhere = found is None
+        if found is None:
+            found = self._find(reduced, Window.of_image(reduced.shape[:2]))
+        if found is None:
+            self._track.forget()
             self.score = 0.0
             return np.zeros((height, width), dtype=bool)
-        mask = refine_mask(image, _smooth(region, (width, height)))
-        self._previous = mask
+        mask = refine_mask(image, _smooth(found.pixels, (width, height)))
+        self._track.follow(mask, found, anew=self.everywhere)
+        self.score = found.score
         return mask
 
-    def _find_near(self, image: np.ndarray) -> np.ndarray | None:
-        """The object's region (h, w) of a reduced image, looked for around the last mask alone; None where not found.
+    def _find_near(self, image: np.ndarray, size: tuple[int, int]) -> tuple[FoundRegion | None, Doubt | None]:
+        """The object's region of a reduced image, looked for around the last one alone, or why it is not taken."""
+        margin, track = self.options.window, self._track
+        if not margin or track.mask is None:
+            return None, None
+        window = track.window(image.shape[:2], margin)
+        if window is None or track.mask.shape != size:
+            return None, Doubt.OTHER_SIZE
+        found = self._find(image, window)
+        doubt = track.doubt(found, window)
+        return (found, None) if doubt is None else (None, doubt)
 
-        A region that reaches the window's edge may go on outside, so it is not taken.
-        """
-        margin = self.options.window
-        if not margin or self._previous is None or not self._previous.any():
-            return None
-        height, width = image.shape[:2]
-        rows, columns = (
-            _grown(np.atleast_1d(self._previous.any(axis=axis)), length, margin)
-            for axis, length in ((1, height), (0, width))
-        )
-        region = self._find(image, rows, columns)
-        if region is None:
-            return None
-        cut = (
-            (rows.start > 0 and region[rows.start].any())
-            or (rows.stop < height and region[rows.stop - 1].any())
-            or (columns.start > 0 and region[:, columns.start].any())
-            or (columns.stop < width and region[:, columns.stop - 1].any())
-        )
-        return None if cut else region
-
-    def _find(self, image: np.ndarray, rows: slice, columns: slice) -> np.ndarray | None:
-        """The object's region (h, w) of a reduced image, looked for in a part of it; None where nothing is worth it."""
+    def _find(self, image: np.ndarray, window: Window) -> FoundRegion | None:
+        """The object's region of a reduced image, looked for in a part of it; None where nothing is worth it."""
         model, shape = self._learned(), image.shape[:2]
+        rows, columns = window.rows, window.columns
         part = np.ascontiguousarray(image[rows, columns])
         size = part.shape[1::-1]
         share = min(1.0, WINDOW_AREA / (size[0] * size[1])) if part.size < image.size else 1.0
@@ -180,17 +179,16 @@ class FewShotSegmenter:
         seen = see(part, round(share * shape[0] * shape[1]))
         found, score, _ = model.candidates(seen, share * self.options.min_area)
         gain = np.zeros(len(score))
-        if self._previous is not None:
-            last = cv2.resize(self._previous.astype(np.float32), shape[::-1], interpolation=cv2.INTER_AREA)
+        if self._track.mask is not None:
+            last = cv2.resize(self._track.mask.astype(np.float32), shape[::-1], interpolation=cv2.INTER_AREA)
             gain = self.options.memory * overlaps(seen, found, mask_share(seen, last[rows, columns]))
         least = self.options.min_score * model.expected_score
         if not len(score) or score[best := int(np.argmax(score + gain))] + gain[best] < least:
             return None
-        self.score = float(score[best])
         region = np.zeros(shape, dtype=bool)
         mask = found.trees[found.tree[best]].mask(seen.pixels, int(found.node[best]))
         region[rows, columns] = _smooth(mask, size) if share < 1 else mask
-        return region if region.any() else None
+        return FoundRegion(region, float(score[best])) if region.any() else None
 
     def probability(self, image: np.ndarray) -> np.ndarray:
         """Probability of the object (h, w) float32 by color and texture alone, on the reduced image: to look at."""
@@ -201,8 +199,8 @@ class FewShotSegmenter:
 
     def reset(self) -> None:
         """Forget the last mask: the next image may show the object anywhere."""
-        self._previous: np.ndarray | None = None
-        self.score = 0.0
+        self._track.forget()
+        self.score, self.everywhere, self.doubt = 0.0, False, None
 
     def save(self, path: str | os.PathLike[str]) -> None:
         """Write options and what was learned as ``.npz``, without pickle.
@@ -281,17 +279,6 @@ def _checked_pairs(images: Sequence[np.ndarray], masks: Sequence[np.ndarray]) ->
     if not any(mask.any() for _, mask in pairs) or all(mask.all() for _, mask in pairs):
         raise DenseVSError("the masks hold no pixel of the object or none of the background; expected both")
     return pairs
-
-
-def _grown(taken: np.ndarray, length: int, margin: int) -> slice:
-    """Where a mask's rows or columns (n,) are in an image of another length, and a margin more [px of it].
-
-    Superpixels and the pixels that are classified lie on grids, which a window keeps: it begins at a multiple of both.
-    """
-    places = np.flatnonzero(taken) * length / len(taken)
-    first = max(min(int(places[0]) - margin, length - LEAST_WINDOW), 0)
-    first -= first % CELL
-    return slice(first, min(max(int(places[-1]) + 1 + margin, first + LEAST_WINDOW), length))
 
 
 def _smooth(region: np.ndarray, size: tuple[int, int]) -> np.ndarray:

@@ -6,6 +6,7 @@ stops at edges (Meyer's watershed, OpenCV). Sums over superpixels are sparse mat
 """
 
 from dataclasses import dataclass
+from typing import Any
 
 import cv2
 import numpy as np
@@ -55,15 +56,10 @@ def find_superpixels(channels: PixelChannels, cell: int) -> Superpixels:
     # The watershed takes 8 bits: the opponents, within about +-0.8, are spread over them.
     bytes_ = np.clip((smooth + np.array([0, 0.6, 0.6], np.float32)) * np.array([255, 212, 212], np.float32), 0, 255)
     cv2.watershed(bytes_.astype(np.uint8), markers)
-    labels = _without_lines(markers)
-    used, labels = np.unique(labels, return_inverse=True)
-    labels = labels.reshape(gradient.shape).astype(np.int32)
-    count = len(used)
-    flat = labels.ravel()
-    order = np.argsort(flat, kind="stable")
-    area = np.bincount(flat, minlength=count)
-    starts = np.concatenate([[0], np.cumsum(area)])
-    members = sparse.csr_matrix((np.ones(flat.size, np.float32), order, starts), shape=(count, flat.size))
+    labels = _numbered(_without_lines(markers))
+    area = np.bincount(labels.ravel())
+    count = len(area)
+    members = _grouped(labels.ravel(), np.ones(labels.size, np.float32), count)
     edge = np.concatenate([labels[0], labels[-1], labels[1:-1, 0], labels[1:-1, -1]])
     rim = np.bincount(edge, minlength=count).astype(np.float64)
     first, second, length, strength = _borders(labels, gradient, count)
@@ -88,7 +84,8 @@ def _seeds(gradient: np.ndarray, cell: int) -> np.ndarray:
 def _add_blobs(markers: np.ndarray, lab: np.ndarray) -> None:
     """A marker more at the middle of every small blob (Lowe 2004: maxima of the difference of Gaussians)."""
     small, large = (cv2.GaussianBlur(lab, (0, 0), BLOB_SCALE * factor) for factor in (1.0, 1.6))
-    contrast = np.sqrt(np.sum((small - large) ** 2, axis=2))
+    lightness, *opponents = cv2.split((small - large) ** 2)
+    contrast = np.sqrt(lightness + opponents[0] + opponents[1])
     peak = (contrast == cv2.dilate(contrast, np.ones((5, 5), np.uint8))) & (contrast > BLOB_CONTRAST)
     y, x = np.nonzero(peak)
     block = np.ones((3, 3), np.uint8)
@@ -108,6 +105,17 @@ def _without_lines(markers: np.ndarray) -> np.ndarray:
     return labels.astype(np.int32)
 
 
+def _numbered(labels: np.ndarray) -> np.ndarray:
+    """The labels that occur, in their order, numbered from 0."""
+    number = np.cumsum(np.bincount(labels.ravel()) > 0, dtype=np.int32) - np.int32(1)
+    return number[labels]
+
+
+def _grouped(row: np.ndarray, values: np.ndarray, count: int) -> Any:
+    """A matrix (count, m) with one value a column, in the rows (m,); every row's in their order."""
+    return sparse.csc_matrix((values, row, np.arange(len(row) + 1)), shape=(count, len(row))).tocsr()
+
+
 def _borders(
     labels: np.ndarray, gradient: np.ndarray, count: int
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
@@ -119,7 +127,12 @@ def _borders(
     )
     crossing = one != other
     one, other, steep = one[crossing], other[crossing], steep[crossing]
-    pair = np.minimum(one, other).astype(np.int64) * count + np.maximum(one, other)
-    pairs, which = np.unique(pair, return_inverse=True)
-    length = np.bincount(which, minlength=len(pairs)).astype(np.float64)
-    return pairs // count, pairs % count, length, np.bincount(which, steep, len(pairs))
+    first, second = np.minimum(one, other), np.maximum(one, other)
+    # Sorted by counting, twice: by the second superpixel, then by the first.
+    by_second = _grouped(second, np.arange(len(second)), count)
+    order = _grouped(first[by_second.data], by_second.data, count).data
+    first, second, steep = first[order], second[order], steep[order]
+    new = np.ones(len(order), dtype=bool)
+    new[1:] = (np.diff(first) != 0) | (np.diff(second) != 0)
+    which = np.cumsum(new) - 1
+    return first[new], second[new], np.bincount(which).astype(np.float64), np.bincount(which, steep)
