@@ -12,10 +12,13 @@ from collections import defaultdict
 from pathlib import Path
 from typing import Any
 
+from ibvs_table import visp_lines
+
 RESULTS = Path(__file__).parent / "results" / "experiments.json"
 PAGES = Path(__file__).parent.parent / "docs" / "papers"
 NAMES = {"dije": "dije", "vosvs": "vosvs", "generative": "gothoskar"}
 BEGIN, END = "<!-- tables: begin -->", "<!-- tables: end -->"
+BESIDE = {"gothoskar": {"visp": visp_lines}}  # page -> name of the markers -> lines between them
 
 
 def page_tables(runs: list[dict[str, Any]]) -> str:
@@ -29,13 +32,19 @@ def page_tables(runs: list[dict[str, Any]]) -> str:
     return "\n".join(_section(experiment, told, members) for (experiment, told, _), members in sorted(grouped.items()))
 
 
+def _between(text: str, begin: str, end: str, content: str) -> str:
+    """The text with other content between its markers."""
+    before, rest = text.split(begin)
+    return f"{before}{begin}\n\n{content}\n{end}{rest.split(end)[1]}"
+
+
 def _section(experiment: str, told: str, runs: list[dict[str, Any]]) -> str:
     runs = sorted(runs, key=lambda run: run["seeds"])
     seeds = ["seeds " + _range(run["seeds"]) if len(run["seeds"]) > 1 else f"seed {run['seeds'][0]}" for run in runs]
     lines = [
         f"### {experiment}{': ' + told if told else ''}",
         "",
-        f"`dense-vs reproduce {runs[0]['paper']} {experiment}`; {_made(runs)}.",
+        f"`dense-vs reproduce {runs[0]['paper']} {experiment}{_options(runs[0])}`; {_made(runs)}.",
         "",
         f"| | paper | {' | '.join(seeds)} | |",
         f"|---|---|{'---|' * (len(runs) + 1)}",
@@ -49,9 +58,18 @@ def _section(experiment: str, told: str, runs: list[dict[str, Any]]) -> str:
 
 def _told(run: dict[str, Any]) -> str:
     """What tells runs of one experiment apart."""
-    return {"normal": "postures normal", "uniform": "postures uniform"}.get(
-        (run.get("arguments") or {}).get("postures"), ""
-    )
+    arguments = run.get("arguments") or {}
+    if run["experiment"] == "trial":
+        return arguments.get("difficulty", "clean")  # there was no other before
+    told = [f"postures {arguments['postures']}"] if arguments.get("postures") else []
+    if arguments.get("independent"):
+        told.append(f"every motion of a joint off by N(0, {arguments['independent']:g} rad)")
+    return ", ".join(told)
+
+
+def _options(run: dict[str, Any]) -> str:
+    """Options that a run of this section needs, as they are typed."""
+    return " --difficulty clean" if run["experiment"] == "trial" and _told(run) == "clean" else ""
 
 
 def _made(runs: list[dict[str, Any]]) -> str:
@@ -83,10 +101,9 @@ def main() -> int:
     for paper, name in NAMES.items():
         page = PAGES / f"{name}.md"
         text = page.read_text(encoding="utf-8")
-        before, rest = text.split(BEGIN)
-        after = rest.split(END)[1]
-        tables = page_tables([run for run in runs if run["paper"] == paper])
-        whole = f"{before}{BEGIN}\n\n{tables}\n{END}{after}"
+        whole = _between(text, BEGIN, END, page_tables([run for run in runs if run["paper"] == paper]))
+        for what, lines in BESIDE.get(name, {}).items():
+            whole = _between(whole, f"<!-- {what}: begin -->", f"<!-- {what}: end -->", "\n".join([*lines(), ""]))
         if whole != text:
             stale.append(page.name)
             if not check:

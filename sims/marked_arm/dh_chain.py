@@ -49,11 +49,13 @@ class DHChain:
         return self.link_poses(joints)[..., -1, :, :]
 
     def flange_jacobian(self, joints: np.ndarray) -> np.ndarray:
-        """Geometric Jacobian (6, n) of the flange's origin in the base frame: linear [m/rad], then angular."""
+        """Geometric Jacobian (..., 6, n) of the flange's origin in the base frame: linear [m/rad], then angular."""
         poses = self.link_poses(joints)
-        before = np.concatenate([np.eye(4)[None], poses[:-1]])
-        axes, origins = before[:, :3, 2], before[:, :3, 3]
-        return np.concatenate([np.cross(axes, poses[-1, :3, 3] - origins), axes], axis=1).T
+        base = np.broadcast_to(np.eye(4), (*poses.shape[:-3], 1, 4, 4))
+        before = np.concatenate([base, poses[..., :-1, :, :]], axis=-3)
+        axes, origins = before[..., :3, 2], before[..., :3, 3]
+        linear = np.cross(axes, poses[..., -1:, :3, 3] - origins)
+        return np.swapaxes(np.concatenate([linear, axes], axis=-1), -1, -2)
 
     def _joint_transform(self, i: int, angle: np.ndarray) -> np.ndarray:
         c, s = np.cos(self.omega[i] + angle), np.sin(self.omega[i] + angle)

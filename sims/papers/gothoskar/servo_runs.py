@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from dense_vs.errors import DenseVSError
-from dense_vs.sims.marked_arm.classical_ibvs import ibvs_step
+from dense_vs.sims.marked_arm.classical_ibvs import IbvsProblem, ibvs_problem, ibvs_step
 from dense_vs.sims.marked_arm.evidence import PIXEL_NOISE, draw_joints, executed, random_pose_near
 from dense_vs.sims.marked_arm.noise import NoisyController
 from dense_vs.sims.marked_arm.observed_arm import ObservedArm
@@ -30,13 +30,15 @@ class Tasks:
     start: np.ndarray  # (B, n) joints [rad], or (B, 4, 4) poses
     target_pixels: np.ndarray
     exact: np.ndarray
+    goal: np.ndarray | None = None  # (B, n) joints of the target [rad], for who is given depths there
 
 
 def joint_tasks(arm: ObservedArm, count: int, rng: np.random.Generator, postures: str) -> Tasks:
     """Starts and targets at random postures."""
-    target = arm.pixels(draw_joints(arm, count, rng, postures))
+    goal = draw_joints(arm, count, rng, postures)
+    target = arm.pixels(goal)
     start = draw_joints(arm, count, rng, postures)
-    return Tasks(start, target + rng.normal(0.0, PIXEL_NOISE, target.shape), target)
+    return Tasks(start, target + rng.normal(0.0, PIXEL_NOISE, target.shape), target, goal)
 
 
 def cartesian_tasks(arm: ObservedArm, count: int, rng: np.random.Generator) -> Tasks:
@@ -130,6 +132,37 @@ def servo_ibvs(
             except DenseVSError:
                 continue
             joints[task] += controller.joint_step(step)
+        errors.append(_errors(arm, arm.chain.flange_pose(joints), tasks))
+    return np.stack(errors, axis=1)
+
+
+def servo_steps(
+    arm: ObservedArm,
+    tasks: Tasks,
+    moves: int,
+    law: Callable[[IbvsProblem], np.ndarray],
+    rng: np.random.Generator,
+    controller: NoisyController,
+    read: Callable[[np.ndarray], np.ndarray],
+) -> np.ndarray:
+    """Errors (B, moves + 1) [px] of a law of ViSP's, which is given true depths and joints as they are read.
+
+    Args:
+        law: steps (B, n) [rad] of all hands at once.
+
+    Raises:
+        DenseVSError: tasks without the joints of their targets.
+    """
+    if tasks.goal is None:
+        raise DenseVSError("tasks have no goal; expected the joints of their targets, of which ViSP is given depths")
+    joints = tasks.start.copy()
+    errors = [_errors(arm, arm.chain.flange_pose(joints), tasks)]
+    for _ in range(moves):
+        exact = arm.pixels(joints)
+        seen = exact + rng.normal(0.0, PIXEL_NOISE, exact.shape)
+        steps = law(ibvs_problem(arm, read(joints), joints, seen, tasks.goal, tasks.target_pixels))
+        for task in np.flatnonzero(steps.any(axis=1)):
+            joints[task] += controller.joint_step(steps[task])
         errors.append(_errors(arm, arm.chain.flange_pose(joints), tasks))
     return np.stack(errors, axis=1)
 

@@ -2,10 +2,18 @@ import numpy as np
 import pytest
 
 from dense_vs.errors import DenseVSError
-from dense_vs.sims.marked_arm.classical_ibvs import ibvs_step, image_jacobian, interaction_matrix
+from dense_vs.sims.marked_arm.classical_ibvs import (
+    INTERACTIONS,
+    Gain,
+    ibvs_problem,
+    ibvs_step,
+    ibvs_steps,
+    image_jacobian,
+    interaction_matrix,
+)
 from dense_vs.sims.marked_arm.noise import NoisyController
 from dense_vs.sims.marked_arm.observed_arm import make_observed_arm
-from dense_vs.sims.papers.gothoskar.servo_runs import Tasks, moves_needed, servo_ibvs
+from dense_vs.sims.papers.gothoskar.servo_runs import Tasks, moves_needed, servo_ibvs, servo_steps
 
 INTRINSICS = np.array([620.0, 613.0, 318.0, 242.0])
 
@@ -59,3 +67,128 @@ def test_nothing_in_common_is_refused():
     hidden = np.full((2, 12, 2), np.nan)
     with pytest.raises(DenseVSError, match="no feature is seen both"):
         ibvs_step(arm, arm.chain.home, hidden, hidden, 0.5)
+
+
+def _problem(name, hands=6, seed=4):
+    arm, rng = make_observed_arm(name, seed=2), np.random.default_rng(seed)
+    joints, goal = arm.chain.home + rng.normal(0, 0.15, (2, hands, arm.chain.joint_count))
+    pixels, target = arm.pixels(joints), arm.pixels(goal)
+    pixels[0, 0, :5] = np.nan
+    target[1, 1] = np.nan
+    pixels[2] = np.nan
+    return arm, joints, goal, pixels, target, ibvs_problem(arm, joints + 0.02, joints, pixels, goal, target)
+
+
+def _reference_step(arm, believed, joints, pixels, goal, target, interaction):
+    """vpServo's law for one hand before cameras, feature by feature as its manual writes it; no gain."""
+    flange = arm.chain.flange_pose(believed)
+    turned = np.kron(np.eye(2), flange[:3, :3].T) @ arm.chain.flange_jacobian(believed)  # eJe
+    rows, error = [], []
+    for camera, seen, wanted in zip(arm.cameras, pixels, target, strict=True):
+        T = camera.T_camera_world @ flange  # cMe
+        x, y, z = T[:3, 3]
+        skew = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
+        V = np.block([[T[:3, :3], skew @ T[:3, :3]], [np.zeros((3, 3)), T[:3, :3]]])
+        depths = []
+        for q in (joints, goal):
+            pose = camera.T_camera_world @ arm.chain.flange_pose(q)
+            depths.append([(pose @ np.append(feature, 1.0))[2] for feature in arm.features])
+        for k in range(len(arm.features)):
+            if np.isnan(seen[k, 0]) or np.isnan(wanted[k, 0]):
+                continue
+            points = [(p[k] - camera.intrinsics[2:]) / camera.intrinsics[:2] for p in (seen, wanted)]
+            matrices = [
+                np.array([[-1 / Z, 0, u / Z, u * v, -1 - u * u, v], [0, -1 / Z, v / Z, 1 + v * v, -u * v, -u]])
+                for (u, v), Z in zip(points, (depths[0][k], depths[1][k]), strict=True)
+            ]
+            L = {"current": matrices[0], "desired": matrices[1], "mean": sum(matrices) / 2}[interaction]
+            rows.append(L @ V @ turned)
+            error.append(points[0] - points[1])
+    return np.linalg.lstsq(np.concatenate(rows), np.concatenate(error), rcond=1e-6)[0]
+
+
+@pytest.mark.parametrize("interaction", INTERACTIONS)
+@pytest.mark.parametrize("name", ["ur5", "baxter"])
+def test_steps_are_those_of_the_law_written_out(name, interaction):
+    arm, joints, goal, pixels, target, problem = _problem(name)
+    steps = ibvs_steps(problem, Gain(0.3, 0.3), interaction)
+    assert not steps[2].any()  # nothing seen
+    for hand in (0, 1, 3, 4, 5):
+        whole = _reference_step(
+            arm, joints[hand] + 0.02, joints[hand], pixels[hand], goal[hand], target[hand], interaction
+        )
+        np.testing.assert_allclose(steps[hand], 0.3 * whole, rtol=1e-8, atol=1e-10)
+        adaptive = ibvs_steps(problem, Gain(0.9, 0.2, 1.5), interaction)[hand]
+        by = 0.7 * np.exp(-np.abs(whole).max() * 1.5 / 0.7) + 0.2
+        np.testing.assert_allclose(adaptive, by * whole, rtol=1e-8, atol=1e-10)
+
+
+def test_a_gain_goes_from_far_to_near_by_its_slope():
+    gain = Gain(1.0, 0.2, 4.0)
+    assert gain.of(np.zeros(2)).tolist() == [1.0, 1.0]
+    assert gain.of(np.array(50.0)) == pytest.approx(0.2)
+    assert (gain.of(np.array(1e-6)) - 1.0) / 1e-6 == pytest.approx(-4.0, rel=1e-4)
+    assert gain.of(np.array([0.1]))[0] == pytest.approx(0.8 * np.exp(-0.5) + 0.2)
+    assert Gain(0.5, 0.5, 9.0).of(np.array([0.0, 3.0])).tolist() == [0.5, 0.5]
+
+
+@pytest.mark.parametrize(
+    ("numbers", "message"),
+    [
+        ((0.0, 0.0), "at_zero is 0"),
+        ((0.5, 0.0), "at_infinity is 0"),
+        ((0.5, 0.6), "at_infinity is 0.6; expected at most at_zero, 0.5"),
+        ((0.5, 0.2, -1.0), "slope is -1"),
+        ((np.inf, 0.2), "at_zero is inf"),
+    ],
+)
+def test_gains_that_make_no_sense_are_refused(numbers, message):
+    with pytest.raises(DenseVSError, match=message):
+        Gain(*numbers)
+
+
+def test_an_unknown_interaction_matrix_is_refused():
+    with pytest.raises(DenseVSError, match="expected one of current, desired, mean"):
+        ibvs_steps(_problem("ur5")[-1], Gain(0.5, 0.5), "median")
+
+
+def test_a_law_of_steps_converges_from_what_is_seen():
+    arm, rng = make_observed_arm("ur5", seed=1), np.random.default_rng(2)
+    start, goal = arm.chain.home + rng.normal(0, 0.1, (2, 5, 6))
+    target = arm.pixels(goal)
+    exact = NoisyController(0.0, "independent", rng)
+    tasks = Tasks(start, target, target, goal)
+    errors = servo_steps(arm, tasks, 12, lambda given: ibvs_steps(given, Gain(0.6, 0.6)), rng, exact, lambda q: q)
+    assert errors.shape == (5, 13)
+    assert np.all(errors[:, 0] > 5)
+    assert np.all(errors[:, -1] < 1)
+    assert np.all(moves_needed(errors) > 2)
+    np.testing.assert_array_equal(tasks.start, start)
+    away = servo_steps(arm, tasks, 2, lambda given: -ibvs_steps(given, Gain(0.2, 0.2)), rng, exact, lambda q: q)
+    assert np.all(away[:, -1] > away[:, 0])
+
+
+def test_a_law_of_steps_moves_the_arm_as_its_controller_does():
+    arm, rng = make_observed_arm("ur5", seed=1), np.random.default_rng(3)
+    start, goal = arm.chain.home + rng.normal(0, 0.1, (2, 2, 6))
+    target = arm.pixels(goal)
+
+    class Half:
+        def joint_step(self, step):
+            return step / 2
+
+    def whole_way(given):
+        return np.where([[True], [False]], goal - start, 0.0)
+
+    errors = servo_steps(arm, Tasks(start, target, target, goal), 2, whole_way, rng, Half(), lambda q: q)
+    np.testing.assert_allclose(errors[0, 2], 0.0, atol=1e-6)
+    middle = arm.projections(arm.chain.flange_pose((start + goal)[:1] / 2))
+    assert errors[0, 1] == pytest.approx(np.nanmean(np.linalg.norm(middle - target[:1], axis=-1)))
+    assert errors[1, 0] == errors[1, 1] == errors[1, 2] > 1
+
+
+def test_a_law_of_steps_needs_the_targets_depths():
+    arm, rng = make_observed_arm("ur5", seed=1), np.random.default_rng(2)
+    tasks = Tasks(arm.chain.home[None], *[arm.pixels(arm.chain.home[None])] * 2)
+    with pytest.raises(DenseVSError, match="tasks have no goal"):
+        servo_steps(arm, tasks, 1, lambda given: None, rng, NoisyController(0.0, "independent", rng), lambda q: q)
