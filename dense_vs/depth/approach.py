@@ -121,10 +121,10 @@ class DepthApproach:
         end = ApproachEnd.EXHAUSTED
         while len(masks) < self.views:
             image, seen_at = self.camera.read()
+            positions.append(self._position())  # before the mask, which takes time that the robot may move in
             forget_images(self.segmenter)  # views are far apart
             masks.append(self.segmenter.segment(image))
             qualities.append(assess_mask(masks[-1], hidden=self.hidden))
-            positions.append(self._position())
             if self.on_view is not None:
                 self.on_view(len(masks) - 1, image, masks[-1])
             if _last(qualities, (MaskVerdict.EMPTY, MaskVerdict.FLOODED), 3):

@@ -3,7 +3,8 @@
 From above the object: center it under the gripper by servoing, turn the wrist by VOS-VS (22), go down to VOS-VS (21),
 close, lift, and compare areas by VOS-VS (23); open and try again as the regrasp policy says. Beyond the paper: the way
 down ends where the lift no longer follows, the fingers close below the top surface where there is room, and an object
-that is no longer seen is looked for around where it was.
+that is no longer seen is looked for around where it was. In clutter the fingers also keep clear of other objects, the
+check is made away from them, and what hinders by being grasped instead stays there: it is put aside.
 """
 
 from collections.abc import Callable, Sequence
@@ -18,8 +19,9 @@ from dense_vs.errors import DenseVSError
 from dense_vs.grasp.camera_height import grasp_camera_position
 from dense_vs.grasp.grasp_check import GraspCheck, GraspOutcome, check_grasp
 from dense_vs.grasp.gripper_mask import GripperModel
+from dense_vs.grasp.hand_claims import HandClaim, settle_claims
 from dense_vs.grasp.regrasp import GraspAction, RegraspPolicy
-from dense_vs.grasp.wrist_angle import WristVerdict, choose_wrist_angle
+from dense_vs.grasp.wrist_angle import WristChoice, WristVerdict, choose_wrist_angle
 from dense_vs.mask_servo.loop import MaskServo, ServoEnd
 from dense_vs.mask_servo.object_search import search_object
 from dense_vs.robot.command_gate import CommandGate
@@ -27,6 +29,8 @@ from dense_vs.robot.joint_group import JointGroup
 from dense_vs.robot.protocols import Camera, Gripper, Robot
 from dense_vs.segmentation import Segmenter, assess_mask
 from dense_vs.segmentation.segmenter import forget_images
+
+IN_HAND = 60.0  # px
 
 
 @dataclass(frozen=True)
@@ -53,6 +57,11 @@ class HandGeometry:
         """s* of an object under the gripper that is farther away than the fingertips [px]."""
         center = np.array(self.center)
         return center + (np.array(self.target) - center) * self.z_gripper / distance
+
+    def holds(self, mask: np.ndarray) -> bool:
+        """Whether a mask is, in part, where an object in the gripper is: near s*, within :data:`IN_HAND` pixels."""
+        y, x = np.nonzero(mask)
+        return bool(x.size and np.hypot(x - self.target[0], y - self.target[1]).min() <= IN_HAND)
 
 
 @dataclass(frozen=True)
@@ -90,6 +99,10 @@ class GraspLoop:
         raise_by: way up before VOS-VS (23) [m].
         contact_lag: the lift stays behind its command by more than this when something is below [m].
         max_step: farthest that one command moves the lift [m] or the wrist [rad]; half a turn unless given.
+        others: segmenters of other objects that may lie around: the fingers keep clear of them, and the hand may hold
+            one of them instead.
+        aside: ``(2,)`` how far the base goes to a free place for VOS-VS (23) [m]; anything but the object that is in
+            the hand there is put down and left. None checks where it lifts.
         on_attempt: called after the check of every attempt, before what follows it.
 
     Raises:
@@ -112,6 +125,8 @@ class GraspLoop:
         raise_by: float = 0.15,
         contact_lag: float = 0.001,
         max_step: float = np.pi,
+        others: Sequence[Segmenter] = (),
+        aside: Any = None,
         on_attempt: Callable[[GraspAttempt], None] | None = None,
     ):
         self.camera, self.robot, self.segmenter, self.gripper, self.hand = camera, robot, segmenter, gripper, hand
@@ -125,6 +140,9 @@ class GraspLoop:
         self.policy = policy if policy is not None else RegraspPolicy()
         self._raise_by = check_number("raise_by", raise_by, above=0.0)
         self._lag = check_number("contact_lag", contact_lag, above=0.0)
+        self._others = tuple(others)
+        self._aside = None if aside is None else number_array(aside, "aside", (len(base),))
+        self._back: np.ndarray | None = None  # way back from the free place, while the hand is there [m]
         self._on_attempt = on_attempt
         self._seen_from = np.zeros(2)  # where the base was when the object was last in view
 
@@ -141,6 +159,7 @@ class GraspLoop:
         hover = self._joint(self._lift)
         self._seen_from = self._base.take(self.robot.joints()[0]).astype(np.float64)
         deeper, rank = 0.0, 0
+        self._back = None
         while True:
             if self.gripper.open().jammed:
                 run.attempts.append(_jammed(self.gripper.open().opening))
@@ -154,9 +173,14 @@ class GraspLoop:
             if step.action is GraspAction.FINISH:
                 run.held = True
                 return run
+            if self._back is not None:
+                self._move(self._lift, -self._raise_by)  # it is put down, not dropped
             self.gripper.open()
             self._move(self._lift, hover - self._joint(self._lift))
             self._move(self._wrist, start - self._joint(self._wrist))
+            if self._back is not None:
+                self._move(self._base, self._back)
+                self._back = None
             if step.action is GraspAction.GIVE_UP:
                 return run
             if step.action is GraspAction.SEARCH and not self._search(hover - z_object):
@@ -182,33 +206,78 @@ class GraspLoop:
         if end.mask is None or end.end is ServoEnd.LOST:
             return GraspAttempt(end.end, WristVerdict.EMPTY, 0.0, False, float("nan"), nothing, (0.0, 0.0))
         self._seen_from = self._base.take(self.robot.joints()[0]).astype(np.float64)
-        angles = np.deg2rad(np.arange(-90, 90, 5.0))
-        shape = (end.mask.shape[0], end.mask.shape[1])
-        # VOS-VS (22) at the object's depth: the fingers as they will be beside it.
-        fingers = self.hand.model.finger_masks(angles, self.hand.intrinsics, shape)
-        choice = choose_wrist_angle(end.mask, fingers, angles, rank=rank)
-        self._move(self._wrist, choice.angle)
+        choice = self._turn(end.mask, rank)
         contact = self._descend(z_object, deeper)
         opening = self.gripper.close().opening
         area = self._area()
         self._move(self._lift, self._raise_by)
-        raised = self._area(remember=True)
-        behind = (self.hand.z_gripper / (self.hand.z_gripper + self._raise_by)) ** 2  # VOS-VS (15)
-        check = check_grasp(area, raised, opening=self.gripper.close().opening, behind=behind)
+        if self._aside is not None:
+            self._back = self._base.take(self.robot.joints()[0]).astype(np.float64)
+            self._move(self._base, self._aside)
+            self._back -= self._base.take(self.robot.joints()[0])
+        check, raised = self._check(area)
         return GraspAttempt(end.end, choice.verdict, choice.angle, contact, opening, check, (area, raised))
 
+    def _turn(self, mask: np.ndarray, rank: int) -> WristChoice:
+        """Turn the wrist to where the fingers meet least of the object, and of others around it."""
+        angles = np.deg2rad(np.arange(-90, 90, 5.0))
+        # VOS-VS (22) at the object's depth: the fingers as they will be beside it.
+        fingers = self.hand.model.finger_masks(angles, self.hand.intrinsics, (mask.shape[0], mask.shape[1]))
+        choice = choose_wrist_angle(mask | self._around(mask), fingers, angles, rank=rank)
+        self._move(self._wrist, choice.angle)
+        return choice
+
+    def _around(self, mask: np.ndarray) -> np.ndarray:
+        """Pixels of other objects, bool ``(H, W)``; those that overlap the object by half are the object, mistaken."""
+        around = np.zeros_like(mask)
+        if not self._others:
+            return around
+        image, _ = self.camera.read()
+        for other in self._others:
+            forget_images(other)
+            found = other.segment(image)
+            if 2 * np.count_nonzero(found & mask) < np.count_nonzero(found):
+                around |= found
+        return around
+
+    def _check(self, area: float) -> tuple[GraspCheck, float]:
+        """VOS-VS (23) for an area at the grasp, and the area now."""
+        behind = (self.hand.z_gripper / (self.hand.z_gripper + self._raise_by)) ** 2  # VOS-VS (15)
+        if self._aside is None:
+            raised = self._area(remember=True)
+            return check_grasp(area, raised, opening=self.gripper.close().opening, behind=behind), raised
+        image, _ = self.camera.read()
+        claims = [self._claim(segmenter, image) for segmenter in (self.segmenter, *self._others)]
+        areas = settle_claims(claims)
+        check = check_grasp(area, areas[0], opening=self.gripper.close().opening, behind=0.0, others=areas[1:])
+        return check, areas[0]
+
+    def _claim(self, segmenter: Segmenter, image: np.ndarray) -> HandClaim:
+        """What a segmenter takes for its object in the hand."""
+        forget_images(segmenter)
+        mask = segmenter.segment(image)
+        if not self.hand.holds(mask):
+            mask = np.zeros_like(mask)
+        return HandClaim(mask, float(getattr(segmenter, "score", np.nan)))
+
     def _search(self, distance: float) -> bool:
-        """Look for the object around the place that it was last seen from; whether it was found.
+        """Look for the object around the place that it was last seen from, then around where the hand puts things
+        aside, if it does; whether it was found.
 
         Args:
             distance: of the object from the camera [m]; neighboring places share half of what is seen there.
         """
-        self._move(self._base, self._seen_from - self._base.take(self.robot.joints()[0]))
         center, focal = np.array(self.hand.center), self.hand.intrinsics[[0, 1], [0, 1]]
         reach = float(np.min(center / focal)) * distance  # half of the view's shorter side
-        return search_object(
-            self.camera, self.robot, self.segmenter, joints=self._base.names, reach=(reach, reach)
-        ).found
+        for offset in (0.0, self._aside):
+            if offset is None:
+                break
+            self._move(self._base, self._seen_from + offset - self._base.take(self.robot.joints()[0]))
+            if search_object(
+                self.camera, self.robot, self.segmenter, joints=self._base.names, reach=(reach, reach)
+            ).found:
+                return True
+        return False
 
     def _descend(self, z_object: float, deeper: float) -> bool:
         """To VOS-VS (21) and the bite below it, in small steps; whether something was in the way and ended them."""

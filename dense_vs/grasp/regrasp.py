@@ -2,7 +2,8 @@
 
 The paper says no more than that. Ours (beyond the paper) never repeats an attempt unchanged: a miss goes deeper, as a
 depth estimate that is too near closes above the object, and every second one turns to the next best wrist angle; a
-lost object is searched for; a jam counts as an attempt too. The number of attempts is bounded.
+lost object is searched for; a jam, or another object in the hand, counts as an attempt too. The number of attempts is
+bounded.
 """
 
 from dataclasses import dataclass

@@ -66,6 +66,8 @@ def run(arguments: argparse.Namespace) -> None:
             "rows": rows_json(rows),
             "seeds": arguments.seeds,
             "seconds": seconds,
-            **provenance(arguments, leave_out=("command", "home", "paper", "experiment", "seeds", "out", "json")),
+            **provenance(
+                arguments, leave_out=("command", "home", "paper", "experiment", "seeds", "out", "json", "keep")
+            ),
         }
         write_json(arguments.json, content)

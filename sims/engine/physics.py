@@ -6,7 +6,7 @@ ramp over the physics steps of the frame.
 """
 
 from abc import ABC, abstractmethod
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from typing import Any
 
 import mujoco
@@ -105,7 +105,7 @@ class HostPhysics(Physics):
         if scene.model.nflexvert:
             pairs.append((self.data.flexvert_xpos.numpy()[0], self._state.flexvert_xpos))
         self._poses = [(view, source.reshape(view.shape)) for view, source in pairs]
-        self._mocap_position = self.data.mocap_pos.numpy()
+        self._mocap_position, self._mocap_turn = self.data.mocap_pos.numpy(), self.data.mocap_quat.numpy()
         self._time = self.data.time.numpy()
         self._sound = np.zeros(mujoco.mj_stateSize(self._model, mujoco.mjtState.mjSTATE_INTEGRATION))
 
@@ -145,7 +145,7 @@ class HostPhysics(Physics):
         """mj_step leaves the poses of the start of its last step; the image shows those of its end."""
         model, state = self._model, self._state
         if model.nmocap:
-            state.mocap_pos[:] = self._mocap_position[0]
+            state.mocap_pos[:], state.mocap_quat[:] = self._mocap_position[0], self._mocap_turn[0]
         mujoco.mj_kinematics(model, state)
         mujoco.mj_comPos(model, state)
         mujoco.mj_camlight(model, state)
@@ -161,6 +161,26 @@ class HostPhysics(Physics):
     def host_state(self, world: int) -> mujoco.MjData:
         """The engine's own state."""
         return self._state
+
+    def remember(self) -> Callable[[], None]:
+        """A function that puts state, targets and time back to what they are now."""
+        spec = mujoco.mjtState.mjSTATE_INTEGRATION
+        state = np.zeros(mujoco.mj_stateSize(self._model, spec))
+        mujoco.mj_getState(self._model, self._state, state, spec)
+        target, history = self._target.copy(), self._history.copy()
+
+        def put_back() -> None:
+            mujoco.mj_setState(self._model, self._state, state, spec)
+            mujoco.mj_forward(self._model, self._state)
+            self._target, self._history = target.copy(), history.copy()
+            self._time[0] = self._state.time
+
+        return put_back
+
+    @property
+    def host_model(self) -> mujoco.MjModel:
+        """The model that the engine steps."""
+        return self._model
 
     def _require_stable(self) -> None:
         """Put the state before the frame back and raise, where MuJoCo has begun anew within the frame."""

@@ -4,6 +4,7 @@ from them.
 The simulator's ids stand in for the annotators; what learns from these images sees nothing but images afterwards.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -14,6 +15,7 @@ from dense_vs.sims.mobile_manipulator.postures import above, posture
 from dense_vs.sims.mobile_manipulator.world import MobileWorld
 
 IMAGES = 10
+Place = tuple[float, float, float]  # x, y and z of what an object is put on [m]
 GRASP_DISTANCE = 0.21  # m, from the camera to the object's top where the gripper is just above it
 SUPPORTS = ((1.0, -0.55, 0.0), (1.0, 0.0, 0.125), (1.0, 0.55, 0.25))  # floor, green bin, blue bin [m]
 
@@ -34,34 +36,65 @@ def annotate(world: MobileWorld, name: str, rng: np.random.Generator, count: int
 
     The object is taken out of storage for them and put back; the robot is left at the last view.
     """
-    thing = world.objects[name]
     images, masks = [], []
-    distances = np.append(np.geomspace(0.8, _nearest(world, name), count - 1), GRASP_DISTANCE)
-    for number, distance in enumerate(distances):
-        x, y, z = SUPPORTS[(number + number // 3 + 1) % len(SUPPORTS)]
-        place = np.array([x, y, z]) + np.append(rng.uniform(-0.05, 0.05, 2), 0.0)
-        if thing.links:
-            world.lay_chain(name, place, rng)
-        else:
-            world.place(name, place, rng.uniform(-np.pi, np.pi))
-        x, y, _ = world.object_position(name)
-        if number % 3 == 1:  # from the side, as the arm's configurations and the head see it
-            back, aside = rng.uniform(0.85, 1.2), rng.uniform(-0.15, 0.15)
-            world.set_posture(posture("ahead", forward=x - back, lateral=y + aside, arm_lift=0.35 + 0.9 * z))
-        else:
-            height = min(z + thing.height + distance, 0.9)
-            away = 0.25 * (height - z - thing.height) * rng.uniform(-1, 1, 2)
-            world.set_posture(above(x + away[0], y + away[1], height, wrist_roll=rng.uniform(-1.2, 1.2)))
+    for number in range(count):
+        show(world, name, rng, number, count)
         images.append(world.image("grasp"))
         masks.append(world.true_mask("grasp", name))
     world.store([name])
     return AnnotatedImages(images, masks)
 
 
+def show(
+    world: MobileWorld,
+    name: str,
+    rng: np.random.Generator,
+    number: int,
+    count: int = IMAGES,
+    places: Sequence[Place] = SUPPORTS,
+) -> Place:
+    """Put an object somewhere and the grasp camera where one of its annotated images is taken from.
+
+    Args:
+        number: of the image, of ``count``.
+        places: where objects may be put (x, y, z) [m].
+
+    Returns:
+        That of the places at which it is.
+    """
+    thing = world.objects[name]
+    distance = np.append(np.geomspace(0.8, _nearest(world, name), count - 1), GRASP_DISTANCE)[number]
+    chosen = places[(number + number // 3 + 1) % len(places)]
+    place = np.array(chosen) + np.append(rng.uniform(-0.05, 0.05, 2), 0.0)
+    if thing.links:
+        world.lay_chain(name, place, rng)
+    else:
+        world.place(name, place, rng.uniform(-np.pi, np.pi))
+    x, y, _ = world.object_position(name)
+    z = chosen[2]
+    if number % 3 == 1:  # from the side, as the arm's configurations and the head see it
+        back, aside = rng.uniform(0.85, 1.2), rng.uniform(-0.15, 0.15)
+        world.set_posture(posture("ahead", forward=x - back, lateral=y + aside, arm_lift=0.35 + 0.9 * z))
+    else:
+        height = min(z + thing.height + distance, 0.9)
+        away = 0.25 * (height - z - thing.height) * rng.uniform(-1, 1, 2)
+        world.set_posture(above(x + away[0], y + away[1], height, wrist_roll=rng.uniform(-1.2, 1.2)))
+    return chosen
+
+
+def annotate_for(world: MobileWorld, name: str, seed: int) -> AnnotatedImages:
+    """The ten annotated images of an object that its segmenter learns from."""
+    return annotate(world, name, np.random.default_rng([seed, 40, list(household_objects()).index(name)]))
+
+
+def fit_segmenter(seen: AnnotatedImages, seed: int) -> FewShotSegmenter:
+    """A segmenter from annotated images of an object."""
+    return FewShotSegmenter(seed=seed).fit(seen.images, seen.masks)
+
+
 def learn_segmenter(world: MobileWorld, name: str, seed: int) -> FewShotSegmenter:
     """A segmenter for an object, from its ten annotated images."""
-    seen = annotate(world, name, np.random.default_rng([seed, 40, list(household_objects()).index(name)]))
-    return FewShotSegmenter(seed=seed).fit(seen.images, seen.masks)
+    return fit_segmenter(annotate_for(world, name, seed), seed)
 
 
 def _nearest(world: MobileWorld, name: str) -> float:

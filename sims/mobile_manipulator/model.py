@@ -1,12 +1,13 @@
 """Compiles the robot, the scenery and the household objects into one model."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from importlib import resources
 
 import mujoco
 import numpy as np
 
 from dense_vs.errors import DenseVSError
+from dense_vs.sims.mobile_manipulator.clutter_objects import clutter_objects
 from dense_vs.sims.mobile_manipulator.household_object import HouseholdObject
 from dense_vs.sims.mobile_manipulator.objects import CHAIN_DIAMETER, CHAIN_LENGTH, household_objects
 from dense_vs.sims.mobile_manipulator.paint import Paint, add_material, painted_texture
@@ -25,18 +26,22 @@ JOINTS = (  # the order of VOS-VS (1)
     "base_roll",
 )
 PULLER = "puller"
+Addition = Callable[[mujoco.MjSpec, int, Sequence[HouseholdObject]], None]  # puts more into a room, from its seed
 _CONTACT = {"friction": [0.8, 0.01, 0.0005], "condim": 4, "solref": [0.008, 1.0], "solimp": [0.95, 0.99, 0.001, 0.5, 2]}
 _SCENERY = {"floor": (0.09, 3.0), "blue_bin": (0.03, 0.0), "green_bin": (0.03, 0.0)}  # mottling, repetitions a meter
 
 
-def compile_model(names: Sequence[str] | None, seed: int) -> tuple[mujoco.MjModel, dict[str, HouseholdObject]]:
-    """The model with the named objects (all 24 when None), textures drawn from the seed.
+def compile_model(
+    names: Sequence[str] | None, seed: int, additions: Sequence[Addition] = ()
+) -> tuple[mujoco.MjModel, dict[str, HouseholdObject]]:
+    """The model with the named objects (all 24 when None) and what else is added, textures drawn from the seed.
 
     Raises:
         DenseVSError: a name that is not an object's; the message lists them.
     """
-    known = household_objects()
-    chosen = list(known) if names is None else list(names)
+    trials = household_objects()
+    known = {**trials, **clutter_objects()}
+    chosen = list(trials) if names is None else list(names)
     for name in chosen:
         if name not in known:
             raise DenseVSError(f"object {name!r} is unknown; expected some of {', '.join(map(repr, known))}")
@@ -47,6 +52,8 @@ def compile_model(names: Sequence[str] | None, seed: int) -> tuple[mujoco.MjMode
     for name in chosen:
         # Each object its own stream, so that a scene of fewer objects shows the same ones.
         _add_object(spec, known[name], np.random.default_rng([seed, 21, order.index(name)]))
+    for add in additions:
+        add(spec, seed, [known[name] for name in chosen])
     return spec.compile(), {name: known[name] for name in chosen}
 
 

@@ -16,7 +16,8 @@ from dense_vs.sims.engine.physics import HostPhysics
 from dense_vs.sims.engine.renderer import Renderer, camera_intrinsics
 from dense_vs.sims.engine.scene import FRAME_SECONDS, resolve_scene
 from dense_vs.sims.engine.surface_points import camera_pose
-from dense_vs.sims.mobile_manipulator.model import JOINTS, PULLER, compile_model
+from dense_vs.sims.mobile_manipulator.model import JOINTS, PULLER, Addition, compile_model
+from dense_vs.sims.mobile_manipulator.set_aside import ObjectsInPlay
 
 HEIGHT, WIDTH = 480, 640
 CAMERAS = ("head", "grasp")
@@ -35,13 +36,15 @@ class MobileWorld:
     """One mobile manipulator, its bins, and household objects.
 
     Args:
-        objects: names of :func:`household_objects`; all 24 when None. Objects begin in storage, out of sight.
+        objects: names of :func:`household_objects` or :func:`clutter_objects`; the 24 of the former when None. Objects
+            begin in storage: out of sight and out of the physics.
         seed: of textures, sensor noise and odometry.
         device: Warp device of the renderer; the CPU here, whose physics is MuJoCo's own.
         threads: CPU threads of the renderer.
         shadows: whether the ceiling lamp casts shadows; half as long again to render.
         noise: standard deviation of the images' noise, of 255.
         slip: standard deviation of the base's odometry error, as a share of each motion.
+        additions: put more into the room, as a person or a tray.
 
     Raises:
         DenseVSError: an unknown object, a device that is not the CPU. Whatever lets time pass raises it too where the
@@ -58,13 +61,15 @@ class MobileWorld:
         shadows: bool = False,
         noise: float = 2.0,
         slip: float = 0.02,
+        additions: Sequence[Addition] = (),
     ):
         self.device = resolve_device(device)
         if not self.device.is_cpu:
             raise DenseVSError(f"device is {device!r}; expected 'cpu': this world's physics is MuJoCo's C engine")
-        model, self.objects = compile_model(objects, seed)
+        model, self.objects = compile_model(objects, seed, additions)
         self.scene = resolve_scene(model, JOINTS, "grasp")
         self.physics = HostPhysics(self.scene, self.device)
+        self._in_play = ObjectsInPlay(self.physics.host_model, [thing.body for thing in self.objects.values()])
         threads = resolve_threads(threads)
         self._renderers = {
             name: Renderer(
@@ -161,7 +166,7 @@ class MobileWorld:
         frames = max(1, int(np.ceil(np.max(np.abs(delta) / SPEEDS) / FRAME_SECONDS)))
         for _ in range(frames):
             self._advance(delta / frames)
-            if delta[BASE].any() and self._base_touches():
+            if delta[BASE].any() and np.any(self.state.contact.geom == self._base_geom):
                 way = delta[BASE] / max(float(np.abs(delta[BASE]).max()), 1e-9)
                 delta[BASE] = 0.0
                 back = np.zeros(len(JOINTS))
@@ -176,10 +181,14 @@ class MobileWorld:
         self._settled()
 
     def set_gripper(self, opening: float, frames: int = 20) -> float:
-        """Command the gripper's opening [m] and wait; the opening then."""
-        for actuator in self._finger_actuators:
-            self.state.ctrl[actuator] = np.clip(opening, 0.0, OPENING) / 2
-        self.wait(frames)
+        """Move the gripper to an opening [m] along a ramp of two thirds of the frames, and hold; the opening then."""
+        goal, ramp = float(np.clip(opening, 0.0, OPENING)) / 2, max(1, 2 * frames // 3)
+        start = [float(self.state.ctrl[actuator]) for actuator in self._finger_actuators]
+        for frame in range(1, ramp + 1):
+            for actuator, begin in zip(self._finger_actuators, start, strict=True):
+                self.state.ctrl[actuator] = begin + frame / ramp * (goal - begin)
+            self.wait(1)
+        self.wait(frames - ramp)
         return self.opening()
 
     def opening(self) -> float:
@@ -192,14 +201,21 @@ class MobileWorld:
         noise = self._rng.standard_normal(rgb.shape, dtype=np.float32)
         return np.clip(np.rint(rgb + self._noise * noise), 0, 255).astype(np.uint8)
 
+    def restart_noise(self, rng: np.random.Generator) -> None:
+        """Draw the noise of images and odometry anew, from a stream that one number of ``rng`` decides."""
+        self._rng = np.random.default_rng(rng.integers(1 << 62))
+
     def depth(self, camera: str) -> np.ndarray:
         """True depth (480, 640) [m] along the optical axis."""
         return self._render(camera).depth.numpy()[0].copy()
 
     def true_mask(self, camera: str, name: str) -> np.ndarray:
         """Pixels of an object, bool (480, 640): for annotations, tests and scores."""
-        ids = self._render(camera).ids.numpy()[0]
-        return np.isin(ids, self.geoms(name))
+        return self.pixels_of(camera, self.geoms(name))
+
+    def pixels_of(self, camera: str, geoms: np.ndarray) -> np.ndarray:
+        """Pixels of some geoms by their ids, bool (480, 640): for annotations, tests and scores."""
+        return np.isin(self._render(camera).ids.numpy()[0], geoms)
 
     def geoms(self, name: str) -> np.ndarray:
         """Ids of an object's geoms."""
@@ -229,13 +245,14 @@ class MobileWorld:
         Raises:
             DenseVSError: no such heap found; nothing has moved.
         """
-        before = self.state.qpos.copy(), self.state.qvel.copy()
+        before = self.state.qpos.copy(), self.state.qvel.copy(), self._in_play.known(self.objects[name].body)
         for _ in range(_HEAPS):
             self._draw_heap(name, position, rng, step)
             if self._deepest_overlap(name) < _OVERLAP:
                 break
         else:
-            self.state.qpos[:], self.state.qvel[:] = before
+            self.state.qpos[:], self.state.qvel[:] = before[:2]
+            self._in_play.set(self.objects[name].body, before[2])
             self._settled()
             raise DenseVSError(
                 f"{name!r} cannot be laid at {np.asarray(position).tolist()}: each of {_HEAPS} heaps began inside "
@@ -248,12 +265,8 @@ class MobileWorld:
         self._place(name, position, rng.uniform(-np.pi, np.pi))
         body = self.objects[name].body
         column = self.model.joint(body).qposadr[0]
-        sloped = np.zeros(4)
-        mujoco.mju_mulQuat(
-            sloped,
-            self.state.qpos[column + 3 : column + 7],
-            np.array([np.cos(_CHAIN_SLOPE / 2), 0.0, -np.sin(_CHAIN_SLOPE / 2), 0.0]),
-        )
+        sloped, slope = np.zeros(4), np.array([np.cos(_CHAIN_SLOPE / 2), 0.0, -np.sin(_CHAIN_SLOPE / 2), 0.0])
+        mujoco.mju_mulQuat(sloped, self.state.qpos[column + 3 : column + 7], slope)
         self.state.qpos[column + 3 : column + 7] = sloped
         upright = np.array([np.sin(_CHAIN_SLOPE), 0.0, np.cos(_CHAIN_SLOPE)])  # the vertical in every link's frame
         turn = rng.choice([-1.0, 1.0])
@@ -272,9 +285,10 @@ class MobileWorld:
         return float(-contact.dist[touches].min(initial=0.0))
 
     def store(self, names: Sequence[str] | None = None) -> None:
-        """Put objects away, out of sight."""
+        """Put objects away, out of sight and out of the physics: they float there and touch nothing."""
         for name in self.objects if names is None else names:
             self._place(name, self._storage(name), 0.0)
+            self._in_play.set(self.objects[name].body, False)
             if self.objects[name].links:
                 for link in range(1, self.objects[name].links):
                     joint = self.model.joint(f"{self.objects[name].body}_{link}").qposadr[0]
@@ -296,10 +310,17 @@ class MobileWorld:
         equality = self.model.equality(PULLER).id
         self.state.eq_active[equality] = place is not None
         if place is not None:
-            mocap = int(self.model.body_mocapid[self.model.body(PULLER).id])
-            self.state.mocap_pos[mocap] = place
-            self.physics.data.mocap_pos.numpy()[0, mocap] = place  # the poses that are rendered
+            self.put_body(PULLER, place)
         return self.state.site(f"{self.objects[name].body}_end").xpos.copy()
+
+    def put_body(self, body: str, place: Any, quaternion: Any = (1.0, 0.0, 0.0, 0.0)) -> None:
+        """Put a body that nothing but the caller moves, as a part of a person, at a place (3,) [m] and orientation."""
+        mocap = int(self.model.body_mocapid[self.model.body(body).id])
+        for positions, turns in (
+            (self.state.mocap_pos, self.state.mocap_quat),
+            (self.physics.data.mocap_pos.numpy()[0], self.physics.data.mocap_quat.numpy()[0]),  # kept over resets
+        ):
+            positions[mocap], turns[mocap] = place, quaternion
 
     def highest_point(self, name: str) -> float:
         """Height of the highest of an object's bodies [m]; of a chain, of its highest link."""
@@ -314,6 +335,18 @@ class MobileWorld:
         bodies = [thing.body, *[f"{thing.body}_{link}" for link in range(1, thing.links)]]
         return np.array([self.state.body(body).xpos[2] for body in bodies])
 
+    def remember(self) -> Callable[[], None]:
+        """A function that puts robot, objects in play and time back to what they are now."""
+        put_physics_back, frames = self.physics.remember(), self.frames
+        target, error = self._target.copy(), self._odometry_error.copy()
+
+        def put_back() -> None:
+            put_physics_back()
+            self.frames, self._target[:], self._odometry_error[:] = frames, target, error
+            self._settled()
+
+        return put_back
+
     def _advance(self, step: np.ndarray) -> None:
         """A frame; an error where the simulation became unstable, the state then that before the frame."""
         if self.before_frame is not None:
@@ -322,9 +355,6 @@ class MobileWorld:
         self._target = np.clip(self._target + step, *self.scene.joint_limits.T)
         self.frames += 1
 
-    def _base_touches(self) -> bool:
-        return bool(np.any(self.state.contact.geom == self._base_geom))
-
     def _place(self, name: str, position: Any, yaw: float) -> None:
         joint = self.model.joint(self.objects[name].body)
         column, dof = joint.qposadr[0], joint.dofadr[0]
@@ -332,6 +362,7 @@ class MobileWorld:
         self.state.qpos[column : column + 3] = np.asarray(position, dtype=float) + np.array([0, 0, 0.001])
         self.state.qpos[column + 3 : column + 7] = [np.cos(yaw / 2), 0, 0, np.sin(yaw / 2)]
         self.state.qvel[dof : dof + count] = 0.0
+        self._in_play.set(self.objects[name].body, True)
 
     def _storage(self, name: str) -> np.ndarray:
         number = list(self.objects).index(name)

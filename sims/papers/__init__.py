@@ -61,11 +61,15 @@ PAPERS = {
     "vosvs": _paper(
         "vosvs",
         "servoing, depth and grasping from object masks",
+        clutter="Fig. 19: pick what is asked for out of a heap of objects that was poured onto a tray",
+        collaboration="Fig. 20: a person shows where a thing is; find it, pick it up and place it in the bin",
         depth_log="Fig. 6: depth of the sugar box from the recorded log of one approach",
         learn="Table 1, Figs. 8, 9, 18: learn J+ of seven configurations from 0.001 H, by (11) and by Broyden's update",
         pick_place="Figs. 5, 19: find, center, estimate depth, grasp, check and place in a bin",
+        segmentations="Figs. 14-17: masks of the plate, drill, marker and padlock from which depth is estimated",
         step_response="Figs. 10-12: step responses of all configurations with learned J+",
         track="Fig. 13: a moving articulated object followed by the base and by the head gimbal",
+        track_person="Fig. 13: a person who walks about, followed by an article of clothing with the head and the base",
         trial="Table 2: eight consecutive trials of three objects at three heights, servoing and depth",
     ),
 }

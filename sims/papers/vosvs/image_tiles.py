@@ -1,12 +1,13 @@
 """Pictures that the experiments share: an image with the mask's outline, and a grid of labeled images."""
 
+from collections import Counter
 from collections.abc import Sequence
 from pathlib import Path
 
 import cv2
 import numpy as np
 
-from dense_vs.files import atomic_write
+from dense_vs.files import atomic_write, output_folder
 
 TILE = (320, 240)
 
@@ -34,6 +35,31 @@ def write_tiles(tiles: Sequence[tuple[str, np.ndarray]], path: Path, *, columns:
     while len(cells) % columns:
         cells.append(np.full_like(cells[0], 255))
     grid = np.vstack([np.hstack(cells[k : k + columns]) for k in range(0, len(cells), columns)])
-    encoded = cv2.imencode(".png", cv2.cvtColor(grid, cv2.COLOR_RGB2BGR))[1]
+    _write_png(cv2.cvtColor(grid, cv2.COLOR_RGB2BGR), path)
+
+
+class KeptImages:
+    """Writes images and their masks one by one, to be looked at; nothing without a folder.
+
+    Args:
+        folder: made where missing; None keeps nothing.
+    """
+
+    def __init__(self, folder: Path | None):
+        self._folder = None if folder is None else output_folder(folder)
+        self._counts: Counter[str] = Counter()
+
+    def add(self, name: str, image: np.ndarray, mask: np.ndarray) -> None:
+        """Write ``NAME_000.png`` (RGB uint8 ``(H, W, 3)``) and ``NAME_000_mask.png``, then ``_001``, and so on."""
+        if self._folder is None:
+            return
+        stem = f"{name.replace(' ', '-')}_{self._counts[name]:03d}"
+        self._counts[name] += 1
+        _write_png(cv2.cvtColor(image, cv2.COLOR_RGB2BGR), self._folder / f"{stem}.png")
+        _write_png(255 * mask.astype(np.uint8), self._folder / f"{stem}_mask.png")
+
+
+def _write_png(image: np.ndarray, path: Path) -> None:
+    encoded = cv2.imencode(".png", image)[1]
     with atomic_write(path) as stream:
         stream.write(encoded.tobytes())

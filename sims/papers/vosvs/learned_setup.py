@@ -7,6 +7,7 @@ import numpy as np
 from dense_vs.errors import DenseVSError
 from dense_vs.segmentation import Segmenter
 from dense_vs.sims.mobile_manipulator.annotations import learn_segmenter
+from dense_vs.sims.mobile_manipulator.model import Addition
 from dense_vs.sims.mobile_manipulator.world import MobileWorld
 from dense_vs.sims.papers.vosvs.configurations import configuration
 from dense_vs.sims.papers.vosvs.jacobian_learning import Learning, Update, learn_configuration
@@ -34,11 +35,20 @@ class LearnedSetup:
         objects: that the experiment needs; all 24 when None.
         seed: of everything.
         threads: of the renderer.
+        additions: more in the room than the objects, see :class:`MobileWorld`.
+        shadows: whether the lamp casts them.
     """
 
-    def __init__(self, objects: Sequence[str] | None, seed: int, threads: int | None = None):
+    def __init__(
+        self,
+        objects: Sequence[str] | None,
+        seed: int,
+        threads: int | None = None,
+        additions: Sequence[Addition] = (),
+        shadows: bool = False,
+    ):
         self.seed = seed
-        self.world = MobileWorld(objects, seed=seed, threads=threads)
+        self.world = MobileWorld(objects, seed=seed, threads=threads, additions=additions, shadows=shadows)
         self._segmenters: dict[str, Segmenter] = {}
         self._learned: dict[tuple[str, Update], Learning] = {}
 

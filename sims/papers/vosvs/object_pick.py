@@ -1,11 +1,13 @@
 """Pick an object and place it in the bin, VOS-VS Figs. 5 and 19: find, center, estimate depth, grasp, check, place."""
 
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
 
 from dense_vs.depth.mask_fit import Method
 from dense_vs.grasp.loop import GraspAttempt, GraspLoop, GraspRun
+from dense_vs.grasp.regrasp import RegraspPolicy
 from dense_vs.segmentation import Segmenter
 from dense_vs.sims.mobile_manipulator.adapters import ManipulatorCamera, ManipulatorGripper, ManipulatorRobot
 from dense_vs.sims.mobile_manipulator.postures import GRIPPER_BEHIND, above
@@ -13,11 +15,11 @@ from dense_vs.sims.mobile_manipulator.world import MobileWorld
 from dense_vs.sims.papers.vosvs.configurations import configuration
 from dense_vs.sims.papers.vosvs.gripper_geometry import hand_geometry
 from dense_vs.sims.papers.vosvs.object_trial import ObjectTrial, locate
+from dense_vs.sims.papers.vosvs.trial_scores import LIFTED
 
 BIN = (1.0, -1.4)  # m, middle of the bin on the floor
 BIN_HALF = (0.246, 0.306)
 BIN_RIM = 0.3  # m; the center of what lies in the bin is lower
-LIFTED = 0.05  # m, that an object in the gripper rises at least
 BIN_FLOOR = 0.012  # m; the center of what lies in the bin is higher
 FITS = 0.125  # m, widest grip that leaves the fingers room
 DROP = (0.92, -1.4)  # m, above the bin: as near to its front as long objects allow, which keeps the base away from it
@@ -52,18 +54,28 @@ def pick_and_place(
     pinv_low: np.ndarray,
     *,
     method: Method = "robust",
+    others: Sequence[Segmenter] = (),
+    aside: tuple[float, float] | None = None,
+    policy: RegraspPolicy | None = None,
+    on_look: Callable | None = None,
+    on_attempt: Callable[[GraspAttempt], None] | None = None,
 ) -> Pick:
-    """Everything from the present place, above the object about, to the bin."""
+    """Everything from the present place, above the object about, to the bin.
+
+    ``others``, ``aside`` and ``policy`` are as for :class:`GraspLoop`; ``on_look`` as for :func:`locate`.
+    """
     robot, camera, gripper = ManipulatorRobot(world), ManipulatorCamera(world, "grasp"), ManipulatorGripper(world)
     gripper.open()
-    pick = Pick(locate(world, name, support, segmenter, pinv_high, method=method))
+    pick = Pick(locate(world, name, support, segmenter, pinv_high, method=method, on_look=on_look))
     if pick.trial.approach is None or pick.trial.approach.z_object is None:
         pick.cause = pick.trial.cause
         return pick
     before = world.highest_point(name)
 
-    def judge(_: GraspAttempt) -> None:
+    def judge(attempt: GraspAttempt) -> None:
         pick.truly_held.append(came_along(before, world.highest_point(name)))
+        if on_attempt is not None:
+            on_attempt(attempt)
 
     loop = GraspLoop(
         camera,
@@ -75,6 +87,9 @@ def pick_and_place(
         wrist="wrist_roll",
         base=configuration("base grasp").joints,
         pinv=pinv_low,
+        policy=policy,
+        others=others,
+        aside=aside,
         on_attempt=judge,
     )
     pick.grasp = loop.run(pick.trial.approach.z_object)

@@ -4,10 +4,9 @@ The robot drives to where an object roughly is, looks, searches where it sees no
 estimate the depth. It sees images and its own joints; scores come from the simulator afterwards.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 from dataclasses import dataclass, replace
 
-import cv2
 import numpy as np
 
 from dense_vs.depth import DepthUnobservableError, depth_from_areas
@@ -17,17 +16,18 @@ from dense_vs.errors import DenseVSError
 from dense_vs.mask_servo.loop import MaskServo, ServoLook, ServoRun
 from dense_vs.mask_servo.object_search import search_object
 from dense_vs.segmentation import Segmenter
-from dense_vs.sims.mobile_manipulator.adapters import ManipulatorCamera, ManipulatorRobot
+from dense_vs.sims.mobile_manipulator.adapters import ManipulatorRobot
 from dense_vs.sims.mobile_manipulator.annotations import SUPPORTS
 from dense_vs.sims.mobile_manipulator.postures import above
 from dense_vs.sims.mobile_manipulator.world import MobileWorld
 from dense_vs.sims.papers.vosvs.configurations import configuration
 from dense_vs.sims.papers.vosvs.gripper_geometry import fingers_in_view
+from dense_vs.sims.papers.vosvs.scored_camera import ScoredCamera
 from dense_vs.sims.papers.vosvs.trial_scores import (
     DepthScore,
+    ReachScore,
     ServoScore,
     TrueView,
-    intersection_over_union,
     score_depth,
     score_servo,
 )
@@ -46,7 +46,7 @@ TRIALS = (
 )
 PLACES = (SUPPORTS[2], SUPPORTS[1], SUPPORTS[0])
 HEIGHT = 0.86  # m, of the grasp camera while it looks for objects
-_NO_SERVO, _NO_DEPTH = ServoScore(False), DepthScore(False)
+_NO_SERVO, _NO_DEPTH, _NO_REACH = ServoScore(False), DepthScore(False), ReachScore(False)
 
 
 @dataclass
@@ -59,6 +59,7 @@ class ObjectTrial:
         printed_servo: VS from the same place by a J+ that was learned by VOS-VS (11) as printed; None if not asked for.
         depth: DE by the method asked for.
         printed_depth: DE by VOS-VS (20) from the same masks.
+        reach, printed_reach: DE done, by the method and by VOS-VS (20); not closed where it was not tried.
         looks: images until centered.
         approach: the depth estimate; None where there was none.
         iou: of the masks with the true ones at the last look of the servo, and at the nearest view.
@@ -70,6 +71,8 @@ class ObjectTrial:
     printed_servo: ServoScore | None = None
     depth: DepthScore = _NO_DEPTH
     printed_depth: DepthScore = _NO_DEPTH
+    reach: ReachScore = _NO_REACH
+    printed_reach: ReachScore = _NO_REACH
     looks: int = 0
     approach: Approach | None = None
     iou: tuple[float, float] = (float("nan"), float("nan"))
@@ -77,13 +80,20 @@ class ObjectTrial:
     @property
     def cause(self) -> str:
         """Of a failure, as far as the run and the truth tell; empty for none."""
-        return self.depth.cause if self.servo.centered else self.servo.cause
+        if not self.servo.centered:
+            return self.servo.cause
+        done = f"done: {self.reach.cause}" if self.reach.cause else ""
+        return "; ".join(cause for cause in (self.depth.cause, done) if cause)
 
 
-def place_objects(world: MobileWorld, names: tuple[str, ...], rng: np.random.Generator) -> None:
-    """Clear the room and put a trial's objects on the blue bin, the green bin and the ground."""
+def place_objects(
+    world: MobileWorld, names: tuple[str, ...], rng: np.random.Generator, only: Collection[str] | None = None
+) -> None:
+    """Clear the room and put a trial's objects, or only some, on the blue bin, the green bin and the ground."""
     world.store()
     for name, (x, y, z) in zip(names, PLACES, strict=True):
+        if only is not None and name not in only:
+            continue
         place = (x + rng.uniform(-0.06, 0.06), y + rng.uniform(-0.06, 0.06), z)
         if world.objects[name].links:
             _heap_chain(world, name, (x, y, z), rng)
@@ -121,16 +131,18 @@ def locate(
     *,
     printed_pinv: np.ndarray | None = None,
     method: Method = "robust",
+    settle_frames: int = 6,
     on_look: Callable | None = None,
     on_view: Callable | None = None,
 ) -> ObjectTrial:
     """Search, center and estimate the depth of one object from the present place.
 
-    With ``printed_pinv``, a J+ that was learned by VOS-VS (11) as printed, the object is first centered by that; then
-    the robot drives back, by its odometry, and begins anew.
+    An image is taken ``settle_frames`` after a command has ended. With ``printed_pinv``, a J+ that was learned by
+    VOS-VS (11) as printed, the object is first centered by that; then the robot drives back, by its odometry, and
+    begins anew.
     """
     result = ObjectTrial(name, support)
-    camera, robot = ManipulatorCamera(world, "grasp"), ManipulatorRobot(world)
+    camera, robot = ScoredCamera(world, name), ManipulatorRobot(world, settle_frames)
     found = search_object(camera, robot, segmenter)
     result.looks = found.looks
     if not found.found:
@@ -139,18 +151,22 @@ def locate(
         return result
     if printed_pinv is not None:
         start = robot.joints()[0]
-        result.printed_servo = _center(world, name, segmenter, printed_pinv)[0]
+        result.printed_servo = _center(camera, robot, segmenter, printed_pinv)[0]
         robot.command(start - robot.joints()[0])
-    result.servo, run, iou = _center(world, name, segmenter, pinv, on_look)
+    result.servo, run, iou = _center(camera, robot, segmenter, pinv, on_look)
     result.looks += len(run.looks)
     result.iou = (iou, float("nan"))
     if result.servo.centered:
-        _estimate_depth(world, result, segmenter, method, on_view)
+        _estimate_depth(camera, robot, result, segmenter, method, on_view)
     return result
 
 
 def _center(
-    world: MobileWorld, name: str, segmenter: Segmenter, pinv: np.ndarray, on_look: Callable | None = None
+    camera: ScoredCamera,
+    robot: ManipulatorRobot,
+    segmenter: Segmenter,
+    pinv: np.ndarray,
+    on_look: Callable | None = None,
 ) -> tuple[ServoScore, ServoRun, float]:
     """Center the object by H_base; how it went, the run, and the last mask's IoU with the true one."""
     one = configuration("base")
@@ -158,13 +174,13 @@ def _center(
 
     def score_look(look: ServoLook, image: np.ndarray, mask: np.ndarray) -> None:
         nonlocal overlap
-        overlap = intersection_over_union(mask, world.true_mask("grasp", name))
+        overlap = camera.overlap(mask)
         if on_look is not None:
             on_look(look, image, mask)
 
     run = MaskServo(
-        ManipulatorCamera(world, "grasp"),
-        ManipulatorRobot(world),
+        camera,
+        robot,
         segmenter,
         joints=one.joints,
         pinv=pinv,
@@ -172,28 +188,33 @@ def _center(
         gain=0.8,
         on_look=score_look,
     ).run(20)
-    offset = float(np.abs(true_centroid(world, "grasp", name) - one.target).max())
+    offset = float(np.abs(true_centroid(camera.world, "grasp", camera.object) - one.target).max())
     return score_servo(run.end, offset, overlap), run, overlap
 
 
 def _estimate_depth(
-    world: MobileWorld, result: ObjectTrial, segmenter: Segmenter, method: Method, on_view: Callable | None
+    camera: ScoredCamera,
+    robot: ManipulatorRobot,
+    result: ObjectTrial,
+    segmenter: Segmenter,
+    method: Method,
+    on_view: Callable | None,
 ) -> None:
     """Approach the centered object; score the depth by the method, and by VOS-VS (20) from the same masks."""
     views: list[TrueView] = []
 
     def score_view(number: int, image: np.ndarray, mask: np.ndarray) -> None:
-        views.append(_true_view(world, result.name, mask))
+        views.append(camera.true_view(mask))
         if on_view is not None:
             on_view(number, image, mask)
 
     approach = DepthApproach(
-        ManipulatorCamera(world, "grasp"),
-        ManipulatorRobot(world),
+        camera,
+        robot,
         segmenter,
         joint="arm_lift",
         method=method,
-        hidden=fingers_in_view(world),
+        hidden=fingers_in_view(camera.world),
         on_view=score_view,
     ).run()
     result.approach = approach
@@ -221,18 +242,16 @@ def printed_depth_score(approach: Approach, true: TrueView, support: float) -> D
         support: height of what the object rests on [m].
     """
     try:
-        fit = depth_from_areas(approach.areas[approach.whole], approach.camera_z[approach.whole])
+        z_object = printed_depth(approach)
     except DepthUnobservableError as error:
         return DepthScore(False, cause=f"depth: {error}")
-    return score_depth(fit.z_object, float(approach.camera_z[approach.nearest]), true, support)
+    return score_depth(z_object, float(approach.camera_z[approach.nearest]), true, support)
 
 
-def _true_view(world: MobileWorld, name: str, mask: np.ndarray) -> TrueView:
-    true = world.true_mask("grasp", name)
-    depth = world.depth("grasp")
-    height = float(world.camera_pose("grasp")[2, 3])
-    if not true.any():
-        return TrueView(float("nan"), float("nan"), float("nan"), 0.0, height)
-    outline = true & ~cv2.erode(true.view(np.uint8), np.ones((3, 3), np.uint8)).astype(bool)
-    overlap = intersection_over_union(mask, true)
-    return TrueView(float(depth[outline].mean()), float(depth[true].mean()), float(depth[true].min()), overlap, height)
+def printed_depth(approach: Approach) -> float:
+    """z_object [m] by VOS-VS (20) as printed, from the areas of an approach's masks of the whole object.
+
+    Raises:
+        DepthUnobservableError: the areas do not tell it.
+    """
+    return depth_from_areas(approach.areas[approach.whole], approach.camera_z[approach.whole]).z_object

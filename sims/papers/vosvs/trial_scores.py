@@ -1,6 +1,7 @@
 """Scores of the consecutive trials, VOS-VS section 7.4, from what the robot believes and what the simulator knows.
 
 VS: the object was centered. DE: the gripper could close on the object at the depth that was estimated.
+DE done: it went there and closed on it.
 """
 
 from dataclasses import dataclass
@@ -13,6 +14,7 @@ from dense_vs.segmentation.mask_features import mask_overlap
 from dense_vs.sims.mobile_manipulator.postures import CAMERA_ABOVE_LIFT, FINGERTIP, Z_GRIPPER
 
 CENTERED_PX = 25.0  # truth: largest offset of a centered object
+LIFTED = 0.05  # m, that an object in the gripper rises at least
 
 
 @dataclass(frozen=True)
@@ -66,6 +68,22 @@ class DepthScore:
     cause: str = ""
 
 
+@dataclass(frozen=True)
+class ReachScore:
+    """DE done, of one object.
+
+    Attributes:
+        closed: whether the fingers closed on the object from both sides and touched nothing of the room before, nor
+            did the palm, with the camera, touch the object.
+        lifted: whether the object rose with the gripper.
+        cause: of not having closed; empty where it has.
+    """
+
+    closed: bool
+    lifted: bool = False
+    cause: str = ""
+
+
 def score_servo(end: ServoEnd, offset_px: float, iou: float) -> ServoScore:
     """Whether an object was centered.
 
@@ -109,6 +127,31 @@ def score_depth(z_object: float, camera_z: float, true: TrueView, support: float
         f"depth error {100 * error:+.1f} % ({off_mm:+.0f} mm): {missed} by {-1e3 * by:.0f} mm; mask IoU {true.iou:.2f}"
     )
     return DepthScore(False, error, surface_error, margins, cause)
+
+
+def score_reach(judged: tuple[bool, bool, bool] | None, risen: float, servo: ServoEnd | None) -> ReachScore:
+    """What a reach is worth.
+
+    Args:
+        judged: as the gripper closed: whether the object was between the fingers, whether they had touched the room,
+            whether the palm had touched the object; None if it never closed.
+        risen: by how much the object's highest point rose with the gripper [m].
+        servo: how centering under the gripper ended; None if it was not tried.
+    """
+    if judged is None:
+        why = "the gripper did not open" if servo is None else f"lost under the gripper: servo {servo.value}"
+        return ReachScore(False, False, f"did not close, {why}")
+    between, support, palm = judged
+    met = [
+        text
+        for wrong, text in (
+            (support, "the fingers touched the room"),
+            (palm, "the palm touched the object"),
+            (not between, "the object was not between the fingers"),
+        )
+        if wrong
+    ]
+    return ReachScore(not met, risen > LIFTED, ", ".join(met))
 
 
 def intersection_over_union(mask: np.ndarray | None, true: np.ndarray) -> float:

@@ -29,10 +29,10 @@ def test_searches_are_bounded():
 
 def test_a_lost_object_or_a_jam_is_no_miss():
     policy = RegraspPolicy(attempts=10)
-    for outcome in (GraspOutcome.LOST, GraspOutcome.JAMMED, GraspOutcome.UNKNOWN):
+    for outcome in (GraspOutcome.LOST, GraspOutcome.JAMMED, GraspOutcome.UNKNOWN, GraspOutcome.WRONG):
         step = policy.decide(outcome)
         assert (step.deeper, step.angle_rank) == (0.0, 0)
-    assert policy.attempts_made == 3
+    assert policy.attempts_made == 4
     policy.reset()
     assert policy.attempts_made == 0
 

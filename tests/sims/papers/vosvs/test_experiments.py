@@ -14,10 +14,14 @@ from dense_vs.mask_servo.loop import ServoEnd
 from dense_vs.sims.mobile_manipulator.postures import above
 from dense_vs.sims.mobile_manipulator.world import MobileWorld
 from dense_vs.sims.papers.vosvs import (
+    clutter,
+    collaboration,
     learn,
     pick_place,
+    segmentations,
     step_response,
     track,
+    track_person,
     trial,
 )
 from dense_vs.sims.papers.vosvs.configurations import CONFIGURATIONS
@@ -25,6 +29,7 @@ from dense_vs.sims.papers.vosvs.jacobian_learning import Episode, Learning, Upda
 from dense_vs.sims.papers.vosvs.learning_figures import draw_learning, until_converged
 from dense_vs.sims.papers.vosvs.object_pick import Pick, pick_and_place
 from dense_vs.sims.papers.vosvs.object_trial import HEIGHT, ObjectTrial, locate
+from dense_vs.sims.papers.vosvs.trial_rows import table_rows
 from dense_vs.sims.papers.vosvs.trial_scores import DepthScore, ServoScore
 
 ENDS = (ServoEnd.LOST, ServoEnd.CONVERGED, ServoEnd.CONVERGED)
@@ -120,23 +125,25 @@ def test_trial_rows():
     good = ObjectTrial("Mug", 0.25, yes, yes, DepthScore(True, -0.01, 0.02), DepthScore(False, 0.08), iou=(0.9, 0.8))
     bad = ObjectTrial("Dice", 0.125, yes, no, DepthScore(False, cause="depth"), DepthScore(True, -0.04))
     lost = ObjectTrial("Tuna", 0.0, no, no)
-    found = trial.table_rows({4: [good, bad], 7: [good, lost]}, {4: True, 7: False}, "robust")
+    found = table_rows({4: [good, bad], 7: [good, lost]}, {4: True, 7: False}, "robust")
     rows = {(row.name, row.seeds): row.ours for row in found}
-    assert rows["VS of 24 (ClickBot 2023: 24), J+ feature by feature", (4,)] == 2
-    assert rows["VS of 24 (ClickBot 2023: 24), J+ feature by feature", (7,)] == 1
-    assert rows["VS of 24, J+ by (11) as printed", (4,)] == 1
+    assert rows["VS of 2 (ClickBot 2023: 24), J+ feature by feature", (4,)] == 2
+    assert rows["VS of 2 (ClickBot 2023: 24), J+ feature by feature", (7,)] == 1
+    assert rows["VS of 2, J+ by (11) as printed", (4,)] == 1
     assert rows["J+ by (11) as printed converged (1) or not (0)", (4,)] == 1
     assert rows["J+ by (11) as printed converged (1) or not (0)", (7,)] == 0
-    assert rows["DE of 24 (ClickBot 2023: 16), depth by robust", (4,)] == 1
-    assert rows["DE of 24, depth by (20) as printed", (4,)] == 1
-    assert rows["DE of 24, depth by (20) as printed", (7,)] == 0
+    assert rows["DE of 2 (ClickBot 2023: 16), depth by robust", (4,)] == 1
+    assert rows["DE of 2, depth by (20) as printed", (4,)] == 1
+    assert rows["DE of 2, depth by (20) as printed", (7,)] == 0
     assert rows["depth error by robust, median, against the outline's depth", (4, 7)] == pytest.approx(1.0)
     assert rows["depth error by (20) as printed, median", (4, 7)] == pytest.approx(8.0)
     assert bad.cause == "depth"
     assert lost.cause == "lost"
 
 
-@pytest.mark.parametrize("experiment", [learn, pick_place, step_response, track, trial])
+@pytest.mark.parametrize(
+    "experiment", [clutter, collaboration, learn, pick_place, segmentations, step_response, track, track_person, trial]
+)
 def test_other_devices_are_refused(experiment, tmp_path):
     parser = argparse.ArgumentParser()
     experiment.add_arguments(parser)

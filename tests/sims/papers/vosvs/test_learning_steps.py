@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from dense_vs.mask_servo.loop import ServoEnd, ServoRun
-from dense_vs.sims.papers.vosvs import jacobian_learning, track
+from dense_vs.sims.papers.vosvs import jacobian_learning, track, tracking
 from dense_vs.sims.papers.vosvs.configurations import configuration
 from dense_vs.sims.papers.vosvs.jacobian_learning import Update, learn_configuration
 
@@ -163,16 +163,16 @@ def followed(monkeypatch):
                     made["on_look"](None, np.zeros((480, 640, 3), np.uint8), MASK)
                 return ServoRun(end, [])
 
-        monkeypatch.setattr(track, "MaskServo", Servo)
+        monkeypatch.setattr(tracking, "MaskServo", Servo)
         monkeypatch.setattr(track, "DraggingHand", lambda world, name, speed, rng: made.update(speed=speed) or hand)
-        monkeypatch.setattr(track, "search_object", lambda *_: SimpleNamespace(found=searches.pop(0)))
+        monkeypatch.setattr(tracking, "search_object", lambda *_: SimpleNamespace(found=searches.pop(0)))
         monkeypatch.setattr(track, "true_centroid", lambda world, *_: np.array([world.x, 1.0]))
         monkeypatch.setattr(track, "floor_point", lambda world, camera, pixel: made.update(pixel=pixel) or "ground")
         for name in ("ManipulatorCamera", "ManipulatorRobot"):
-            monkeypatch.setattr(track, name, lambda *_, **__: None)
+            monkeypatch.setattr(tracking, name, lambda *_, **__: None)
         ready = SimpleNamespace(world=world, seed=4, segmenter=lambda _: None, pinv=lambda config: f"J+ of {config}")
         bar = SimpleNamespace(set_description=lambda _: None, update=lambda: None)
-        one = track.follow(ready, config, 12, bar)
+        one = track.follow_chain(ready, config, 12, bar)
         assert world.before_frame is None
         assert hand.gone
         return one, made
@@ -195,7 +195,8 @@ def test_a_chain_is_followed_through_losses(followed):
 def test_the_head_gives_up_that_cannot_search(followed):
     one, made = followed("head", [(LOST, 1)] * 5)
     assert one.lost == 4
-    assert len(one.centroids) == 4
+    assert len(one.centroids) == 12
+    assert np.isfinite(one.centroids).all(axis=1).tolist() == [True] * 4 + [False] * 8
     assert made["speed"] == 0.25
     assert made["pixel"].tolist() == [320.0, 340.0]
 

@@ -8,7 +8,7 @@ import pytest
 from dense_vs.grasp import GraspCheck, GraspOutcome, WristVerdict
 from dense_vs.grasp.loop import GraspAttempt, GraspRun
 from dense_vs.mask_servo.loop import ServoEnd, ServoRun
-from dense_vs.sims.papers.vosvs import object_pick, step_response, track
+from dense_vs.sims.papers.vosvs import object_pick, step_response, track, tracking
 from dense_vs.sims.papers.vosvs.object_trial import ObjectTrial
 
 
@@ -130,8 +130,11 @@ def test_rows_of_tracks():
     tracks = []
     for config in track.SPEED:
         one = np.array([(321.0, 240.0), (320.0, 250.0), (290.0, 240.0), nowhere])
-        tracks += [track.Track(config, 0, one, target, 2, 1.5, []), track.Track(config, 1, one[:2], target, 1, 0.5, [])]
-    rows = {row.name: row.ours for row in track.table_rows(tracks, (0, 1))}
+        tracks += [
+            tracking.Track(config, 0, one, target, 2, 1.5, []),
+            tracking.Track(config, 1, one[:2], target, 1, 0.5, []),
+        ]
+    rows = {row.name: row.ours for row in tracking.table_rows(tracks, "object", (0, 1))}
     for config in track.SPEED:
         assert rows[f"{config}: looks with the object in view"] == pytest.approx(100 * 5 / 6)
         assert rows[f"{config}: true error, median"] == 10.0

@@ -1,16 +1,21 @@
 """Rounds of picks, trials and learning in worlds made by hand: every object once, from its place, with its tools."""
 
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
+from dense_vs.depth import DepthUnobservableError
+from dense_vs.errors import DenseVSError
 from dense_vs.sims.mobile_manipulator.postures import above
 from dense_vs.sims.papers.vosvs import gripper_geometry, learn, object_pick, pick_place, trial
 from dense_vs.sims.papers.vosvs.configurations import CONFIGURATIONS
+from dense_vs.sims.papers.vosvs.difficulty import DIFFICULTIES
+from dense_vs.sims.papers.vosvs.image_tiles import KeptImages
 from dense_vs.sims.papers.vosvs.jacobian_learning import Update
-from dense_vs.sims.papers.vosvs.object_trial import HEIGHT, PLACES, TRIALS
-from dense_vs.sims.papers.vosvs.trial_scores import DepthScore, ServoScore
+from dense_vs.sims.papers.vosvs.object_trial import HEIGHT, PLACES, TRIALS, ObjectTrial
+from dense_vs.sims.papers.vosvs.trial_scores import DepthScore, ReachScore, ServoScore
 
 BAR = SimpleNamespace(update=lambda: None, set_description=lambda _: None)
 NAMES = [name for names in TRIALS for name in names]
@@ -101,48 +106,116 @@ def test_a_line_of_a_pick():
     assert pick_place._line(4, one) == ["4", "Mug", "-3.4", "0", "0", "X", ""]
 
 
-def test_the_trials_are_one_run(monkeypatch):
-    Room.one = world = Room()
-    drove, located, placed = [], [], []
+@pytest.fixture
+def trials(monkeypatch):
+    """Consecutive trials in a room made by hand; what happened in it."""
+    seen = SimpleNamespace(drove=[], located=[], placed=[], clutter=[], reached=[])
 
-    def locate(world, name, support, segmenter, pinv, *, printed_pinv, method, on_look, on_view):
-        located.append((name, support, segmenter, pinv, printed_pinv, method))
+    def locate(world, name, support, segmenter, pinv, *, printed_pinv, method, settle_frames, on_look, on_view):
+        seen.located.append((name, support, segmenter, pinv, printed_pinv, method, settle_frames))
         if name == "Mug":
             on_look(0, np.zeros((8, 8, 3), np.uint8), np.zeros((8, 8), bool))
             on_view(1, np.ones((8, 8, 3), np.uint8), np.zeros((8, 8), bool))
-        return SimpleNamespace(servo=ServoScore(name == "Mug"), depth=DepthScore(False))
+        z_object = {"Mug": 0.2, "Dice": None}.get(name, 0.0)
+        approach = (
+            None if name == "Washer" else SimpleNamespace(nearest=-1 if name == "Knife" else 3, z_object=z_object)
+        )
+        return ObjectTrial(name, support, ServoScore(name == "Mug"), approach=approach)
 
-    monkeypatch.setattr(trial, "LearnedSetup", Ready)
+    def reach(world, name, segmenter, pinv, z_object):
+        seen.reached.append((name, segmenter, pinv, z_object, len(world.put_back)))
+        return ReachScore(z_object == 0.2)
+
+    def printed(approach):
+        if approach.z_object is None:
+            raise DepthUnobservableError("no depth")
+        return 0.5 + approach.z_object
+
+    def make(names=trial.NAMES, kept=None):
+        world = Room()
+        world.put_back = []
+        world.remember = lambda: lambda: world.put_back.append(len(seen.reached))
+        ready = SimpleNamespace(
+            seed=5,
+            world=world,
+            difficulty=DIFFICULTIES["hard"],
+            pinv=lambda name: f"J+ of {name}",
+            learning=lambda name, update=None: SimpleNamespace(pinv=f"{update} of {name}", converged=True),
+            segmenter=lambda name: f"masks of {name}",
+            add_clutter=lambda names, rng: seen.clutter.append(tuple(names)),
+        )
+        one = trial.ConsecutiveTrials(ready, names, "vos-de", kept or KeptImages(None))
+        assert [learning.pinv for learning in one.learn()] == ["None of base", "(11) as printed of base"]
+        seen.results = one.run(BAR)
+        seen.world, seen.tiles = world, one.tiles
+        return seen
+
     monkeypatch.setattr(trial, "ManipulatorRobot", lambda world: "robot")
-    monkeypatch.setattr(trial, "place_objects", lambda world, names, rng: placed.append(names))
-    monkeypatch.setattr(trial, "drive_to", lambda robot, place, rng: drove.append(place))
+    monkeypatch.setattr(trial, "place_objects", lambda world, names, rng, only: seen.placed.append((names, only)))
+    monkeypatch.setattr(trial, "drive_to", lambda robot, place, rng: seen.drove.append(place))
     monkeypatch.setattr(trial, "locate", locate)
-    tiles = []
-    results, learned = trial.run_trials(5, "vos-de", 1, BAR, tiles)
-    assert learned
-    assert placed == list(TRIALS)
-    assert drove == list(PLACES) * 8
-    assert [one[0] for one in located] == NAMES
-    supports = [place[2] for place in PLACES] * 8
-    assert [one[1] for one in located] == supports
-    assert located[0][2:] == (f"masks of {NAMES[0]}", "J+ of base", "(11) as printed of base", "vos-de")
-    assert len(world.postures) == 1  # it is never put back
-    np.testing.assert_array_equal(world.postures[0], above(1.0, 0.0, HEIGHT))
-    assert len(results) == 24
-    ((label, image),) = tiles
-    assert label == "Mug: VS yes, DE no"
+    monkeypatch.setattr(trial, "reach_depth", reach)
+    monkeypatch.setattr(trial, "printed_depth", printed)
+    return make
+
+
+def test_the_trials_are_one_run(trials):
+    seen = trials()
+    assert seen.placed == [(names, trial.NAMES) for names in TRIALS]
+    assert seen.clutter == list(TRIALS)
+    assert seen.drove == list(PLACES) * 8
+    assert [one[0] for one in seen.located] == NAMES
+    assert [one[1] for one in seen.located] == [place[2] for place in PLACES] * 8
+    assert seen.located[0][2:] == (f"masks of {NAMES[0]}", "J+ of base", "(11) as printed of base", "vos-de", 0)
+    assert len(seen.world.postures) == 1  # it is never put back
+    np.testing.assert_array_equal(seen.world.postures[0], above(1.0, 0.0, HEIGHT))
+    assert [one.name for one in seen.results] == NAMES
+    ((label, image),) = seen.tiles
+    assert label == "Mug: VS yes, DE yes"
     assert image.max() == 1  # the last view
 
 
-def test_lines_of_the_trials():
-    one = SimpleNamespace(name="Mug", support=0.25, servo=ServoScore(True), printed_servo=ServoScore(False), cause="",
-                          depth=DepthScore(True, -0.012), printed_depth=DepthScore(False, 0.3),
-                          iou=(0.9, 0.75))  # fmt: skip
-    assert trial._line(2, one) == ["2", "Mug", "0.25", "X", "", "X", "", "-1.2 +30.0", "0.90 0.75", ""]
-    one.printed_servo = None
-    assert trial._line(2, one)[4] == ""
-    one.printed_servo = ServoScore(True)
-    assert trial._line(2, one)[4] == "X"
+def test_depth_is_done_by_both_from_one_place(trials):
+    seen = trials()
+    of = {one.name: one for one in seen.results}
+    mug = [one for one in seen.reached if one[0] == "Mug"]
+    before = mug[0][4]
+    assert mug == [
+        ("Mug", "masks of Mug", "J+ of base grasp", 0.7, before),
+        ("Mug", "masks of Mug", "J+ of base grasp", 0.2, before + 1),  # everything was put back between them
+    ]
+    assert of["Mug"].reach.closed
+    assert not of["Mug"].printed_reach.closed
+    names = [one[0] for one in seen.reached]
+    assert not {"Washer", "Knife", "Dice"} & set(names)  # never approached, no view of it, no depth
+    assert of["Dice"].printed_reach.cause == "depth: no depth"
+    assert names.count("Plate") == 2
+
+
+def test_some_of_the_objects(trials, tmp_path):
+    seen = trials(("Mug", "Dice"), KeptImages(tmp_path / "kept"))
+    assert [names for names, _ in seen.placed] == [TRIALS[4], TRIALS[7]]
+    assert {only for _, only in seen.placed} == {("Mug", "Dice")}
+    assert seen.clutter == [("Mug",), ("Dice",)]
+    assert [one.name for one in seen.results] == ["Mug", "Dice"]
+    assert seen.drove == [PLACES[0], PLACES[1]]
+    files = sorted(path.name for path in (tmp_path / "kept").iterdir())
+    stems = [f"hard_5_Mug_00{k}" for k in range(2)]
+    assert files == sorted([f"{stem}{end}.png" for stem in stems for end in ("", "_mask")])
+
+
+def test_what_was_asked_for():
+    assert trial.chosen_objects(None) == tuple(NAMES)
+    assert trial.chosen_objects(["Dice", "Mug", "Dice"]) == ("Mug", "Dice")
+    with pytest.raises(DenseVSError, match="object 'Hammer' is not one of the trials'"):
+        trial.chosen_objects(["Mug", "Hammer"])
+    asked = SimpleNamespace(difficulty="clean", mask_seconds=None)
+    assert trial.chosen_difficulty(asked) is DIFFICULTIES["clean"]
+    asked = SimpleNamespace(difficulty="hard", mask_seconds=0.0)
+    assert trial.chosen_difficulty(asked) == replace(DIFFICULTIES["hard"], mask_seconds=0.0)
+    for seconds in (-0.1, 0.5, float("nan")):
+        with pytest.raises(DenseVSError, match="--mask-seconds"):
+            trial.chosen_difficulty(SimpleNamespace(difficulty="hard", mask_seconds=seconds))
 
 
 def test_every_configuration_is_learned_with_every_update(monkeypatch):

@@ -8,13 +8,14 @@ import pytest
 from dense_vs.grasp import GraspCheck, GraspOutcome, WristVerdict
 from dense_vs.grasp.loop import GraspAttempt, GraspRun
 from dense_vs.mask_servo.loop import ServoEnd
-from dense_vs.sims.papers.vosvs import learn, pick_place, trial
+from dense_vs.sims.papers.vosvs import learn, pick_place
 from dense_vs.sims.papers.vosvs.configurations import CONFIGURATIONS
 from dense_vs.sims.papers.vosvs.finite_percentile import finite_percentile
 from dense_vs.sims.papers.vosvs.jacobian_learning import Update
 from dense_vs.sims.papers.vosvs.object_pick import Pick
 from dense_vs.sims.papers.vosvs.object_trial import ObjectTrial
-from dense_vs.sims.papers.vosvs.trial_scores import DepthScore, ServoScore
+from dense_vs.sims.papers.vosvs.trial_rows import COLUMNS, line, table_rows
+from dense_vs.sims.papers.vosvs.trial_scores import DepthScore, ReachScore, ServoScore
 
 
 def result(centered, printed, graspable, by_areas, error, iou=0.9):
@@ -25,6 +26,8 @@ def result(centered, printed, graspable, by_areas, error, iou=0.9):
         None if printed is None else ServoScore(printed),
         DepthScore(graspable, error, 2 * error),
         DepthScore(by_areas, 3 * error, error),
+        ReachScore(graspable and centered, centered),
+        ReachScore(by_areas, False),
         iou=(0.1, iou),
     )
 
@@ -35,22 +38,61 @@ def test_successes_of_a_trial_are_counted_by_method():
         result(True, None, False, False, 0.03, 0.7),
         result(False, True, True, True, float("nan"), float("nan")),
     ]
-    rows = trial.table_rows({5: ones, 6: ones[:1]}, {5: True, 6: False}, "robust")
+    rows = table_rows({5: ones, 6: ones[:1]}, {5: True, 6: False}, "robust")
     by = {(row.name, row.seeds): row.ours for row in rows}
-    assert by["VS of 24 (ClickBot 2023: 24), J+ feature by feature", (5,)] == 2
-    assert by["VS of 24, J+ by (11) as printed", (5,)] == 1
-    assert by["DE of 24 (ClickBot 2023: 16), depth by robust", (5,)] == 2
-    assert by["DE of 24, depth by (20) as printed", (5,)] == 1
+    assert by["VS of 3 (ClickBot 2023: 24), J+ feature by feature", (5,)] == 2
+    assert by["VS of 3, J+ by (11) as printed", (5,)] == 1
+    assert by["DE of 3 (ClickBot 2023: 16), depth by robust", (5,)] == 2
+    assert by["DE of 3, depth by (20) as printed", (5,)] == 1
+    assert by["DE done: closed on it, of 3, depth by robust", (5,)] == 1
+    assert by["DE done: closed on it, of 3, depth by (20) as printed", (5,)] == 1
+    assert by["DE done: lifted it, of 3, depth by robust", (5,)] == 2
+    assert by["DE done: lifted it, of 3, depth by (20) as printed", (5,)] == 0
     assert by["J+ by (11) as printed converged (1) or not (0)", (5,)] == 1
     assert by["J+ by (11) as printed converged (1) or not (0)", (6,)] == 0
-    assert by["VS of 24, J+ by (11) as printed", (6,)] == 0
+    assert by["VS of 1, J+ by (11) as printed", (6,)] == 0
     assert by["depth error by robust, median, against the outline's depth", (5, 6)] == pytest.approx(1.0)
     assert by["depth error by robust, 90th percentile", (5, 6)] == pytest.approx(2.6)
     assert by["depth error by (20) as printed, 90th percentile", (5, 6)] == pytest.approx(7.8)
     assert by["mask IoU at the nearest view, median", (5, 6)] == 0.9
-    papers = {row.name: row.paper for row in rows}
-    assert papers["VS of 24, J+ by (11) as printed"] == 20
-    assert papers["DE of 24, depth by (20) as printed"] == 10
+    assert by["mask IoU at the nearest view, 10th percentile", (5, 6)] == pytest.approx(0.74)
+    assert by["mask IoU when centered, median", (5, 6)] == 0.1
+    assert {row.paper for row in rows} == {None}  # the paper's are of all 24
+
+
+def test_the_paper_s_successes_stand_beside_those_of_all_objects():
+    rows = table_rows({1: [result(True, True, True, True, 0.01)] * 24}, {1: True}, "robust")
+    papers = {row.name: row.paper for row in rows if row.paper is not None}
+    assert papers == {
+        "VS of 24 (ClickBot 2023: 24), J+ feature by feature": 20,
+        "VS of 24, J+ by (11) as printed": 20,
+        "DE of 24 (ClickBot 2023: 16), depth by robust": 10,
+        "DE of 24, depth by (20) as printed": 10,
+        "DE done: closed on it, of 24, depth by robust": 10,
+        "DE done: closed on it, of 24, depth by (20) as printed": 10,
+    }
+    assert {row.ours for row in rows if row.name in papers} == {24}
+
+
+def test_lines_of_the_trials():
+    one = ObjectTrial(
+        "Mug",
+        0.25,
+        ServoScore(True),
+        ServoScore(False),
+        DepthScore(True, -0.012),
+        DepthScore(False, 0.3),
+        ReachScore(False, True, "the fingers touched the room"),
+        ReachScore(True),
+        iou=(0.9, 0.75),
+    )
+    cells = ["2", "Mug", "0.25", "X", "", "X", "", "", "X", "-1.2 +30.0", "0.90 0.75"]
+    assert line(2, one) == [*cells, "done: the fingers touched the room"]
+    assert len(line(2, one)) == len(COLUMNS)
+    one.printed_servo = None
+    assert line(2, one)[4] == ""
+    one.printed_servo = ServoScore(True)
+    assert line(2, one)[4] == "X"
 
 
 def pick(placed, truly, outcome, error, areas=(100.0, 100.0)):

@@ -17,12 +17,11 @@ from dense_vs.sims.papers.vosvs.object_trial import (
     _center,
     _estimate_depth,
     _heap_chain,
-    _true_view,
     drive_to,
     locate,
     place_objects,
 )
-from dense_vs.sims.papers.vosvs.trial_scores import DepthScore, ServoScore, TrueView
+from dense_vs.sims.papers.vosvs.trial_scores import DepthScore, ServoScore, TrueView, intersection_over_union
 
 
 class Room:
@@ -111,16 +110,16 @@ def located(monkeypatch):
         )
         pending = list(scores)
 
-        def center(world, name, segmenter, pinv, on_look=None):
+        def center(camera, robot, segmenter, pinv, on_look=None):
             events.append(f"servo by {pinv}")
             return pending.pop(0), ServoRun(ServoEnd.CONVERGED, [None] * 4), 0.75
 
-        def depth(world, result, segmenter, method, on_view):
+        def depth(camera, robot, result, segmenter, method, on_view):
             events.append(f"depth by {method}")
             result.depth = DepthScore(True)
 
-        monkeypatch.setattr(object_trial, "ManipulatorCamera", lambda world, camera: camera)
-        monkeypatch.setattr(object_trial, "ManipulatorRobot", lambda world: robot)
+        monkeypatch.setattr(object_trial, "ScoredCamera", lambda world, name: name)
+        monkeypatch.setattr(object_trial, "ManipulatorRobot", lambda world, settle_frames: robot)
         monkeypatch.setattr(object_trial, "search_object", lambda *_: SimpleNamespace(found=found, looks=looks))
         monkeypatch.setattr(object_trial, "_center", center)
         monkeypatch.setattr(object_trial, "_estimate_depth", depth)
@@ -185,12 +184,11 @@ def test_a_servo_is_scored_by_the_true_centroid(monkeypatch, end, offset, good):
             made["on_look"]("look", "image", MASK)
             return ServoRun(end, [])
 
-    world = SimpleNamespace(true_mask=lambda camera, name: np.roll(MASK, 40, axis=0))
+    true = np.roll(MASK, 40, axis=0)
+    camera = SimpleNamespace(world=None, object="Mug", overlap=lambda mask: intersection_over_union(mask, true))
     monkeypatch.setattr(object_trial, "MaskServo", Servo)
-    monkeypatch.setattr(object_trial, "ManipulatorCamera", lambda *_: None)
-    monkeypatch.setattr(object_trial, "ManipulatorRobot", lambda *_: None)
     monkeypatch.setattr(object_trial, "true_centroid", lambda *_: np.array([320.0 + offset / 2, 240.0 - offset]))
-    score, run, iou = _center(world, "Mug", None, "pinv", lambda *seen: told.append(seen))
+    score, run, iou = _center(camera, None, None, "pinv", lambda *seen: told.append(seen))
     assert score.centered == good
     assert run.end is end
     assert iou == pytest.approx(1 / 3)  # of the last look
@@ -217,13 +215,11 @@ def approached(monkeypatch, end, z_object, nearest):
             return approach
 
     monkeypatch.setattr(object_trial, "DepthApproach", Depth)
-    monkeypatch.setattr(object_trial, "ManipulatorCamera", lambda *_: None)
-    monkeypatch.setattr(object_trial, "ManipulatorRobot", lambda *_: None)
     monkeypatch.setattr(object_trial, "fingers_in_view", lambda _: "fingers")
-    monkeypatch.setattr(object_trial, "_true_view", lambda *_: next(views))
+    camera = SimpleNamespace(world=None, true_view=lambda _: next(views))
     result = ObjectTrial("Mug", 0.0, CENTERED, iou=(0.9, float("nan")))
     seen = []
-    _estimate_depth(None, result, None, "robust", lambda *one: seen.append(one))
+    _estimate_depth(camera, None, result, None, "robust", lambda *one: seen.append(one))
     assert len(seen) == 3
     assert (made["hidden"], made["joint"], made["method"]) == ("fingers", "arm_lift", "robust")
     return result
@@ -250,22 +246,3 @@ def test_an_approach_without_a_view_or_an_estimate_has_no_depth(monkeypatch):
     near = approached(monkeypatch, ApproachEnd.NEAR, -3.0, 2)
     assert "approach ended" not in near.depth.cause
     assert not near.depth.graspable
-
-
-def test_the_truth_of_a_view():
-    """An object of 5 x 5 pixels: its outline at 2 m, its middle at 1 m."""
-    true = np.zeros((20, 30), bool)
-    true[5:10, 5:10] = True
-    depth = np.full((20, 30), 9.0)
-    depth[5:10, 5:10], depth[6:9, 6:9], depth[7, 7] = 2.0, 1.0, 0.5
-    pose = np.eye(4)
-    pose[2, 3] = 0.7
-    world = SimpleNamespace(true_mask=lambda *_: true, depth=lambda _: depth, camera_pose=lambda _: pose)
-    view = _true_view(world, "Mug", np.roll(true, 5, axis=1))
-    assert (view.outline, view.surface, view.top) == pytest.approx((2.0, (16 * 2 + 8 + 0.5) / 25, 0.5))
-    assert (view.iou, view.camera_height) == (0.0, 0.7)
-    assert _true_view(world, "Mug", true).iou == 1.0
-    world.true_mask = lambda *_: np.zeros((20, 30), bool)
-    gone = _true_view(world, "Mug", true)
-    assert np.isnan([gone.outline, gone.surface, gone.top]).all()
-    assert (gone.iou, gone.camera_height) == (0.0, 0.7)
