@@ -11,6 +11,8 @@ import sys
 from pathlib import Path
 from typing import Any
 
+# What runs were asked for before they could say so.
+EARLIER = {"trial": {"difficulty": "clean", "mask_seconds": None, "objects": None}}
 RESULTS = Path(__file__).parent / "results" / "experiments.json"
 
 
@@ -35,8 +37,9 @@ def _replaces(new: dict[str, Any], old: dict[str, Any]) -> bool:
 
 
 def _told(run: dict[str, Any]) -> dict[str, Any]:
-    """Arguments but the number of threads and the device, which do not change what was asked for."""
-    return {name: value for name, value in run["arguments"].items() if name not in ("threads", "device")}
+    """Arguments but threads, processes and device, which do not change what was asked for."""
+    arguments = {**EARLIER.get(run["experiment"], {}), **run["arguments"]}
+    return {name: value for name, value in arguments.items() if name not in ("threads", "jobs", "device")}
 
 
 if __name__ == "__main__":

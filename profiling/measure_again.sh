@@ -1,8 +1,9 @@
 #!/usr/bin/env bash
 # Measure the committed results anew, each with its origin beside it, and write the tables from them.
-#     profiling/measure_again.sh timings       # 2 cores with nothing else on them, about 25 minutes
-#     profiling/measure_again.sh experiments   # one core, about 3 hours; accuracy only, so other work may run beside
+#     profiling/measure_again.sh timings       # 2 cores with nothing else on them, about 35 minutes
+#     profiling/measure_again.sh experiments   # one core, about 5 hours; accuracy only, so other work may run beside
 #     profiling/measure_again.sh surfaces      # as many cores as there are; some 10 core hours, after dense-vs arms
+#     profiling/measure_again.sh visp          # one core, about 6 minutes; needs ViSP (Debian: libvisp-dev)
 #     profiling/measure_again.sh gpu           # one NVIDIA GPU, about 10 minutes
 # Numbers after a command are minutes on one free core of a 2026 server.
 set -euo pipefail
@@ -10,15 +11,16 @@ cd "$(dirname "$0")/.."
 results=profiling/results
 out=${OUT:-out/measured}
 case "${1:-}" in
-timings | experiments | surfaces | gpu) ;;
-*) sed -n '2,7s/^# *//p' "$0" >&2 && exit 2 ;;
+timings | experiments | surfaces | visp | gpu) ;;
+*) sed -n '2,8s/^# *//p' "$0" >&2 && exit 2 ;;
 esac
 [ -z "$(git status --porcelain --untracked-files=no)" ] || { echo "commit first: results name the commit" >&2; exit 1; }
 mkdir -p "$out"
 
 measure() { python "profiling/$1.py" "${@:3}" --json "$out/$2.json"; }
 reproduce() {
-    local name="$1-$2-${*: -1}"
+    local name
+    name="$(echo "$*" | tr -d - | tr -s ' ' -)"
     OMP_NUM_THREADS=1 dense-vs reproduce "$@" --threads 1 --out "$out/$name" --json "$out/$name.json"
 }
 
@@ -31,19 +33,31 @@ timings)
     measure generative generative               # 3, needs PyTorch
     measure startup startup                     # 1
     measure scaling scaling_cpu --device cpu    # 1
-    measure segmentation segmentation           # 12, needs the annotated images of VOS-VS (--data)
-    cp "$out"/{peers,peers_cold,frame_budget,reducers,generative,startup,scaling_cpu,segmentation}.json "$results"
+    measure segmentation segmentation           # 10, needs the annotated images of VOS-VS (--data)
+    measure tracking tracking                   # 12
+    cp "$out"/{peers,peers_cold,frame_budget,reducers,generative,startup,scaling_cpu,segmentation,tracking}.json "$results"
     ;;
 experiments)
-    for seed in 501 502 503; do reproduce vosvs trial --seed $seed; done                  # 12 each
+    for seed in 501 502 503; do
+        reproduce vosvs trial --jobs 4 --seed $seed                                       # 20 each
+        reproduce vosvs trial --difficulty clean --seed $seed                             # 20 each
+    done
     reproduce dije leak --seed 100 101 102 103 104                                        # 7
     reproduce dije labels --seed 100 101 102 103 104                                      # 4
     for seed in 501 502 503; do reproduce vosvs pick-place --seed $seed; done             # 12 each
     for seed in 501 502 503; do reproduce vosvs learn --responses 2 --seed $seed; done    # 10 each
     for seed in 501 502; do reproduce vosvs step-response --seed $seed; done              # 6 each
     reproduce vosvs track --seed 501                                                      # 3
-    reproduce generative grasp --seed 501                                                 # 3
-    for seed in 501 502 503; do reproduce generative insertion --seed $seed; done         # 12 each
+    for experiment in track-person segmentations clutter collaboration; do
+        for seed in 501 502 503; do reproduce vosvs $experiment --seed $seed; done        # 6 each
+    done
+    for seed in 501 502 503 504 505; do
+        reproduce generative grasp --seed $seed                                           # 3
+        reproduce generative grasp --independent 0.01 --seed $seed                        # 3
+        reproduce generative insertion --seed $seed                                       # 12
+        reproduce generative insertion --independent 0.002 --seed $seed                   # 12
+    done
+    reproduce generative speed --seed 500 501 502                                         # 3, nothing else running
     reproduce generative servo --seed 500 501                                             # 2
     python profiling/experiments.py "$out"/*-*.json
     ;;
@@ -52,6 +66,10 @@ surfaces)
     measure surfaces surfaces --jobs "$(nproc)" --seeds 0,1,2 || true
     measure surfaces surfaces_7 --jobs "$(nproc)" --joints 7 --seconds 20 --arms panda,ur5e,baxter,fetch || true
     cp "$out"/{surfaces,surfaces_7}.json "$results"
+    ;;
+visp)
+    measure visp_peer ibvs_peer --out "$out/visp_peer"
+    cp "$out/ibvs_peer.json" "$results"
     ;;
 gpu)
     measure closed_loop closed_loop_h200 --device cuda:0 --randomize

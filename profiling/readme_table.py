@@ -15,6 +15,7 @@ from readme_experiments import experiment_lines, few_experiment_lines, summary_l
 from readme_hidden import hidden_lines
 from readme_live import live_lines
 from readme_real_robot import few_real_robot_lines, real_robot_lines
+from readme_tracking import few_tracking_lines, tracking_lines
 from results_file import RESULTS, Result, in_words
 from surface_table import few_surface_lines, surface_lines
 
@@ -109,6 +110,7 @@ def everything() -> str:
         "",
         *experiment_lines(),
         "",
+        *tracking_lines(),
         *summary_lines(*(Result(name) for name in ("segmentation", "reducers", "generative"))),
     ]
     return "\n".join(lines)
@@ -136,6 +138,7 @@ def few() -> str:
         f"{strongest[0]:.1f} |",
         f"| 1024 robots on one {loop.content['machine']['gpus'][0]}, order 1 (J error "
         f"{loop['J error after babbling, median, cuda:0']:.2f}) [frames/s] | {loop[f'closed loop, {WORLDS}']:,.0f} |",
+        *few_tracking_lines(),
         *few_experiment_lines(),
     ]
     return "\n".join([*lines, "", "[All figures, and what they were measured on](docs/performance.md)."])
