@@ -1,8 +1,8 @@
 """The page's gate: the last thing that a command passes before the robot, closed unless everything allows motion.
 
 Any thread may close it, and a command that was computed before then goes no further: it becomes a zero step. So a stop
-takes effect within the frame that is being worked on. Opening takes somebody in control; a speed limit and the joint
-limits hold for every command that passes.
+takes effect within the frame that is being worked on. It also ends what was asked for before it and has not begun yet.
+Opening takes somebody in control; a speed limit and the joint limits hold for every command that passes.
 """
 
 import threading
@@ -12,6 +12,7 @@ from collections.abc import Callable
 import numpy as np
 
 from dense_vs.checks import check_number
+from dense_vs.errors import DenseVSError
 from dense_vs.robot.joint_group import checked_limits
 from dense_vs.robot.protocols import Robot
 from dense_vs.robot.wrapped_robot import WrappedRobot
@@ -30,6 +31,7 @@ class PageGate:
 
     Attributes:
         reason: why it is closed, for the user; "" where it is open.
+        stops: how often it was told to stop, while it was closed too.
         dead_man: whether commands pass only while :meth:`press` is called again and again.
     """
 
@@ -37,6 +39,7 @@ class PageGate:
         self._lock = threading.Lock()
         self._clock = clock
         self._open = False
+        self.stops = 0
         self._pressed_until = -np.inf
         self._max_speed = check_number("max_speed", max_speed, above=0)
         self.dead_man = False
@@ -61,15 +64,30 @@ class PageGate:
         """Whether a command would pass now."""
         return self._open and (not self.dead_man or self._clock() < self._pressed_until)
 
-    def allow(self) -> None:
-        """Open: somebody in control asked for motion."""
+    def allow(self, stops: int | None = None) -> None:
+        """Open: somebody in control asked for motion.
+
+        Args:
+            stops: :attr:`stops` when it was asked for; None where that is now.
+
+        Raises:
+            DenseVSError: a stop came after it was asked for; stays closed.
+        """
         with self._lock:
+            if stops is not None and stops != self.stops:
+                raise DenseVSError("a stop came after the motion was asked for; expected it to be asked for again")
             self._open, self.reason = True, ""
 
-    def close(self, reason: str) -> bool:
-        """Stop commands from now on; whether it was open. The first reason stays."""
+    def close(self, reason: str, *, done: bool = False) -> bool:
+        """Stop commands from now on; whether it was open. The first reason stays.
+
+        Args:
+            reason: for the user.
+            done: whether a motion merely came to its end, so that one that was asked for meanwhile may begin.
+        """
         with self._lock:
             was_open, self._open = self._open, False
+            self.stops += not done
             if was_open or not self.reason:
                 self.reason = reason
             return was_open

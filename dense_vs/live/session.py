@@ -81,7 +81,8 @@ class LiveSession:
         self.body: BodyTask | None = None
         self.told = Told()
         self._keeping: Keeping | None = None
-        self._requests: SimpleQueue[Callable[[], Any]] = SimpleQueue()
+        self._requests: SimpleQueue[tuple[Callable[[], Any], int]] = SimpleQueue()  # each with the stops before it
+        self._stops_before: int | None = None  # the request that is being carried out; None between requests
         self._ended = threading.Event()
         self._beat: float | None = None  # when the last frame came, on the computer's clock
         self._pace = 1 / 30  # s a frame on the computer's clock, smoothed
@@ -128,8 +129,11 @@ class LiveSession:
                 self.robot.hold()
 
     def ask(self, request: Callable[[], Any]) -> None:
-        """Have the loop's thread carry something out between two frames; its errors go to the log."""
-        self._requests.put(request)
+        """Have the loop's thread carry something out between two frames; its errors go to the log.
+
+        A stop that comes before it is carried out stays: :meth:`begin_mode` is refused then.
+        """
+        self._requests.put((request, self.gate.stops))
 
     def running_loop(self) -> ServoLoop:
         """The servo loop.
@@ -145,20 +149,21 @@ class LiveSession:
         """Let the robot move for a purpose; in the loop's thread.
 
         Raises:
-            DenseVSError: a recording, which follows no commands.
+            DenseVSError: a recording, which follows no commands, or a stop came after this was asked for.
         """
         if not self.source.commands:
             raise DenseVSError(f"{self.source.name} follows no commands; expected a robot")
+        time = self.running_loop().frame.time
+        self.gate.allow(self._stops_before)
         if mode is Mode.LEARNING:
-            self._learning = Learning(self._explained_anew(), self.running_loop().frame.time)
+            self._learning = Learning(self._explained_anew(), time)
             self.board.log("learning: the robot moves at random")
         self.mode = mode
-        self.gate.allow()
 
     def be_still(self, reason: str) -> None:
         """Stop by intent, as where learning is done; in the loop's thread."""
         self.mode = Mode.STILL
-        self.gate.close(reason)
+        self.gate.close(reason, done=True)
 
     @property
     def body_state(self) -> BodyState:
@@ -243,13 +248,15 @@ class LiveSession:
     def _answer(self) -> None:
         while True:
             try:
-                request = self._requests.get_nowait()
+                request, self._stops_before = self._requests.get_nowait()
             except Empty:
                 return
             try:
                 request()
             except DenseVSError as error:
                 self.board.log(str(error), "error")
+            finally:
+                self._stops_before = None
 
     def _advance(self) -> None:
         loop = self.running_loop()

@@ -33,6 +33,20 @@ def test_it_is_closed_at_first_and_after_a_stop():
     assert gate.reason == "a key"
 
 
+def test_a_stop_ends_what_was_asked_for_before_it():
+    gate = PageGate()
+    asked = gate.stops
+    gate.close("a key")  # closed already: somebody pressed Stop before the motion began
+    with pytest.raises(DenseVSError, match="a stop came after"):
+        gate.allow(asked)
+    assert not gate.open
+    assert not passed(gate).any()
+    asked = gate.stops
+    gate.close("learned", done=True)  # a motion that came to its end is no stop
+    gate.allow(asked)
+    assert gate.open
+
+
 def test_a_fast_step_is_shortened_as_a_whole():
     gate = PageGate(0.3)
     gate.allow()

@@ -10,7 +10,7 @@ from contextlib import closing, contextmanager
 
 import numpy as np
 import pytest
-from live_rig import served
+from live_rig import PATIENCE, served
 from sliding_scene import SlidingRobot, wait_for
 
 pytest.importorskip("uvicorn", reason="the live extra is not installed")
@@ -38,7 +38,9 @@ def robot():
 
 @pytest.fixture(scope="module")
 def session(robot):
-    return LiveSession(LiveSource(robot, robot, "board"), LiveOptions(body=False, labels=False))
+    # A computer that stalls for a second is no camera that does.
+    options = LiveOptions(body=False, labels=False, stall_seconds=PATIENCE)
+    return LiveSession(LiveSource(robot, robot, "board"), options)
 
 
 @pytest.fixture(scope="module")
@@ -185,7 +187,12 @@ def test_a_page_in_control_that_falls_silent_stops(address, session, monkeypatch
     with page(address) as socket:
         receive(socket)
         tell(socket, do="learn")
-        assert wait_for(lambda: session.gate.open, 5)
+        opened, end = False, time.monotonic() + 10
+        while not opened and time.monotonic() < end:  # the loop may take its time
+            tell(socket, do="alive")
+            opened = session.gate.open
+            time.sleep(0.02)
+        assert opened
         assert wait_for(lambda: not session.gate.open, 10)
         assert "lost" in session.gate.reason
 

@@ -109,6 +109,26 @@ def test_a_stop_holds_back_the_command_in_work(robot):
     assert not robot.commands[-1][1].any()
 
 
+@pytest.mark.parametrize("asked", ["learn", "go"])
+def test_a_stop_ends_what_was_asked_for_before_it_and_has_not_begun(session, robot, asked):
+    """The camera hangs, motion is asked for, Stop is pressed, and the camera comes back: nothing moves."""
+    do(session, do="point", at=list(CENTER), frame=1 << 40)
+    do(session, do="aim", point=1, target=[CENTER[0] + 9, CENTER[1]])
+    assert wait_for(lambda: len(session.points) == 1)
+    robot.stalled.set()
+    time.sleep(0.1)  # the loop waits for an image
+    do(session, do=asked)
+    session.stop("a key")
+    robot.stalled.clear()
+    assert wait_for(lambda: said(session, "a stop came after the motion was asked for")), session.board.lines()
+    count = len(robot.commands)
+    assert wait_for(lambda: len(robot.commands) > count + 5)
+    assert session.mode is Mode.STILL
+    assert not robot.moved_since(0.0)
+    do(session, do="learn")  # and when it is asked for again, it does
+    assert wait_for(lambda: robot.moved_since(0.0))
+
+
 def test_two_points_share_the_joints(session, robot):
     do(session, do="learn")
     assert wait_for(lambda: said(session, "learned: J explains"), 60)
