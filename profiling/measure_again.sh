@@ -1,7 +1,7 @@
 #!/usr/bin/env bash
 # Measure the committed results anew, each with its origin beside it, and write the tables from them.
 #     profiling/measure_again.sh timings       # 2 cores with nothing else on them, about 35 minutes
-#     profiling/measure_again.sh experiments   # one core, about 5 hours; accuracy only, so other work may run beside
+#     profiling/measure_again.sh experiments   # one core, about 9 hours; accuracy only, so other work may run beside
 #     profiling/measure_again.sh surfaces      # as many cores as there are; some 10 core hours, after dense-vs arms
 #     profiling/measure_again.sh visp          # one core, about 6 minutes; needs ViSP (Debian: libvisp-dev)
 #     profiling/measure_again.sh gpu           # one NVIDIA GPU, about 10 minutes
@@ -44,6 +44,12 @@ experiments)
     done
     reproduce dije leak --seed 100 101 102 103 104                                        # 7
     reproduce dije labels --seed 100 101 102 103 104                                      # 4
+    for experiment in reach rake vacuum; do
+        for seed in 501 502 503; do
+            reproduce dije $experiment --seed $seed                                       # 2 each
+            reproduce dije $experiment --compliance --seed $seed                          # 2 each
+        done
+    done
     for seed in 501 502 503; do reproduce vosvs pick-place --seed $seed; done             # 12 each
     for seed in 501 502 503; do reproduce vosvs learn --responses 2 --seed $seed; done    # 10 each
     for seed in 501 502; do reproduce vosvs step-response --seed $seed; done              # 6 each
@@ -57,6 +63,13 @@ experiments)
         reproduce generative insertion --seed $seed                                       # 12
         reproduce generative insertion --independent 0.002 --seed $seed                   # 12
     done
+    for experiment in stages kfold single-camera camera-shift drift noisy-control relearning; do
+        reproduce generative $experiment --seed 500 501                                   # 10 at most
+    done
+    reproduce generative noisy-states --seed 500 501 502 503 504 505                      # 3
+    reproduce generative few-samples --seed $(seq -s ' ' 500 511)                         # 8
+    reproduce generative few-samples --postures uniform --samples 10 15 20 50 --seed $(seq -s ' ' 500 511) # 6
+    reproduce vosvs depth-log                                                             # 0, needs the recorded log
     reproduce generative speed --seed 500 501 502                                         # 3, nothing else running
     reproduce generative servo --seed 500 501                                             # 2
     python profiling/experiments.py "$out"/*-*.json

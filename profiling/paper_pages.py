@@ -12,12 +12,17 @@ from collections import defaultdict
 from pathlib import Path
 from typing import Any
 
+from experiments import EARLIER
 from ibvs_table import visp_lines
+
+from dense_vs.cli.parsing import LazyParser, from_module
+from dense_vs.sims.papers import PAPERS
 
 RESULTS = Path(__file__).parent / "results" / "experiments.json"
 PAGES = Path(__file__).parent.parent / "docs" / "papers"
 NAMES = {"dije": "dije", "vosvs": "vosvs", "generative": "gothoskar"}
 BEGIN, END = "<!-- tables: begin -->", "<!-- tables: end -->"
+UNSAID = ("jobs", "keep")  # options that change no figure
 BESIDE = {"gothoskar": {"visp": visp_lines}}  # page -> name of the markers -> lines between them
 
 
@@ -44,7 +49,7 @@ def _section(experiment: str, told: str, runs: list[dict[str, Any]]) -> str:
     lines = [
         f"### {experiment}{': ' + told if told else ''}",
         "",
-        f"`dense-vs reproduce {runs[0]['paper']} {experiment}{_options(runs[0])}`; {_made(runs)}.",
+        f"`{_command(runs[0])}` and `--seed`; {_made(runs)}.",
         "",
         f"| | paper | {' | '.join(seeds)} | |",
         f"|---|---|{'---|' * (len(runs) + 1)}",
@@ -62,14 +67,27 @@ def _told(run: dict[str, Any]) -> str:
     if run["experiment"] == "trial":
         return arguments.get("difficulty", "clean")  # there was no other before
     told = [f"postures {arguments['postures']}"] if arguments.get("postures") else []
+    if arguments.get("compliance"):
+        told.append("soft joints")
     if arguments.get("independent"):
         told.append(f"every motion of a joint off by N(0, {arguments['independent']:g} rad)")
     return ", ".join(told)
 
 
-def _options(run: dict[str, Any]) -> str:
-    """Options that a run of this section needs, as they are typed."""
-    return " --difficulty clean" if run["experiment"] == "trial" and _told(run) == "clean" else ""
+def _command(run: dict[str, Any]) -> str:
+    """What a run was begun with, as it is typed: every option that is not as it would be without; seeds aside."""
+    words = ["dense-vs reproduce", run["paper"], run["experiment"]]
+    told = {**EARLIER.get(run["experiment"], {}), **(run.get("arguments") or {})}
+    parser = LazyParser()
+    from_module(PAPERS[run["paper"]].experiments[run["experiment"]].home)(parser)
+    for action in parser._actions:
+        value = told.get(action.dest)
+        default = action.default.name if isinstance(action.default, Path) else action.default  # as results name files
+        if not action.option_strings or action.dest in UNSAID or action.dest not in told or value == default:
+            continue
+        values = [] if value is True else value if isinstance(value, list) else [value]
+        words += [action.option_strings[-1], *map(str, values)]
+    return " ".join(words)
 
 
 def _made(runs: list[dict[str, Any]]) -> str:

@@ -23,7 +23,7 @@ def test_runs_stand_beside_each_other_where_they_were_told_the_same():
     assert paper_pages.page_tables(runs).splitlines() == [
         "### grasp",
         "",
-        "`dense-vs reproduce generative grasp`; 2026-01-02, commit 0123456.",
+        "`dense-vs reproduce generative grasp` and `--seed`; 2026-01-02, commit 0123456.",
         "",
         "| | paper | seed 501 | seed 502 | |",
         "|---|---|---|---|---|",
@@ -31,7 +31,7 @@ def test_runs_stand_beside_each_other_where_they_were_told_the_same():
         "",
         "### grasp: every motion of a joint off by N(0, 0.01 rad)",
         "",
-        "`dense-vs reproduce generative grasp`; 2026-01-02, commit 0123456.",
+        "`dense-vs reproduce generative grasp --independent 0.01` and `--seed`; 2026-01-02, commit 0123456.",
         "",
         "| | paper | seed 501 | |",
         "|---|---|---|---|",
@@ -49,6 +49,22 @@ def test_runs_stand_beside_each_other_where_they_were_told_the_same():
 )
 def test_a_section_says_what_its_runs_were_told(arguments, title):
     assert paper_pages.page_tables([run(1, None, **arguments)]).startswith(title)
+
+
+@pytest.mark.parametrize(
+    ("paper", "experiment", "arguments", "typed"),
+    [
+        ("vosvs", "trial", {"method": "robust"}, "vosvs trial --difficulty clean"),  # before there was another
+        ("vosvs", "trial", {"method": "robust", "difficulty": "hard", "mask_seconds": None, "jobs": 4}, "vosvs trial"),
+        ("vosvs", "learn", {"responses": 2, "threads": 1}, "vosvs learn --responses 2"),
+        ("vosvs", "depth-log", {"log": "sugar_box_approach.csv"}, "vosvs depth-log"),
+        ("dije", "reach", {"compliance": True, "halve": False}, "dije reach --compliance"),
+        ("generative", "few-samples", {"samples": [10, 50]}, "generative few-samples --samples 10 50"),
+    ],
+)
+def test_a_command_is_shown_with_the_options_that_it_was_given(paper, experiment, arguments, typed):
+    one = {"paper": paper, "experiment": experiment, "arguments": arguments}
+    assert paper_pages._command(one) == f"dense-vs reproduce {typed}"
 
 
 def test_what_lies_between_markers_is_replaced_and_nothing_else():

@@ -1,4 +1,4 @@
-"""Pick an object and place it in the bin, VOS-VS Figs. 5 and 19: find, center, estimate depth, grasp, check, place."""
+"""Pick an object and place it in the bin, VOS-VS Fig. 5: find, center, estimate depth, grasp, check, place."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field

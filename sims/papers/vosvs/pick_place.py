@@ -1,4 +1,4 @@
-"""VOS-VS Figs. 5 and 19: find an object, center it, estimate its depth, grasp, check, and place it in a bin.
+"""VOS-VS Fig. 5: find an object, center it, estimate its depth, grasp, check, and place it in a bin.
 
 All objects of Table 2 that fit the gripper, each from the height of its trial. Masks come from few-shot segmenters
 that learned from ten images each, annotated by the simulator's ids; H_base and H_base grasp are learned at the start.

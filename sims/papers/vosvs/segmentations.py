@@ -28,7 +28,7 @@ from dense_vs.view.progress import progress
 
 # Figs. 14 to 17, and whether the paper's depth was good enough for a grasp.
 SHOWN = {"Plate": True, "Power Drill": True, "Marker": False, "Padlock": False}
-MISSED, BEYOND = (255, 40, 40), (40, 90, 255)  # RGB, of pixels that a mask leaves out and that it should not have
+MISSED, BEYOND = (0, 255, 255), (40, 60, 255)  # RGB, of pixels that a mask leaves out and that it should not have
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -145,7 +145,7 @@ def approach_one(
 
 
 def errors_shown(view: View) -> np.ndarray:
-    """The image with the mask's outline, pixels that it leaves out in red and those beyond the object in blue."""
+    """The image with the mask's outline, pixels that it leaves out in cyan and those beyond the object in blue."""
     image = view.image.copy()
     for wrong, color in ((view.true & ~view.mask, MISSED), (view.mask & ~view.true, BEYOND)):
         image[wrong] = (0.35 * image[wrong] + 0.65 * np.array(color)).astype(np.uint8)
