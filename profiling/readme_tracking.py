@@ -31,9 +31,9 @@ def few_tracking_lines() -> list[str]:
         return []
     result = Result("tracking")
     return [
-        f"| mask of a tracked object, CPU time: median / 99th percentile of 640x480 images, IoU [ms] | "
+        "| mask of an object tracked in simulated 640x480 images: CPU time, median / 99th percentile [ms]; IoU | "
         f"{result['tracking, all images: CPU, median [ms]']:.0f} / "
-        f"{result['tracking, all images: CPU, 99th percentile [ms]']:.0f}, {result['tracking: mean IoU']:.2f} |"
+        f"{result['tracking, all images: CPU, 99th percentile [ms]']:.0f}; {result['tracking: mean IoU']:.2f} |"
     ]
 
 

@@ -155,4 +155,4 @@ def test_lines_are_of_a_result_that_is_there(tmp_path, monkeypatch):
     assert empty == ""
     for part in ("2026-01-02, commit abc", "takes 20 ms of CPU", "60 and 30 ms", "0.600 (anew 0.700)", "50.0% of the"):
         assert part in line
-    assert readme_tracking.few_tracking_lines()[0].endswith("| 20 / 20, 0.60 |")
+    assert readme_tracking.few_tracking_lines()[0].endswith("| 20 / 20; 0.60 |")
