@@ -52,7 +52,9 @@ def run(arguments: argparse.Namespace) -> None:
                 for method, examples in score_sequence(name, sequence, methods).items():
                     results[method].setdefault(name, []).extend(examples)
                 bar.update()
-    scored = list(next(iter(results.values())))
+    scored = [name for name, examples in next(iter(results.values())).items() if examples]
+    if not scored:
+        raise DenseVSError(f"{arguments.folder} tells no true distance; expected it at the nearest view of an example")
     scores = {
         method: [100 * float(np.mean([e.relative_error for e in of_sets[name]])) for name in scored]
         for method, of_sets in results.items()

@@ -31,7 +31,7 @@ class Sequence:
         name: of the recording.
         masks: ``(m, H, W)`` uint8, nearest view first.
         camera_back: ``(m,)`` [m].
-        depth: ``(m,)`` true distances [m].
+        depth: ``(m,)`` true distances [m]; NaN where a recording does not tell it.
     """
 
     name: str
@@ -84,8 +84,9 @@ def read_sequences(path: str | os.PathLike[str]) -> Iterator[Sequence]:
             raise DenseVSError("its sequences are empty or its masks have no pixels")
         views = int(start[-1])
         bits = stored_array(content, "mask_bits", (views, -(-height * width // 8)), "u")
-        if bits.dtype != np.uint8 or (stored_array(content, "depth", (views,)) <= 0).any():
-            raise DenseVSError("its masks are no bits, or a true distance is not above 0")
+        depth = stored_array(content, "depth", (views,), finite=False)
+        if bits.dtype != np.uint8 or (depth <= 0).any() or np.isinf(depth).any():
+            raise DenseVSError("its masks are no bits, or a true distance is not above 0 and finite")
         stored_array(content, "camera_back", (views,))
     except DenseVSError as error:
         raise DenseVSError(f"{path} is damaged: {error}") from error
@@ -105,10 +106,11 @@ def example_views(set_name: str, views: int) -> list[np.ndarray]:
 
 
 def score_sequence(set_name: str, sequence: Sequence, methods: tuple[Method, ...]) -> dict[str, list[ExampleResult]]:
-    """Every example of a sequence by every method."""
+    """Every example of a sequence by every method, but for those whose true distance is not known."""
     regions = mask_regions(sequence.masks)
     image_size = (sequence.masks.shape[1], sequence.masks.shape[2])
-    examples = example_views(set_name, len(regions))
+    known = np.isfinite(sequence.depth)
+    examples = [views for views in example_views(set_name, len(regions)) if known[_nearest(sequence, views)]]
     return {method: [_score(regions, sequence, views, image_size, method) for views in examples] for method in methods}
 
 
@@ -125,11 +127,15 @@ def set_paths(folder: str | os.PathLike[str], sets: tuple[str, ...] = SETS) -> d
     return found
 
 
+def _nearest(sequence: Sequence, views: np.ndarray) -> int:
+    """Of some views, the one whose distance is asked for."""
+    return int(views[np.argmin(sequence.camera_back[views])])
+
+
 def _score(
     regions: list[list[RegionShape]], sequence: Sequence, views: np.ndarray, image_size: tuple[int, int], method: Method
 ) -> ExampleResult:
-    back = sequence.camera_back[views]
-    truth = float(sequence.depth[views[np.argmin(back)]])
+    back, truth = sequence.camera_back[views], float(sequence.depth[_nearest(sequence, views)])
     try:
         found = depth_from_regions([regions[view] for view in views], back, image_size, method)
     except DenseVSError as error:

@@ -53,6 +53,38 @@ def test_a_set_is_read_as_it_was_packed(tmp_path):
     assert example.relative_error < 0.1
 
 
+def test_a_distance_that_was_not_recorded_damages_nothing(tmp_path):
+    """Real recordings lack some: an example counts where the distance that is asked for is known."""
+    path = tmp_path / "normal.npz"
+    write_set(path)
+    content = dict(np.load(path))
+    content["depth"][7] = np.nan
+    np.savez(path, **content)
+    (sequence,) = read_sequences(path)
+    assert np.isnan(sequence.depth[7])
+    (example,) = score_sequence("normal", sequence, ("vos-de",))["vos-de"]
+    assert example.truth == pytest.approx(0.3)
+    assert example.relative_error < 0.1
+    content["depth"][0] = np.nan
+    np.savez(path, **content)
+    (sequence,) = read_sequences(path)
+    assert score_sequence("normal", sequence, ("vos-de",)) == {"vos-de": []}
+    for wrong in (np.inf, 0.0, -1.0):
+        content["depth"][7] = wrong
+        np.savez(path, **content)
+        with pytest.raises(DenseVSError, match="is damaged: .* not above 0 and finite"):
+            list(read_sequences(path))
+
+
+def test_the_command_refuses_sets_without_a_truth(tmp_path, capsys):
+    write_set(tmp_path / "normal.npz")
+    content = dict(np.load(tmp_path / "normal.npz"))
+    content["depth"][0] = np.nan
+    np.savez(tmp_path / "normal.npz", **content)
+    assert main(["depth-eval", str(tmp_path), "--methods", "vos-de"]) == 2
+    assert "tells no true distance" in capsys.readouterr().err
+
+
 def test_an_example_without_an_answer_counts_in_full(tmp_path):
     write_set(tmp_path / "normal.npz")
     (sequence,) = read_sequences(tmp_path / "normal.npz")
@@ -80,6 +112,15 @@ def test_bad_folders_and_names_are_refused(tmp_path, capsys):
     np.savez(tmp_path / "normal.npz", start=np.array([0, 3]))
     with pytest.raises(DenseVSError, match="lacks sequence"):
         list(read_sequences(tmp_path / "normal.npz"))
+
+
+@recorded
+@pytest.mark.parametrize(("name", "sequences"), [("robot", 32), ("driving", 100), ("normal", 200), ("perturb", 200)])
+def test_every_recorded_set_is_read(name, sequences):
+    first = next(read_sequences(SETS / f"{name}.npz"))
+    assert len(first.masks) == len(first.depth) == len(first.camera_back)
+    with np.load(SETS / f"{name}.npz") as content:
+        assert len(content["sequence"]) == sequences
 
 
 @pytest.mark.slow
