@@ -72,7 +72,7 @@ def test_a_distance_that_was_not_recorded_damages_nothing(tmp_path):
     for wrong in (np.inf, 0.0, -1.0):
         content["depth"][7] = wrong
         np.savez(path, **content)
-        with pytest.raises(DenseVSError, match="is damaged: .* not above 0 and finite"):
+        with pytest.raises(DenseVSError, match=r"is damaged: .* not above 0 and finite"):
             list(read_sequences(path))
 
 
