@@ -33,9 +33,11 @@ def atomic_write(path: str | os.PathLike[str], mode: str = "wb") -> Iterator[IO[
     What a process that was killed while it wrote ``path`` has left there is removed first.
 
     Raises:
-        DenseVSError: the folder is missing or not writable, or the disk is full; what was there stays.
+        DenseVSError: the folder is missing or not writable, the disk is full, or the path is a folder, a device or a
+            pipe; what was there stays.
     """
     path = file_path(path)
+    _check_replaceable(path)
     encoding = None if "b" in mode else "utf-8"
     try:
         _remove_left(path)
@@ -65,11 +67,10 @@ def check_writable(path: str | os.PathLike[str]) -> None:
     """Find out now whether a file can be written later; nothing is left of the trial.
 
     Raises:
-        DenseVSError: its folder is missing or not writable, or its disk is full.
+        DenseVSError: its folder is missing or not writable, its disk is full, or it is a folder, a device or a pipe.
     """
     path = file_path(path)
-    if path.is_dir():
-        raise DenseVSError(f"cannot write {path}: it is a folder")
+    _check_replaceable(path)
     try:
         handle, temporary = _temporary(path)
         try:
@@ -96,6 +97,17 @@ def file_path(path: Any) -> Path:
         if error.errno == errno.ENAMETOOLONG:
             raise DenseVSError(f"path {shown(path)} of {len(os.fsdecode(path))} characters is too long") from error
     return named
+
+
+def _check_replaceable(path: Path) -> None:
+    """Refuse a path that a file cannot take the place of: moved there, it would put an end to a device."""
+    try:
+        if path.is_dir():
+            raise DenseVSError(f"cannot write {path}: it is a folder")
+        if path.exists() and not path.is_file():
+            raise DenseVSError(f"cannot write {path}: it is a device or a pipe; expected a file's name")
+    except OSError:
+        return  # its folder cannot be looked into, which writing will say
 
 
 def _temporary(path: Path) -> tuple[int, str]:

@@ -32,6 +32,7 @@ from dense_vs.body_model.held_out import (
 )
 from dense_vs.body_model.refit import refit
 from dense_vs.body_model.tracks import PointTracks
+from dense_vs.checks import check_number
 from dense_vs.cli.body_recordings import SeenBody, read_recordings
 from dense_vs.errors import DenseVSError
 from dense_vs.files import check_writable
@@ -172,7 +173,11 @@ def _check(arguments: argparse.Namespace) -> None:
         raise DenseVSError(f"--held-out is {arguments.held_out}; expected a share from 0 to below 1")
     if arguments.episode is not None and arguments.episodes is not None:
         raise DenseVSError("--episode and --episodes are both given; expected one of them")
+    if arguments.focal_length is not None:
+        check_number("--focal-length", arguments.focal_length, above=0)
     check_writable(arguments.out)
+    if arguments.picture is not None:
+        check_writable(arguments.picture)
     if arguments.rerun:
         require_rerun()
 

@@ -17,6 +17,8 @@ from dense_vs.recording import Episode, open_recording, survey_episode
 from dense_vs.recording.distinct_images import DistinctImages
 from dense_vs.view.progress import progress
 
+LEAST_SIDE = 16  # px, of an image that something can be followed in
+
 
 @dataclass
 class SeenBody:
@@ -54,6 +56,11 @@ class SeenBody:
             )
         images = episode.images()
         size = scaled_size((images.height, images.width), scale)
+        if min(size) < LEAST_SIDE:
+            raise DenseVSError(
+                f"{episode.source.path} has images of {size[1]} x {size[0]} px at --scale {scale:g}; expected at least "
+                f"{LEAST_SIDE} px a side"
+            )
         if self.images and self.images[0].shape != size:
             height, width = self.images[0].shape
             raise DenseVSError(

@@ -79,7 +79,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(arguments: argparse.Namespace) -> None:
     """Run the command."""
     obs = read_recording(arguments.recording)
-    check_writable(arguments.out)  # wrong here, not after the learning
+    for path in (arguments.out, arguments.json):  # wrong here, not after the learning
+        if path is not None:
+            check_writable(path)
     kept = len(obs) - arguments.holdout
     if arguments.holdout < 0 or kept < 2:
         raise DenseVSError(f"--holdout is {arguments.holdout}; expected 0 to {len(obs) - 2} of {len(obs)} postures")

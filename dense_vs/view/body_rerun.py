@@ -6,6 +6,7 @@ each link. The camera is the world, as it is to the model; lengths are in the mo
 
 import os
 from collections.abc import Sequence
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -18,7 +19,7 @@ from dense_vs.errors import DenseVSError
 from dense_vs.files import check_writable
 from dense_vs.view.body_picture import HALF_LENGTH, link_colors
 from dense_vs.view.panels import as_rgb
-from dense_vs.view.rerun_file import JPEG_QUALITY, require_rerun
+from dense_vs.view.rerun_file import JPEG_QUALITY, end_stream, require_rerun
 
 APPLICATION = "dense-vs body"
 MOST_FRAMES = 120  # of a recording, spread over it
@@ -63,10 +64,11 @@ def write_body_rerun(
     try:
         stream.save(partial)
         _write(rerun, stream, model, images, postures, names)
-        _end(stream)
+        end_stream(stream, target)
         os.replace(partial, target)
     except BaseException:
-        _end(stream)
+        with suppress(DenseVSError):  # what has gone wrong already is what is to be heard of
+            end_stream(stream, target)
         partial.unlink(missing_ok=True)
         raise
 
@@ -120,8 +122,3 @@ def _write_links(rerun: Any, stream: Any, model: BodyModel, names: Sequence[str]
             rerun.LineStrips3D([[near - half, near + half]], colors=[colors[n]], radii=2 * radius, labels=[name]),
             static=True,
         )
-
-
-def _end(stream: Any) -> None:
-    stream.flush()
-    stream.disconnect()

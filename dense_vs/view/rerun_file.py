@@ -1,6 +1,7 @@
 """An estimate from a recording as a file of the Rerun viewer (``rerun estimate.rrd``): images, labels, J and curves."""
 
 import os
+from contextlib import suppress
 from importlib import import_module
 from pathlib import Path
 from typing import Any
@@ -77,12 +78,20 @@ class RerunFile:
             self._log_image(path, vectors_to_rgb(J[..., n] * usual[n], FLOW_SCALE))
 
     def close(self) -> None:
-        """Add how much of the motion was explained, and finish the file."""
+        """Add how much of the motion was explained, and finish the file.
+
+        Raises:
+            DenseVSError: the disk is full; no file is left.
+        """
         for time, share in zip(*self._done.explained.over_time(), strict=True):
             self._stream.set_time("time", duration=time)
             self._stream.log("explained_motion", self._rerun.Scalars(share))
-        self._end()
-        os.replace(self._partial, self.path)
+        try:
+            end_stream(self._stream, self.path)
+            os.replace(self._partial, self.path)
+        except BaseException:
+            self._partial.unlink(missing_ok=True)
+            raise
 
     def __enter__(self) -> "RerunFile":
         return self
@@ -91,12 +100,23 @@ class RerunFile:
         if kind is None:
             self.close()
         else:
-            self._end()
+            with suppress(DenseVSError):  # what has gone wrong already is what is to be heard of
+                end_stream(self._stream, self.path)
             self._partial.unlink(missing_ok=True)
 
     def _log_image(self, path: str, rgb: np.ndarray) -> None:
         self._stream.log(path, self._rerun.Image(rgb).compress(jpeg_quality=JPEG_QUALITY))
 
-    def _end(self) -> None:
-        self._stream.flush()
-        self._stream.disconnect()
+
+def end_stream(stream: Any, path: str | os.PathLike[str]) -> None:
+    """Finish one of Rerun's streams, which is to become a file.
+
+    Raises:
+        DenseVSError: what was still to be written cannot be.
+    """
+    try:
+        stream.flush()
+    except Exception as error:  # whatever Rerun raises
+        raise DenseVSError(f"cannot write {path}: {error}") from error
+    finally:
+        stream.disconnect()

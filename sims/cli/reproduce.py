@@ -5,9 +5,12 @@ import time
 from importlib import import_module
 from pathlib import Path
 
+from dense_vs.checks import check_whole
 from dense_vs.cli.options import add_device_arguments
 from dense_vs.cli.parsing import LazyParser, from_module
 from dense_vs.sims.papers import PAPERS
+
+MOST_SEED = (1 << 32) - 1  # of what experiments learn masks with
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -47,13 +50,16 @@ class _SharedArguments:
 def run(arguments: argparse.Namespace) -> None:
     """Run the command."""
     # Not above: 'dense-vs reproduce --help' lists papers and experiments without them.
-    from dense_vs.files import output_folder, write_json
+    from dense_vs.files import check_writable, output_folder, write_json
     from dense_vs.sims.papers.rows import rows_json, rows_table
     from dense_vs.view.provenance import provenance
 
+    for seed in arguments.seeds:
+        check_whole("--seed", seed, least=0, most=MOST_SEED)
     arguments.out = output_folder(arguments.out)
     if arguments.json is not None:
         output_folder(arguments.json.parent)
+        check_writable(arguments.json)
     started = time.perf_counter()
     rows = import_module(PAPERS[arguments.paper].experiments[arguments.experiment].home).run(arguments)
     seconds = time.perf_counter() - started

@@ -1,9 +1,11 @@
 """Files that are whole or absent, whatever ends their writer, and archives that claim more than they hold."""
 
 import io
+import os
 import subprocess
 import sys
 import zipfile
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -69,6 +71,21 @@ def test_whether_a_file_can_be_written_is_asked_before(tmp_path):
     for path, message in ((tmp_path / "no" / "new.npz", "cannot write"), (tmp_path, "is a folder")):
         with pytest.raises(DenseVSError, match=message):
             check_writable(path)
+
+
+@pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="a system without pipes in folders")
+def test_nothing_takes_the_place_of_a_pipe_or_a_device(tmp_path):
+    """Root may replace /dev/full by a file, and would."""
+    pipe = tmp_path / "pipe"
+    os.mkfifo(pipe)
+    for path in (pipe, Path("/dev/null")):
+        with pytest.raises(DenseVSError, match="device or a pipe"):
+            check_writable(path)
+        with pytest.raises(DenseVSError, match="device or a pipe"), atomic_write(path) as stream:
+            stream.write(b"whole")
+    assert pipe.is_fifo()
+    assert Path("/dev/null").is_char_device()
+    assert list(tmp_path.iterdir()) == [pipe]
 
 
 @pytest.mark.parametrize("path", ["x" * 5000, "a\0b", 3, None, 1.5])

@@ -192,3 +192,21 @@ def test_one_reach_of_a_real_humanoid_tells_of_another():
     for k, dq in seen.steps(cut, len(seen.images)):
         explained.add(flow(seen.images[k - 1], seen.images[k]), memory.flow(seen.joints[k], dq))
     assert explained.share > 0.4
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        (["--scale", "1e-9"], "0 x 0 px at --scale 1e-09; expected at least 16 px a side"),
+        (["--focal-length", "nan"], "--focal-length is nan"),
+        (["--focal-length", "0"], "--focal-length is 0"),
+        (["--focal-length", "-5"], "--focal-length is -5"),
+        (["--picture", "."], "it is a folder"),
+    ],
+    ids=" ".join,
+)
+def test_options_that_cannot_be_are_refused_and_nothing_is_saved(options, message, recording, tmp_path, capfd):
+    video = recording / "video.mp4", recording / "joints.csv"
+    assert run("body", *video, "--out", tmp_path / "body.npz", *options) == 2
+    assert message in capfd.readouterr().err
+    assert not list(tmp_path.iterdir())

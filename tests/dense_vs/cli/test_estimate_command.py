@@ -107,6 +107,19 @@ def test_rerun_file_holds_every_frame(recording, tmp_path):
     assert 0 < rows["/explained_motion"] < FRAMES
 
 
+def test_a_full_disk_leaves_no_rerun_file_and_one_line(recording, tmp_path, capsys, monkeypatch):
+    rerun = pytest.importorskip("rerun", reason="an .rrd file needs Rerun")
+
+    def full(stream):
+        raise RuntimeError("No space left on device")
+
+    monkeypatch.setattr(rerun.RecordingStream, "flush", full)
+    arguments = ["estimate", recording / "video.mp4", recording / "joints.csv", "--out", tmp_path, "--rerun"]
+    assert run(*arguments, "--device", "cpu", "--no-video") == 2
+    assert "estimate.rrd: No space left on device" in capsys.readouterr().err
+    assert not [path for path in tmp_path.iterdir() if "rrd" in path.name]
+
+
 def test_rerun_that_is_not_installed_is_said(recording, tmp_path, capsys, monkeypatch):
     monkeypatch.setitem(sys.modules, "rerun", None)
     arguments = ["estimate", recording / "video.mp4", recording / "joints.csv", "--out", tmp_path, "--rerun"]

@@ -95,3 +95,21 @@ def test_what_cannot_be_written_is_said_and_leaves_no_file(tmp_path, monkeypatch
     with pytest.raises(DenseVSError, match="joints"):
         write_body_rerun(tmp_path / "body.rrd", model, images, joints[:, :2], NAMES)
     assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize("finished", [True, False])
+def test_a_disk_that_is_full_leaves_no_file_and_says_so(tmp_path, monkeypatch, finished):
+    """Rerun tells of it when its stream ends; an error that came before is the one that is heard of."""
+    rerun = pytest.importorskip("rerun", reason="an .rrd file needs Rerun")
+
+    def full(stream):
+        raise RuntimeError("No space left")
+
+    monkeypatch.setattr(rerun.RecordingStream, "flush", full)
+    model, (images, joints) = body(), recording(2)
+    if not finished:
+        monkeypatch.setattr(rerun, "Pinhole", lambda **_: 1 / 0)
+    expected = pytest.raises(DenseVSError, match="No space left") if finished else pytest.raises(ZeroDivisionError)
+    with expected:
+        write_body_rerun(tmp_path / "body.rrd", model, images, joints, NAMES)
+    assert not list(tmp_path.iterdir())

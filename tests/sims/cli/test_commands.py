@@ -137,3 +137,16 @@ def test_bad_arguments_are_one_line(arguments, tmp_path, capfd):
     lines = [line for line in capfd.readouterr().err.splitlines() if line.startswith("dense-vs: ")]
     assert len(lines) == 1
     assert not list(tmp_path.glob("out/*"))
+
+
+@pytest.mark.parametrize("seed", ["-1", str(1 << 32), "9" * 30])
+@pytest.mark.parametrize("experiment", ["vosvs trial", "vosvs learn", "generative grasp", "dije labels"])
+def test_a_seed_that_cannot_be_ends_an_experiment_before_it_begins(experiment, seed, tmp_path, capfd):
+    assert main(["reproduce", *experiment.split(), "--seed", "1", seed, "--out", str(tmp_path / "out")]) == 2
+    assert f"--seed is {seed[:20]}" in capfd.readouterr().err
+    assert not list(tmp_path.iterdir())
+
+
+def test_figures_that_cannot_be_written_end_an_experiment_before_it_begins(tmp_path, capfd):
+    assert main(["reproduce", "vosvs", "learn", "--json", str(tmp_path), "--out", str(tmp_path / "out")]) == 2
+    assert "it is a folder" in capfd.readouterr().err
