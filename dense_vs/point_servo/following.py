@@ -109,7 +109,7 @@ def in_sight(point: np.ndarray, pipeline: FramePipeline) -> bool:
 
 
 def point_jacobian(tracker: PointTracker | BodyTracker, pipeline: FramePipeline, positions: np.ndarray) -> np.ndarray:
-    """J ``(2, N)`` of the tracked point [px/rad]: DIJE (16), or where it is not in sight, by the chain.
+    """J ``(2, N)`` of the tracked point [px/rad]: DIJE (16), or where it is not in sight, nor its link, by the chain.
 
     Args:
         tracker: of the point.
@@ -117,7 +117,7 @@ def point_jacobian(tracker: PointTracker | BodyTracker, pipeline: FramePipeline,
         positions: joint positions ``(N,)`` of the last image [rad].
     """
     point = tracker.points[0]
-    if not isinstance(tracker, BodyTracker) or in_sight(point, pipeline):
+    if not isinstance(tracker, BodyTracker) or (not tracker.unseen and in_sight(point, pipeline)):
         return pipeline.estimator.at(point)[0]
     return tracker.features.jacobian(POINT, positions)
 

@@ -24,7 +24,7 @@ PLANNED_EVERY = 15  # frames, after which the posture is planned anew, as the ch
 RETURNS = 1  # times in a reach that a lost point is looked for where it was defined
 BACK = 0.01  # rad from the posture in which it was defined
 LOOKED = 5  # frames there in which it is looked for
-GONE = 45  # frames in which nothing is seen of its link
+GONE = 45  # frames in which nothing is seen of its link; those of a planned move, which the chain knows, do not count
 WAITED = 45  # frames at the target, in all, after which a place that is not certain will not become so
 
 
@@ -43,6 +43,8 @@ class Reaching:
         self._faults: dict[FaultKind, Fault] = {}
         self._planned: np.ndarray | None = None
         self._planned_at = -PLANNED_EVERY
+        self._under_way = False  # to a planned posture
+        self._blind = loop.tracker.unseen if isinstance(loop.tracker, BodyTracker) else 0  # frames
 
     def run(self) -> Reach:
         """Go there."""
@@ -54,11 +56,14 @@ class Reaching:
                 if returns == RETURNS or not self._find_again():
                     break
                 returns += 1
+                self._blind = 0
                 far = self._is_far()
                 continue
             far = far and self._distance() > NEAR * loop.estimator.options.width
+            self._under_way = False
             self._step(self._way() if far else loop.servo_step)
             self._arrival.observe(self._distance(), blind=any(fault.stops for fault in loop.faults))
+            self._look_out()
             waited += self._arrival.settled
         end = ReachEnd.REACHED if self._arrival.settled else ReachEnd.MISSED
         if not loop.aim.certain(self._tracker):
@@ -82,8 +87,18 @@ class Reaching:
 
     def _gone(self) -> bool:
         """Whether the point is lost, and for so long that it has to be looked for."""
+        return given_up(self._tracker) or self._blind >= GONE
+
+    def _look_out(self) -> None:
+        """Count the frames in which nothing is seen of the point's link.
+
+        On a planned way the links turn, and one may show nothing that can be followed for a while; the chain knows
+        where it is meanwhile. At the target it is waited for, and then called lost there.
+        """
         tracker = self._tracker
-        return given_up(tracker) or (isinstance(tracker, BodyTracker) and tracker.unseen >= GONE)
+        unseen = isinstance(tracker, BodyTracker) and tracker.unseen > 0
+        expected = self._under_way or self._arrival.settled
+        self._blind = self._blind + 1 if unseen and not expected else 0
 
     def _distance(self) -> float:
         return self._loop.aim.distance(self._loop.point)
@@ -111,6 +126,7 @@ class Reaching:
         posture = self._planned
         if posture is None or np.abs(posture - loop.joints.newest).max() < ARRIVED:
             return loop.servo_step
+        self._under_way = True
         return lambda: self._toward(posture)
 
     def _toward(self, posture: np.ndarray) -> np.ndarray:

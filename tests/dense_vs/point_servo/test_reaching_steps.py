@@ -306,6 +306,50 @@ def test_a_link_that_is_unseen_for_long_is_gone(unseen, gone):
     assert Reaching(Loop(tracker=point_tracker(lost=gone)), Arrival(), 1)._gone() == gone
 
 
+def unseen_from(loop, tracker, frame, to=10_000):
+    """Nothing is seen of the tracker's link from one frame on to another."""
+    usual = loop.step
+
+    def step(command):
+        usual(command)
+        tracker.unseen = tracker.unseen + 1 if frame <= len(loop.steps) < to else 0
+
+    loop.step = step
+
+
+def test_a_planned_way_goes_on_where_nothing_is_seen_of_the_link():
+    """The link has turned away: the chain knows where the point is, and the link is seen again further on."""
+    tracker, _ = body_tracker([np.array([9.0, 0.0])] * 20)
+    loop = Loop(away=120.0, tracker=tracker)
+    loop.memory = SimpleNamespace(positions=np.zeros(2))
+    unseen_from(loop, tracker, 10, 100)
+    reach = Reaching(loop, Arrival(), 400).run()
+    assert reach.end is ReachEnd.REACHED
+    assert (reach.frames, loop.found) == (120, [])
+
+
+def test_a_point_whose_link_is_not_seen_at_its_target_is_called_lost_there():
+    tracker, _ = body_tracker([np.array([9.0, 0.0])] * 20)
+    loop = Loop(away=60.0, tracker=tracker)
+    loop.memory, loop.certain = SimpleNamespace(positions=np.zeros(2)), False
+    unseen_from(loop, tracker, 10)
+    reach = Reaching(loop, Arrival(), 400).run()
+    assert reach.end is ReachEnd.LOST
+    assert (reach.error_px, loop.found) == (0.0, [])
+    assert reach.frames == 59 + 45  # settled with the sixtieth, and then waited for
+
+
+@pytest.mark.parametrize(("frames", "returned"), [(15 + 45, False), (15 + 46, True)])
+def test_a_link_that_is_not_seen_off_the_planned_way_is_looked_for(frames, returned):
+    tracker, _ = body_tracker([np.array([9.0, 0.0])])  # one plan, which ends after 15 frames
+    loop = Loop(away=400.0, tracker=tracker)
+    loop.memory = SimpleNamespace(positions=np.array([0.45, 0.0]))
+    unseen_from(loop, tracker, 11)
+    Reaching(loop, Arrival(), frames).run()
+    assert loop.steps[15 : 15 + 45] == ["servo"] * 45
+    assert bool(loop.found) == returned
+
+
 @pytest.mark.parametrize(
     ("point", "covered", "seen"),
     [([0, 0], False, True), ([199, 99], False, True), ([199.5, 50], False, False), ([50, 99.5], False, False),
@@ -330,7 +374,7 @@ def test_a_point_is_in_sight_inside_the_image_where_nothing_covers_it(point, cov
 
 def test_j_of_a_point_out_of_sight_is_of_the_chain():
     tracker = object.__new__(BodyTracker)
-    tracker.point = np.array([-3.0, 5.0])
+    tracker.point, tracker.unseen = np.array([-3.0, 5.0]), 0
 
     by_chain = np.array([[40.0, 7.0, 0.0], [-20.0, 10.0, 0.0]])
     asked = []
@@ -346,5 +390,7 @@ def test_j_of_a_point_out_of_sight_is_of_the_chain():
     assert [(number, at.tolist()) for number, at in asked] == [(0, q.tolist())]
     tracker.point = np.array([3.0, 5.0])
     np.testing.assert_array_equal(following.point_jacobian(tracker, line, q), np.ones((2, 3)))
+    tracker.unseen = 1  # what is seen there is something else
+    np.testing.assert_array_equal(following.point_jacobian(tracker, line, q), by_chain)
     other = SimpleNamespace(points=np.array([[-3.0, 5.0]]))
     np.testing.assert_array_equal(following.point_jacobian(other, line, q), np.ones((2, 3)))
