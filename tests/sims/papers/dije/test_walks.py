@@ -44,7 +44,7 @@ class Labeler:
 
 
 class Carried:
-    """A transport that covers columns 5 to 15 and leaks a quarter."""
+    """A transport that covers columns 6 to 13 and leaks a quarter."""
 
     made = None
 
@@ -57,7 +57,7 @@ class Carried:
         self.taken.append(one.index)
 
     def own(self):
-        return columns(5, 15)
+        return columns(6, 13)
 
     def leak(self):
         return 0.25
@@ -100,8 +100,8 @@ def test_a_walk_is_scored_after_warming_up_and_transported_for_a_hundred_frames(
         assert one.taken == list(range(241, 341))
     assert found.transport_view.index == 340
     for name in ("(13)", "(14)"):
-        assert found.transported[name] == (0.5, 0.5, 0.25)  # beyond the arm, lost of it, of the walker
-        np.testing.assert_array_equal(found.transport_labels[name], columns(5, 15))
+        assert found.transported[name] == (0.3, 0.6, 0.25)  # beyond the arm, lost of it, of the walker
+        np.testing.assert_array_equal(found.transport_labels[name], columns(6, 13))
     assert found.seed == 3
 
 
