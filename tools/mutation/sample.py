@@ -9,9 +9,12 @@ from mutation.operators import Mutant, mutants
 PROFILING = (  # its other programs measure times alone
     "accuracy",
     "body_model",
+    "depth_scores",
     "faults",
     "g1_episodes",
     "growth",
+    "hidden_scores",
+    "ibvs_scores",
     "metrics",
     "real_robot",
     "remembered",
@@ -19,6 +22,7 @@ PROFILING = (  # its other programs measure times alone
     "surface_scores",
     "surface_table",
     "surface_view",
+    "track_scores",
 )
 DRAWINGS = (
     "*_pictures.py",
@@ -57,6 +61,7 @@ MODULES = {
         "dense_vs/body/*.py",
         "dense_vs/body_model/*.py",
         "dense_vs/depth/*.py",
+        "dense_vs/segmentation/few_shot/*.py",
         "dense_vs/health/*.py",
         "dense_vs/pipeline/*.py",
         "dense_vs/generative/*.py",
