@@ -33,7 +33,7 @@ class SimulatedSource:
         from dense_vs.sims.cli.options import make_world
         from dense_vs.sims.engine.adapters import SimCamera, SimRobot
 
-        arguments.robot = arguments.robot or DEFAULT
+        arguments.robot = DEFAULT if arguments.robot is None else arguments.robot
         world = make_world(arguments)
         return LiveSource(SimCamera(world), SimRobot(world), f"simulated {arguments.robot}", paced=False)
 

@@ -15,6 +15,7 @@ SEED = int(os.environ.get("DENSE_VS_FUZZ_SEED", "0"))
 TIMES = int(os.environ.get("DENSE_VS_FUZZ_TIMES", "1"))  # as many cases
 CASES = {
     "servo": 2600,
+    "loops": 500,
     "grasp": 2600,
     "image": 1800,
     "jacobian": 1200,
@@ -23,7 +24,7 @@ CASES = {
     "live": 900,
     "learning": 600,
     "files": 600,
-    "commands": 50,
+    "commands": 80,
 }
 SECONDS = 500  # of a batch, then it hangs
 

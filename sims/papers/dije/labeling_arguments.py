@@ -1,9 +1,10 @@
 """Arguments of the experiments on self-recognition, apart from what needs a simulator."""
 
 import argparse
-import math
 
-from dense_vs.errors import DenseVSError
+from dense_vs.checks import check_number
+
+LONGEST = 1e5  # s, more than a day
 
 
 def add_labeling_arguments(parser: argparse.ArgumentParser) -> None:
@@ -29,7 +30,5 @@ def check_labeling_arguments(arguments: argparse.Namespace, least_seconds: float
     Raises:
         DenseVSError: saying so.
     """
-    if not least_seconds <= arguments.seconds < math.inf:
-        raise DenseVSError(f"--seconds is {arguments.seconds:g}; expected at least {least_seconds:g}")
-    if not 0 <= arguments.period < math.inf:
-        raise DenseVSError(f"--period is {arguments.period:g}; expected a number of at least 0")
+    check_number("--seconds", arguments.seconds, least=least_seconds, most=LONGEST)
+    check_number("--period", arguments.period, least=0, most=LONGEST)

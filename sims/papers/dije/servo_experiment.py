@@ -13,12 +13,15 @@ from typing import Any
 
 import numpy as np
 
+from dense_vs.checks import check_number, check_whole
 from dense_vs.errors import DenseVSError
+from dense_vs.sims.papers.dije.labeling_arguments import LONGEST
 from dense_vs.sims.papers.dije.servo_record import ServoTask, TaskReach, TaskRun
 from dense_vs.sims.papers.rows import Row
 
 PAPER_GAIN, PAPER_PERIOD = 0.034, 0.7
 HEIGHT, WIDTH = 240, 320  # px, of the images that are worked on
+MOST_COMMANDS = 1_000_000
 EDGE = 16.0  # px; half the tracker's window and a little
 
 
@@ -62,8 +65,9 @@ def run_task(arguments: argparse.Namespace) -> list[Row]:
 
     task: ServoTask = arguments.task
     targets = parse_targets(arguments.targets)
-    if not arguments.babble > 0 or not arguments.period > 0 or arguments.commands < 1:
-        raise DenseVSError("--babble and --period are seconds above 0, --commands is a whole number of at least 1")
+    check_number("--babble", arguments.babble, above=0, most=LONGEST)
+    check_number("--period", arguments.period, above=0, most=LONGEST)
+    check_whole("--commands", arguments.commands, least=1, most=MOST_COMMANDS)
     count = targets if isinstance(targets, int) else len(targets)
     frames = arguments.babble / FRAME_SECONDS + 200 * count * len(task.points)
     runs = []
