@@ -2,6 +2,7 @@
 
 import contextlib
 import io
+import os
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
@@ -21,7 +22,10 @@ def run(tally: Tally, seed: int, count: int, progress: Path) -> None:
     """Run ``count`` commands, a good one with one or two words spoiled each."""
     from dense_vs.cli.main import main
 
-    with TemporaryDirectory() as name:
+    # Some commands take words such as ".." for folders: they are to be inside the temporary one.
+    with TemporaryDirectory() as name, contextlib.chdir(name):
+        Path("below").mkdir()
+        os.chdir("below")
         commands = good_commands(Path(name))
         for case in range(count):
             random = np.random.default_rng([seed, case])

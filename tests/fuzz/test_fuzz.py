@@ -15,7 +15,7 @@ SEED = int(os.environ.get("DENSE_VS_FUZZ_SEED", "0"))
 TIMES = int(os.environ.get("DENSE_VS_FUZZ_TIMES", "1"))  # as many cases
 CASES = {
     "servo": 2600,
-    "loops": 500,
+    "loops": 900,
     "grasp": 2600,
     "image": 1800,
     "jacobian": 1200,

@@ -331,19 +331,13 @@ def test_the_published_tasks():
     assert PAPER_GAIN == 0.034
 
 
-@pytest.mark.parametrize("wrong", [{"babble": 0.0}, {"period": 0.0}, {"commands": 0}, {"babble": float("nan")}])
-def test_times_and_commands_that_are_none(wrong):
+@pytest.mark.parametrize(
+    "wrong",
+    [{"babble": 0.0}, {"period": 0.0}, {"commands": 0}, {"babble": float("nan")}, {"babble": 2e5}, {"commands": 10**9}],
+)
+def test_times_and_commands_that_cannot_be(wrong):
     parser = ArgumentParser()
     vacuum.add_arguments(parser)
     arguments = Namespace(**{**vars(parser.parse_args([])), "seeds": [0], **wrong})
-    with pytest.raises(DenseVSError, match="seconds above 0, --commands is a whole number of at least 1"):
+    with pytest.raises(DenseVSError, match=f"--{next(iter(wrong))} is .*expected"):
         vacuum.run(arguments)
-
-
-@pytest.mark.parametrize(
-    ("option", "value"), [("babble", 0.0), ("babble", 2e5), ("period", float("nan")), ("period", -1.0), ("commands", 0)]
-)
-def test_times_out_of_range_are_refused_before_anything_runs(option, value):
-    asked = {"targets": ["2"], "babble": 1.0, "period": 0.7, "commands": 5, "task": None, "seeds": [0], option: value}
-    with pytest.raises(DenseVSError, match=f"--{option} is"):
-        servo_experiment.run_task(Namespace(**asked))
