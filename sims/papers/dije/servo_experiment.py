@@ -126,6 +126,7 @@ def run_seed(
         command_period=arguments.period,
         scale=0.5 if arguments.halve else 1.0,
         renew_patch=0.93,  # arm and tools turn in depth between targets
+        body_model=False,  # the paper has none, and a tool in both hands is no tree of joints
         on_frame=lambda _: on_frame(),
         estimator=DenseJacobian(
             height=HEIGHT,
