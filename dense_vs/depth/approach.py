@@ -12,7 +12,7 @@ from enum import Enum
 
 import numpy as np
 
-from dense_vs.checks import check_number, check_whole
+from dense_vs.checks import check_choice, check_number, check_whole, shown
 from dense_vs.depth.area_fit import DepthUnobservableError, depth_from_areas
 from dense_vs.depth.mask_fit import METHODS, Method, depth_from_masks
 from dense_vs.errors import DenseVSError
@@ -20,8 +20,9 @@ from dense_vs.robot.command_gate import CommandGate
 from dense_vs.robot.joint_group import JointGroup
 from dense_vs.robot.protocols import Camera, Robot
 from dense_vs.segmentation import MaskQuality, MaskVerdict, Segmenter, assess_mask
-from dense_vs.segmentation.segmenter import forget_images
+from dense_vs.segmentation.segmenter import check_mask, forget_images
 
+LONGEST_STEP = 1.0  # m; a longer one is no step toward an object in view
 DOUBT = 1.5  # the distance may be so many times what it should be before an approach ends
 
 
@@ -70,7 +71,7 @@ class DepthApproach:
         joint: the one that carries the camera along its axis; its position grows away from the object.
         method: of the answer, ``"vos-de"``, VOS-VS (20), or another of :func:`dense_vs.depth.depth_from_masks`.
         near: distance at which to stop [m].
-        steps: smallest and largest step [m].
+        steps: smallest and largest step [m], at most :data:`LONGEST_STEP`.
         views: most views.
         hidden: bool ``(H, W)``, where the robot's own gripper stands in the image: a mask that reaches there is a part.
         on_view: called with index, image and mask of every view.
@@ -93,12 +94,13 @@ class DepthApproach:
         hidden: np.ndarray | None = None,
         on_view: Callable[[int, np.ndarray, np.ndarray], None] | None = None,
     ):
-        if method not in METHODS:
-            raise DenseVSError(f"method is {method!r}; expected one of {', '.join(METHODS)}")
+        check_choice("method", method, METHODS)
+        if on_view is not None and not callable(on_view):
+            raise DenseVSError(f"on_view is {shown(on_view)}; expected a function, or None")
         if not isinstance(steps, (tuple, list)) or len(steps) != 2:
-            raise DenseVSError(f"steps are {steps!r}; expected the smallest and the largest step [m]")
+            raise DenseVSError(f"steps are {shown(steps)}; expected the smallest and the largest step [m]")
         least = check_number("the smallest of steps", steps[0], above=0.0)
-        most = check_number("the largest of steps", steps[1], least=least)
+        most = check_number("the largest of steps", steps[1], least=least, most=LONGEST_STEP)
         self.camera, self.robot, self.segmenter = camera, robot, segmenter
         self.group = JointGroup.of_robot(robot, [joint])
         self.method: Method = method
@@ -106,7 +108,8 @@ class DepthApproach:
         self.steps = least, most
         self.gate = CommandGate(robot, self.group, max_step=most)
         self.views = check_whole("views", views, least=2)
-        self.hidden, self.on_view = hidden, on_view
+        self.hidden = None if hidden is None else check_mask(hidden, "hidden")
+        self.on_view = on_view
 
     def run(self) -> Approach:
         """Approach from the present place, the object centered in the image.

@@ -7,7 +7,8 @@ May import: the ground, :mod:`dense_vs.robot`, :mod:`dense_vs.segmentation` and 
 from dense_vs.grasp.camera_height import grasp_camera_position
 from dense_vs.grasp.grasp_check import GraspCheck, GraspOutcome, check_grasp
 from dense_vs.grasp.gripper_mask import GripperModel
-from dense_vs.grasp.loop import GraspAttempt, GraspLoop, GraspRun, HandGeometry
+from dense_vs.grasp.hand_geometry import HandGeometry
+from dense_vs.grasp.loop import GraspAttempt, GraspLoop, GraspRun
 from dense_vs.grasp.regrasp import GraspAction, GraspStep, RegraspPolicy
 from dense_vs.grasp.wrist_angle import WristChoice, WristVerdict, choose_wrist_angle, intersection_over_union
 

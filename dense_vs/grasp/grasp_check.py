@@ -27,6 +27,7 @@ class GraspOutcome(Enum):
     UNKNOWN = "unknown"  # the object was not seen well enough before lifting to compare
     WRONG = "wrong"  # another object is in the gripper
     JAMMED = "jammed"  # the gripper did not close or open; reported by the robot, never by areas
+    STOPPED = "stopped"  # an image or a reading was old: the robot was not moved on it; never by areas
 
 
 @dataclass(frozen=True)

@@ -4,70 +4,47 @@ From above the object: center it under the gripper by servoing, turn the wrist b
 close, lift, and compare areas by VOS-VS (23); open and try again as the regrasp policy says. Beyond the paper: the way
 down ends where the lift no longer follows, the fingers close below the top surface where there is room, and an object
 that is no longer seen is looked for around where it was. In clutter the fingers also keep clear of other objects, the
-check is made away from them, and what hinders by being grasped instead stays there: it is put aside.
+check is made away from them, and what hinders by being grasped instead stays there: it is put aside. Old images and
+readings end a run: nothing more is commanded on them, to the robot or to the gripper.
 """
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
 
 from dense_vs.arrays import number_array
-from dense_vs.checks import check_number
+from dense_vs.checks import check_names, check_number, shown
 from dense_vs.errors import DenseVSError
 from dense_vs.grasp.camera_height import grasp_camera_position
 from dense_vs.grasp.grasp_check import GraspCheck, GraspOutcome, check_grasp
-from dense_vs.grasp.gripper_mask import GripperModel
 from dense_vs.grasp.hand_claims import HandClaim, settle_claims
+from dense_vs.grasp.hand_geometry import FARTHEST, HandGeometry
 from dense_vs.grasp.regrasp import GraspAction, RegraspPolicy
 from dense_vs.grasp.wrist_angle import WristChoice, WristVerdict, choose_wrist_angle
 from dense_vs.mask_servo.loop import MaskServo, ServoEnd
 from dense_vs.mask_servo.object_search import search_object
+from dense_vs.mask_servo.stamp_check import why_apart
 from dense_vs.robot.command_gate import CommandGate
 from dense_vs.robot.joint_group import JointGroup
 from dense_vs.robot.protocols import Camera, Gripper, Robot
 from dense_vs.segmentation import Segmenter, assess_mask
 from dense_vs.segmentation.segmenter import forget_images
 
-IN_HAND = 60.0  # px
+LEAST_STEP = 1e-3  # m, rad; of the bound on one command, which bounds the commands of a way
+WILD = 10 * FARTHEST  # m, rad; a way so long comes from a reading that is wrong
+DOWN = 0.008  # m, of one command on the way down
 
 
-@dataclass(frozen=True)
-class HandGeometry:
-    """Geometry of the gripper in its own camera; joints need no calibration against the image.
-
-    Attributes:
-        z_gripper: from the camera to the center of the closed fingertips along the optical axis, VOS-VS (21) [m].
-        target: s* of an object at that depth under the gripper [px].
-        center: the optical axis in the image [px].
-        intrinsics: (3, 3) camera matrix for rendering the gripper of VOS-VS (22).
-        model: its shape.
-        bite: how far below VOS-VS (21) the fingers go where there is room [m].
-    """
-
-    z_gripper: float
-    target: tuple[float, float]
-    center: tuple[float, float]
-    intrinsics: np.ndarray
-    model: GripperModel
-    bite: float = 0.018
-
-    def target_at(self, distance: float) -> np.ndarray:
-        """s* of an object under the gripper that is farther away than the fingertips [px]."""
-        center = np.array(self.center)
-        return center + (np.array(self.target) - center) * self.z_gripper / distance
-
-    def holds(self, mask: np.ndarray) -> bool:
-        """Whether a mask is, in part, where an object in the gripper is: near s*, within :data:`IN_HAND` pixels."""
-        y, x = np.nonzero(mask)
-        return bool(x.size and np.hypot(x - self.target[0], y - self.target[1]).min() <= IN_HAND)
+class _StoppedError(Exception):
+    """Nothing more may be commanded; says why."""
 
 
 @dataclass(frozen=True)
 class GraspAttempt:
     """One attempt: the wrist's turn and verdict, whether the way down met something, and what VOS-VS (23)
-    said."""
+    said; as far as it came where it was stopped."""
 
     servo: ServoEnd
     wrist: WristVerdict
@@ -80,10 +57,18 @@ class GraspAttempt:
 
 @dataclass
 class GraspRun:
-    """All attempts at an object; ``held`` if the last one has it."""
+    """All attempts at an object.
+
+    Attributes:
+        attempts: in order.
+        held: whether the last one has it.
+        stopped: why the run ended before its time, where an image or a reading was old or the two are not on one clock;
+            else empty. The robot and the gripper are then as they were at that moment.
+    """
 
     attempts: list[GraspAttempt] = field(default_factory=list)
     held: bool = False
+    stopped: str = ""
 
 
 class GraspLoop:
@@ -96,14 +81,15 @@ class GraspLoop:
         lift, wrist: joints that carry the hand up and turn it.
         base: the two joints that center [m], with ``pinv`` ``(2, 2)``: H_base grasp. They also search.
         policy: what follows a miss.
-        raise_by: way up before VOS-VS (23) [m].
+        raise_by: way up before VOS-VS (23) [m], at most :data:`FARTHEST`.
         contact_lag: the lift stays behind its command by more than this when something is below [m].
-        max_step: farthest that one command moves the lift [m] or the wrist [rad]; half a turn unless given.
+        max_step: farthest that one command moves the lift [m] or the wrist [rad], at least :data:`LEAST_STEP`; half a
+            turn unless given.
         others: segmenters of other objects that may lie around: the fingers keep clear of them, and the hand may hold
             one of them instead.
         aside: ``(2,)`` how far the base goes to a free place for VOS-VS (23) [m]; anything but the object that is in
-            the hand there is put down and left. None checks where it lifts.
-        on_attempt: called after the check of every attempt, before what follows it.
+            the hand there is put down and left; at most :data:`FARTHEST` each. None checks where it lifts.
+        on_attempt: called after the check of every attempt, before what follows it; and where one was stopped.
 
     Raises:
         DenseVSError: a joint that the robot does not have, not two for the base, or an option out of range.
@@ -130,39 +116,68 @@ class GraspLoop:
         on_attempt: Callable[[GraspAttempt], None] | None = None,
     ):
         self.camera, self.robot, self.segmenter, self.gripper, self.hand = camera, robot, segmenter, gripper, hand
-        JointGroup.of_robot(robot, [lift, wrist, *base])
+        if not isinstance(hand, HandGeometry):
+            raise DenseVSError(f"hand is {shown(hand)}; expected a HandGeometry")
+        if policy is not None and not isinstance(policy, RegraspPolicy):
+            raise DenseVSError(f"policy is {shown(policy)}; expected a RegraspPolicy, or None")
+        if on_attempt is not None and not callable(on_attempt):
+            raise DenseVSError(f"on_attempt is {shown(on_attempt)}; expected a function, or None")
+        self._base = JointGroup.of_robot(robot, check_names("base", base))
         if len(base) != 2:
             raise DenseVSError(f"base is {list(base)}; expected two joints out of {', '.join(robot.joint_names)}")
+        JointGroup.of_robot(robot, [lift, wrist, *base])
         self._lift, self._wrist = JointGroup.of_robot(robot, [lift]), JointGroup.of_robot(robot, [wrist])
-        self._base = JointGroup.of_robot(robot, base)
         self._pinv = number_array(pinv, "pinv", (len(base), 2))
+        max_step = check_number("max_step", max_step, least=LEAST_STEP)
         self._gates = {g.names: CommandGate(robot, g, max_step=max_step) for g in (self._lift, self._wrist, self._base)}
         self.policy = policy if policy is not None else RegraspPolicy()
-        self._raise_by = check_number("raise_by", raise_by, above=0.0)
+        self._raise_by = check_number("raise_by", raise_by, above=0.0, most=FARTHEST)
         self._lag = check_number("contact_lag", contact_lag, above=0.0)
-        self._others = tuple(others)
+        self._others = _segmenters(others)
         self._aside = None if aside is None else number_array(aside, "aside", (len(base),))
+        if self._aside is not None and np.abs(self._aside).max() > FARTHEST:
+            raise DenseVSError(f"aside is {self._aside.tolist()}; expected at most {FARTHEST:g} m each way")
         self._back: np.ndarray | None = None  # way back from the free place, while the hand is there [m]
         self._on_attempt = on_attempt
         self._seen_from = np.zeros(2)  # where the base was when the object was last in view
+        self._newest = -np.inf  # stamp of an image of this run [s]
+        self._stopped = ""
 
     def run(self, z_object: float) -> GraspRun:
         """Grasp the object at ``z_object`` [m] on the lift's axis for the camera, its center near the image's.
 
         The robot is above the object, its wrist where the camera servoes by ``pinv``.
+
+        Raises:
+            DenseVSError: a depth that is not below the camera, or by more than :data:`FARTHEST`.
         """
+        z_object = check_number("z_object", z_object)
+        hover = self._joint(self._lift)
+        if not 0.0 < hover - z_object <= FARTHEST:
+            raise DenseVSError(
+                f"z_object is {z_object} with the lift at {hover} m; "
+                f"expected a depth below it, by at most {FARTHEST:g} m"
+            )
         run = GraspRun()
+        self._newest, self._stopped = -np.inf, ""
+        try:
+            self._grasp(run, z_object, hover)
+        except _StoppedError as why:
+            run.stopped = str(why)
+        return run
+
+    def _grasp(self, run: GraspRun, z_object: float, hover: float) -> None:
+        """Attempts at the object, the lift at ``hover`` [m] before each, noted in ``run``."""
         for gate in self._gates.values():
             gate.restart()
         self.policy.reset()
         start = self._joint(self._wrist)
-        hover = self._joint(self._lift)
         self._seen_from = self._base.take(self.robot.joints()[0]).astype(np.float64)
         deeper, rank = 0.0, 0
         self._back = None
         while True:
             if self.gripper.open().jammed:
-                run.attempts.append(_jammed(self.gripper.open().opening))
+                run.attempts.append(_nothing(ServoEnd.EXHAUSTED, GraspOutcome.JAMMED, self.gripper.open().opening))
                 step = self.policy.decide(GraspOutcome.JAMMED)
             else:
                 attempt = self._attempt(z_object, deeper, rank)
@@ -170,9 +185,11 @@ class GraspLoop:
                 if self._on_attempt is not None:
                     self._on_attempt(attempt)
                 step = self.policy.decide(attempt.check.outcome)
+                if attempt.check.outcome is GraspOutcome.STOPPED:
+                    raise _StoppedError(self._stopped)
             if step.action is GraspAction.FINISH:
                 run.held = True
-                return run
+                return
             if self._back is not None:
                 self._move(self._lift, -self._raise_by)  # it is put down, not dropped
             self.gripper.open()
@@ -182,12 +199,22 @@ class GraspLoop:
                 self._move(self._base, self._back)
                 self._back = None
             if step.action is GraspAction.GIVE_UP:
-                return run
+                return
             if step.action is GraspAction.SEARCH and not self._search(hover - z_object):
-                return run
+                return
             deeper, rank = step.deeper, step.angle_rank
 
     def _attempt(self, z_object: float, deeper: float, rank: int) -> GraspAttempt:
+        """One attempt, or what there is of one that was stopped."""
+        stages = [_nothing(ServoEnd.STOPPED, GraspOutcome.STOPPED)]
+        try:
+            self._go_through(stages, z_object, deeper, rank)
+        except _StoppedError as why:
+            self._stopped = str(why)
+        return stages[-1]
+
+    def _go_through(self, stages: list[GraspAttempt], z_object: float, deeper: float, rank: int) -> None:
+        """The stages of an attempt, each added as what is known after it."""
         distance = self._joint(self._lift) - z_object
         servo = MaskServo(
             self.camera,
@@ -202,13 +229,18 @@ class GraspLoop:
         )
         forget_images(self.segmenter)
         end = servo.run(15)
-        nothing = GraspCheck(GraspOutcome.LOST, float("nan"))
+        if end.end is ServoEnd.STOPPED:
+            raise _StoppedError(end.stopped)
         if end.mask is None or end.end is ServoEnd.LOST:
-            return GraspAttempt(end.end, WristVerdict.EMPTY, 0.0, False, float("nan"), nothing, (0.0, 0.0))
+            stages.append(_nothing(end.end, GraspOutcome.LOST))
+            return
+        stages.append(_nothing(end.end, GraspOutcome.STOPPED))
         self._seen_from = self._base.take(self.robot.joints()[0]).astype(np.float64)
         choice = self._turn(end.mask, rank)
+        stages.append(replace(stages[-1], wrist=choice.verdict, angle=choice.angle))
         contact = self._descend(z_object, deeper)
         opening = self.gripper.close().opening
+        stages.append(replace(stages[-1], contact=contact, opening=opening))
         area = self._area()
         self._move(self._lift, self._raise_by)
         if self._aside is not None:
@@ -216,7 +248,7 @@ class GraspLoop:
             self._move(self._base, self._aside)
             self._back -= self._base.take(self.robot.joints()[0])
         check, raised = self._check(area)
-        return GraspAttempt(end.end, choice.verdict, choice.angle, contact, opening, check, (area, raised))
+        stages.append(replace(stages[-1], check=check, areas=(area, raised)))
 
     def _turn(self, mask: np.ndarray, rank: int) -> WristChoice:
         """Turn the wrist to where the fingers meet least of the object, and of others around it."""
@@ -232,7 +264,7 @@ class GraspLoop:
         around = np.zeros_like(mask)
         if not self._others:
             return around
-        image, _ = self.camera.read()
+        image = self._look()
         for other in self._others:
             forget_images(other)
             found = other.segment(image)
@@ -246,7 +278,7 @@ class GraspLoop:
         if self._aside is None:
             raised = self._area(remember=True)
             return check_grasp(area, raised, opening=self.gripper.close().opening, behind=behind), raised
-        image, _ = self.camera.read()
+        image = self._look()
         claims = [self._claim(segmenter, image) for segmenter in (self.segmenter, *self._others)]
         areas = settle_claims(claims)
         check = check_grasp(area, areas[0], opening=self.gripper.close().opening, behind=0.0, others=areas[1:])
@@ -273,10 +305,13 @@ class GraspLoop:
             if offset is None:
                 break
             self._move(self._base, self._seen_from + offset - self._base.take(self.robot.joints()[0]))
-            if search_object(
+            search = search_object(
                 self.camera, self.robot, self.segmenter, joints=self._base.names, reach=(reach, reach)
-            ).found:
+            )
+            if search.found:
                 return True
+            if search.stopped:
+                raise _StoppedError(search.stopped)
         return False
 
     def _descend(self, z_object: float, deeper: float) -> bool:
@@ -284,8 +319,10 @@ class GraspLoop:
         stop = grasp_camera_position(z_object, self.hand.z_gripper) - self.hand.bite - deeper
         target = self._joint(self._lift)
         stop = max(stop, float(self._lift.limits[0, 0]))
-        while target - stop > 1e-4:
-            step = min(0.008, target - stop)
+        for _ in range(_commands(target - stop, DOWN)):
+            step = min(DOWN, target - stop)
+            if step <= 1e-4:
+                break
             self._move(self._lift, -step)
             target -= step
             lag = self._joint(self._lift) - target
@@ -298,8 +335,17 @@ class GraspLoop:
         """Area of the object's mask now; the segmenter may remember the last one, as what is held keeps its place."""
         if not remember:
             forget_images(self.segmenter)
-        image, _ = self.camera.read()
+        image = self._look()
         return float(assess_mask(self.segmenter.segment(image)).area)
+
+    def _look(self) -> np.ndarray:
+        """The next image, of the time of the joints."""
+        image, seen_at = self.camera.read()
+        apart = why_apart(seen_at, self.robot.joints()[1])
+        if apart:
+            raise _StoppedError(apart)
+        self._newest = max(self._newest, seen_at)
+        return image
 
     def _joint(self, joint: JointGroup) -> float:
         return float(joint.take(self.robot.joints()[0])[0])
@@ -308,12 +354,36 @@ class GraspLoop:
         """Move as far as the gate lets; in several commands where it is too far for one."""
         gate = self._gates[joints.names]
         left = np.atleast_1d(np.asarray(by, dtype=np.float64))
-        while left.any():
+        for _ in range(_commands(float(np.abs(left).max()), float(gate.max_step.min()))):
+            if not left.any():
+                break
             asked = left * min(1.0, float(np.min(gate.max_step / np.maximum(np.abs(left), 1e-12))))
-            sent = gate.send(asked, joints.take(self.robot.joints()[0]))
+            reading, read_at = self.robot.joints()
+            sent = gate.send(asked, joints.take(reading), now=max(self._newest, read_at), reading_time=read_at)
+            if gate.stopped:
+                raise _StoppedError(gate.stopped)
             left = left - sent if np.linalg.norm(sent) > 0.999 * np.linalg.norm(asked) else 0.0 * left  # at a limit
 
 
-def _jammed(opening: float) -> GraspAttempt:
-    outcome = GraspCheck(GraspOutcome.JAMMED, float("nan"))
-    return GraspAttempt(ServoEnd.EXHAUSTED, WristVerdict.EMPTY, 0.0, False, opening, outcome, (0.0, 0.0))
+def _commands(way: float, step: float) -> int:
+    """Most commands of at most ``step`` that a way takes, and one more for what rounding leaves."""
+    if not way <= WILD:
+        raise _StoppedError(f"the way to go is {way:g} m or rad by the joint reading; expected at most {WILD:g}")
+    return int(np.ceil(max(way, 0.0) / step)) + 1
+
+
+def _segmenters(others: Any) -> tuple[Segmenter, ...]:
+    """A sequence of segmenters as a tuple.
+
+    Raises:
+        DenseVSError: anything else.
+    """
+    found: tuple[Any, ...] = tuple(others) if isinstance(others, (list, tuple)) else (None,)
+    if not all(callable(getattr(one, "segment", None)) for one in found):
+        raise DenseVSError(f"others are {shown(others)}; expected a list of segmenters, each with segment(image)")
+    return found
+
+
+def _nothing(servo: ServoEnd, outcome: GraspOutcome, opening: float = float("nan")) -> GraspAttempt:
+    """An attempt that came no farther than to center."""
+    return GraspAttempt(servo, WristVerdict.EMPTY, 0.0, False, opening, GraspCheck(outcome, float("nan")), (0.0, 0.0))

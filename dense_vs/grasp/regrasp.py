@@ -2,8 +2,8 @@
 
 The paper says no more than that. Ours (beyond the paper) never repeats an attempt unchanged: a miss goes deeper, as a
 depth estimate that is too near closes above the object, and every second one turns to the next best wrist angle; a
-lost object is searched for; a jam, or another object in the hand, counts as an attempt too. The number of attempts is
-bounded.
+lost object is searched for; a jam, or another object in the hand, counts as an attempt too. Old images or readings end
+it. The number of attempts is bounded.
 """
 
 from dataclasses import dataclass
@@ -78,7 +78,7 @@ class RegraspPolicy:
         self.attempts_made += 1
         if outcome is GraspOutcome.HELD:
             return self._next(GraspAction.FINISH)
-        if self.attempts_made >= self._attempts:
+        if self.attempts_made >= self._attempts or outcome is GraspOutcome.STOPPED:
             return self._next(GraspAction.GIVE_UP)
         if outcome is GraspOutcome.LOST:
             self.searches_made += 1

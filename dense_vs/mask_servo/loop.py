@@ -12,10 +12,13 @@ from typing import Any
 
 import numpy as np
 
-from dense_vs.checks import check_number, check_whole
+from dense_vs.arrays import number_array
+from dense_vs.checks import check_number, check_whole, shown
+from dense_vs.errors import DenseVSError
 from dense_vs.mask_servo.featurewise_broyden import FeaturewiseBroyden
 from dense_vs.mask_servo.hadamard_broyden import HadamardBroyden
 from dense_vs.mask_servo.law import FeatureServo, FeatureState
+from dense_vs.mask_servo.stamp_check import why_apart
 from dense_vs.mask_servo.trust_region import TrustRegion, View
 from dense_vs.robot.command_gate import CommandGate
 from dense_vs.robot.joint_group import JointGroup
@@ -128,12 +131,17 @@ class MaskServo:
         self.camera, self.robot, self.segmenter = camera, robot, segmenter
         self.group = JointGroup.of_robot(robot, joints)
         self.learner = pinv if isinstance(pinv, (HadamardBroyden, FeaturewiseBroyden)) else None
-        self._fixed = None if self.learner is not None else np.asarray(pinv, dtype=np.float64)
+        shape = (len(self.group.names), 2)
+        self._fixed = None if self.learner is not None else number_array(pinv, "pinv", shape)
+        if self.learner is not None and self.learner.pinv.shape != shape:
+            raise DenseVSError(f"pinv learns J+ of shape {self.learner.pinv.shape}; expected {shape}, as joints")
+        if on_look is not None and not callable(on_look):
+            raise DenseVSError(f"on_look is {shown(on_look)}; expected a function, or None")
         largest = check_number("max_step", max_step, above=0.0)
         self.gate = CommandGate(robot, self.group, max_step=largest)
         image_step = check_number("max_image_step", max_image_step, above=0.0)
         self.servo = FeatureServo(
-            target,
+            number_array(target, "target", (2,)),
             gain,
             max_step=largest,
             joint_limits=self.group.limits if self.group.limited else None,
@@ -155,7 +163,12 @@ class MaskServo:
         return self.learner.pinv if self.learner is not None else np.asarray(self._fixed)
 
     def run(self, max_looks: int = 30) -> ServoRun:
-        """Servo until the object is at the target, is lost, joint limits hold, or the looks are used up."""
+        """Servo until the object is at the target, is lost, joint limits hold, or the looks are used up.
+
+        Raises:
+            DenseVSError: not a whole number of looks, or fewer than 0.
+        """
+        max_looks = check_whole("max_looks", max_looks, least=0)
         self.servo.reset()
         self.gate.restart()
         self.servo.gain = self._gain
@@ -194,8 +207,9 @@ class MaskServo:
                     continue
                 if quality.servoable:
                     return ServoRun(ServoEnd.LEAVING, looks, mask)
+            apart = why_apart(seen_at, read_at, self.gate.max_age)
             if command.state is FeatureState.CONVERGED:
-                return ServoRun(ServoEnd.CONVERGED, looks, mask)
+                return ServoRun(ServoEnd.STOPPED if apart else ServoEnd.CONVERGED, looks, mask, apart)
             if command.state is FeatureState.LOST:
                 return ServoRun(ServoEnd.LOST, looks, mask)
             if command.state is FeatureState.SERVOING:
@@ -203,7 +217,7 @@ class MaskServo:
                 held = held + 1 if command.at_limit.any() and error > 0.98 * least else 0
                 least = min(least, error)
                 if held >= self.stalled:
-                    return ServoRun(ServoEnd.AT_LIMIT, looks, mask)
+                    return ServoRun(ServoEnd.STOPPED if apart else ServoEnd.AT_LIMIT, looks, mask, apart)
                 dq = (
                     command.dq
                     if self.region is None or command.at_limit.any()

@@ -5,18 +5,21 @@ which the object is seen or, after the last, where it began.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from dense_vs.arrays import number_array
-from dense_vs.checks import check_whole
+from dense_vs.checks import check_names, check_number, check_whole
 from dense_vs.errors import DenseVSError
+from dense_vs.mask_servo.stamp_check import why_apart
 from dense_vs.robot.command_gate import CommandGate
 from dense_vs.robot.joint_group import JointGroup
 from dense_vs.robot.protocols import Camera, Robot
 from dense_vs.segmentation import MaskQuality, Segmenter, assess_mask
 from dense_vs.segmentation.segmenter import forget_images
+
+FARTHEST = 100.0  # m; what is farther out is not around a place
 
 
 @dataclass(frozen=True)
@@ -28,12 +31,15 @@ class SearchResult:
         looks: places looked from.
         quality: of the mask at the last place.
         mask: there, bool ``(H, W)``.
+        stopped: why it ended before the last place, where an image or a reading was old or the two are not on one
+            clock; else empty. The object counts as not found then, and the robot stays where it is.
     """
 
     found: bool
     looks: int
     quality: MaskQuality
     mask: np.ndarray
+    stopped: str = ""
 
 
 def search_offsets(reach: Sequence[float], rings: int = 1) -> np.ndarray:
@@ -63,43 +69,64 @@ def search_object(
     joints: Sequence[str] = ("base_forward", "base_lateral"),
     reach: Sequence[float] = (0.25, 0.3),
     rings: int = 1,
-    min_area: int = 40,
+    min_area: float = 40,
 ) -> SearchResult:
     """Look from the present place and from those around it until the object is seen.
 
-    Joint limits shorten a way; the robot is never sent farther than ``rings * reach`` from where it began.
+    Joint limits shorten a way; the robot is never sent farther than ``rings * reach`` from where it began. It is not
+    moved by old images or readings: see :attr:`SearchResult.stopped`.
 
     Args:
         joints: the two that move the camera along the ground.
-        reach, rings: see :func:`search_offsets`.
+        reach, rings: see :func:`search_offsets`; the outermost ring is at most :data:`FARTHEST` away.
         min_area: smallest mask [px] that counts as the object.
 
     Raises:
         DenseVSError: a joint that the robot does not have, or an option out of range.
     """
-    group = JointGroup.of_robot(robot, joints)
+    group = JointGroup.of_robot(robot, check_names("joints", joints))
     if len(group.names) != 2:
         raise DenseVSError(f"joints are {list(joints)}; expected two of {', '.join(robot.joint_names)}")
     offsets = search_offsets(reach, rings)
+    min_area = check_number("min_area", min_area, least=0.0)
+    if np.max(reach) * max(rings, 1) > FARTHEST:
+        raise DenseVSError(f"reach is {reach!r} with {rings} rings; expected a ring at most {FARTHEST:g} m away")
     start = group.take(robot.joints()[0]).astype(np.float64)
     # From one side of the outermost ring to the other; back to the start is less.
     gate = CommandGate(robot, group, max_step=2 * max(rings, 1) * np.asarray(reach, dtype=np.float64))
-    looks = 0
-    for offset in offsets:
-        _go(robot, gate, np.clip(start + offset, group.limits[:, 0], group.limits[:, 1]))
-        forget_images(segmenter)
-        image, _ = camera.read()
-        mask = segmenter.segment(image)
-        quality = assess_mask(mask)
-        looks += 1
-        if quality.servoable and quality.area >= min_area:
-            return SearchResult(True, looks, quality, mask)
-    _go(robot, gate, start)
-    return SearchResult(False, looks, quality, mask)
+    result, newest = _look(camera, robot, segmenter, min_area)
+    for offset in offsets[1:]:
+        if result.found or result.stopped:
+            return result
+        _go(robot, gate, np.clip(start + offset, group.limits[:, 0], group.limits[:, 1]), newest)
+        if gate.stopped:
+            break
+        looks = result.looks + 1
+        result, seen_at = _look(camera, robot, segmenter, min_area, looks)
+        newest = max(newest, seen_at)
+    if result.found or result.stopped:
+        return result
+    if not gate.stopped:
+        _go(robot, gate, start, newest)
+    return replace(result, stopped=gate.stopped)
 
 
-def _go(robot: Robot, gate: CommandGate, place: np.ndarray) -> None:
+def _look(
+    camera: Camera, robot: Robot, segmenter: Segmenter, min_area: float, looks: int = 1
+) -> tuple[SearchResult, float]:
+    """What is seen from here, and the stamp of the image [s]."""
+    forget_images(segmenter)
+    image, seen_at = camera.read()
+    apart = why_apart(seen_at, robot.joints()[1])
+    mask = segmenter.segment(image)
+    quality = assess_mask(mask)
+    found = quality.servoable and quality.area >= min_area and not apart
+    return SearchResult(found, looks, quality, mask, apart), seen_at
+
+
+def _go(robot: Robot, gate: CommandGate, place: np.ndarray, newest: float) -> None:
+    """Move to a place by a reading that is not old beside the newest image."""
     reading, read_at = robot.joints()
     positions = gate.group.take(reading).astype(np.float64)
     if np.abs(place - positions).max() > 1e-3:
-        gate.send(place - positions, positions, reading_time=read_at)
+        gate.send(place - positions, positions, now=max(newest, read_at), reading_time=read_at)

@@ -5,7 +5,9 @@ from typing import Any
 import numpy as np
 from calls_images import grasp_targets, image_targets
 from calls_models import generative_targets, sims_targets
+from calls_robot import robot_targets
 from calls_rooms import learning_targets, live_targets
+from calls_servo import loop_targets
 from target import H, N, Target, W, dq, flow, mask
 
 
@@ -163,6 +165,8 @@ def servo_targets() -> list[Target]:
 GROUPS = {
     "jacobian": jacobian_targets,
     "servo": servo_targets,
+    "loops": loop_targets,
+    "robot": robot_targets,
     "image": image_targets,
     "grasp": grasp_targets,
     "generative": generative_targets,

@@ -16,6 +16,7 @@ TIMES = int(os.environ.get("DENSE_VS_FUZZ_TIMES", "1"))  # as many cases
 CASES = {
     "servo": 2600,
     "loops": 900,
+    "robot": 1500,
     "grasp": 2600,
     "image": 1800,
     "jacobian": 1200,
@@ -35,10 +36,11 @@ def test_bad_input(kind, tmp_path):
     for part in range(TIMES):
         result = tmp_path / f"{part}.json"
         command = [sys.executable, Path(__file__).with_name("batch.py"), kind, SEED + part, CASES[kind], result]
-        environment = {**os.environ, "OMP_NUM_THREADS": "1"}
+        environment = {**os.environ, "OMP_NUM_THREADS": "1", "TMPDIR": str(tmp_path)}
         done = subprocess.run(
-            [str(word) for word in command], capture_output=True, env=environment, timeout=SECONDS, check=False
-        )
+            [str(word) for word in command], cwd=tmp_path, capture_output=True, env=environment, timeout=SECONDS,
+            check=False,
+        )  # fmt: skip
         last = result.with_suffix(".case")
         at = last.read_text() if last.is_file() else "the imports"
         assert done.returncode == 0, f"ended with {done.returncode} at {at}: {done.stderr[-500:]!r}"

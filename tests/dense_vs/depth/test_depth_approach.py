@@ -126,3 +126,35 @@ def test_no_step_is_longer_than_asked_for_and_none_on_an_old_image():
     with pytest.raises(DenseVSError, match=r"the approach stopped: the image of .* was acted on before"):
         approach(room)
     assert len(np.flatnonzero(np.any(room.commands, axis=1))) <= 4
+
+
+@pytest.mark.parametrize("joints", [0.0, 10.0])
+def test_old_stamps_move_nothing(joints):
+    room = FlatRoom(Disc(np.zeros(2)))
+    read, reading = room.read, room.joints
+    room.read = lambda: (read()[0], room.time - (10.0 - joints))
+    room.joints = lambda: (reading()[0], room.time - joints)
+    with pytest.raises(DenseVSError, match=r"the approach stopped: the .* is 10.000 s old"):
+        approach(room)
+    assert not np.any(room.commands)
+
+
+@pytest.mark.parametrize(
+    ("options", "said"),
+    [
+        (
+            {"steps": (0.01, 3e38)},
+            "the largest of steps is 3e.38; expected a finite number of at least 0.01 and at most 1",
+        ),
+        ({"steps": (0.01, 1.1)}, "the largest of steps is 1.1"),
+        ({"hidden": "x"}, "hidden has shape"),
+        ({"hidden": np.ones((2, 2))}, "hidden has shape"),
+        ({"on_view": 3}, "on_view is 3; expected a function"),
+        ({"method": np.ones(2)}, "method is .*; expected one of"),
+        ({"method": ["robust"]}, "method is .*; expected one of"),
+    ],
+)
+def test_arguments_are_checked_at_construction(options, said):
+    room = FlatRoom(None)
+    with pytest.raises(DenseVSError, match=said):
+        DepthApproach(room, room, room, joint="lift", **options)

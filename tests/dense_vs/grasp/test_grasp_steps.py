@@ -5,7 +5,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from dense_vs.grasp import GraspOutcome, WristVerdict, check_grasp
+from dense_vs.grasp import GraspOutcome, GripperModel, WristVerdict, check_grasp
 from dense_vs.grasp import loop as grasping
 from dense_vs.grasp.loop import GraspLoop, HandGeometry
 from dense_vs.mask_servo.loop import ServoEnd
@@ -30,7 +30,8 @@ class Robot:
 
 def hand(bite=0.018):
     intrinsics = np.array([[500.0, 0, 320], [0, 500, 240], [0, 0, 1]])
-    return HandGeometry(0.17, (220.0, 240.0), (320.0, 240.0), intrinsics, SimpleNamespace(), bite=bite)
+    model = GripperModel(opening=0.1, width=0.02, thickness=0.01, length=0.03, T_camera_hand=np.eye(4))
+    return HandGeometry(0.17, (220.0, 240.0), (320.0, 240.0), intrinsics, model, bite=bite)
 
 
 def loop_of(robot, **options):

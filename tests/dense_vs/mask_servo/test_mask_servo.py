@@ -134,3 +134,63 @@ def test_a_step_of_less_than_a_pixel_may_be_asked_for():
     servo(room, max_image_step=0.5)
     with pytest.raises(DenseVSError, match="max_image_step is 0"):
         servo(room, max_image_step=0.0)
+
+
+@pytest.mark.parametrize("place", [(0.2, -0.15), (0.0, 0.0)])  # to be centered, and centered
+@pytest.mark.parametrize(("image", "joints", "why"), [(10.0, 0.0, "the image"), (0.0, 10.0, "the joint reading")])
+def test_old_stamps_stop_it_even_where_it_is_centered(place, image, joints, why):
+    room = FlatRoom(Disc(np.array(place)))
+    read, reading = room.read, room.joints
+    room.read = lambda: (read()[0], room.time - image)
+    room.joints = lambda: (reading()[0], room.time - joints)
+    run = servo(room).run()
+    assert run.end is ServoEnd.STOPPED
+    assert run.stopped == f"{why} is 10.000 s old"
+    assert not np.any(room.commands)
+
+
+def test_joint_limits_on_old_images_are_no_end():
+    room = FlatRoom(Disc(np.array([0.2, 0.0])), limits=[(-0.05, 0.05), (-1, 1), (0, 1), (-1, 1)])
+    read = room.read
+    run = servo(room).run(50)
+    assert run.end is ServoEnd.AT_LIMIT
+    looks = []
+
+    def late():
+        looks.append(read())
+        return looks[-1][0], room.time - (np.nan if len(looks) == len(run.looks) else 0.0)
+
+    room.q[:], room.read = (0.0, 0.0, 0.8, 0.0), late
+    again = servo(room).run(50)
+    assert (again.end, again.stopped) == (ServoEnd.STOPPED, "a time stamp is not finite")
+
+
+@pytest.mark.parametrize(
+    ("options", "said"),
+    [
+        ({"pinv": 1j}, "pinv is 1j of dtype complex128; expected finite numbers of shape"),
+        ({"pinv": np.eye(3)}, r"pinv has shape \(3, 3\); expected finite numbers of shape \(2, 2\)"),
+        (
+            {"pinv": HadamardBroyden(np.ones((3, 2)), np.ones((3, 2)))},
+            r"learns J\+ of shape \(3, 2\); expected \(2, 2\)",
+        ),
+        ({"target": [1.0, 2.0, 3.0]}, "target has shape"),
+        ({"target": "x"}, "target is 'x'"),
+        ({"joints": 1.0}, "joints is 1.0"),
+        ({"on_look": 3}, "on_look is 3; expected a function"),
+    ],
+)
+def test_arguments_are_checked(options, said):
+    with pytest.raises(DenseVSError, match=said):
+        servo(FlatRoom(None), **options)
+
+
+@pytest.mark.parametrize("looks", ["x", None, -1, 2.0, True])
+def test_looks_are_a_whole_number(looks):
+    room = FlatRoom(None)
+    one = servo(room)
+    one.servo.unseen = 2
+    with pytest.raises(DenseVSError, match=r"max_looks is .*; expected a whole number of at least 0"):
+        one.run(looks)
+    assert one.servo.unseen == 2
+    assert one.run(0).end is ServoEnd.EXHAUSTED

@@ -1,5 +1,7 @@
 """A search is bounded, ends where the object is seen, and goes back where it is not."""
 
+import datetime
+
 import numpy as np
 import pytest
 from flat_room import Disc, FlatRoom
@@ -60,3 +62,59 @@ def test_a_few_pixels_are_no_object():
     area = seen.quality.area
     assert search_object(room, room, room, joints=JOINTS, min_area=area, rings=0).found
     assert not search_object(room, room, room, joints=JOINTS, min_area=area + 1, rings=0).found
+
+
+@pytest.mark.parametrize("object_in_view", [True, False])
+@pytest.mark.parametrize(("image", "joints", "why"), [(10.0, 0.0, "the image"), (0.0, 10.0, "the joint reading")])
+@pytest.mark.parametrize("looks", [1, 4])
+def test_old_stamps_end_it_where_it_is(object_in_view, image, joints, why, looks):
+    room = FlatRoom(None)
+    read, reading, made = room.read, room.joints, []
+
+    def late():
+        made.append(room.q.copy())
+        if len(made) == looks and object_in_view:
+            room.disc = Disc(room.q[:2].copy())
+        return read()[0], room.time - image * (len(made) >= looks)
+
+    room.read = late
+    room.joints = lambda: (reading()[0], room.time - joints * (len(made) >= looks))
+    result = search_object(room, room, room, joints=JOINTS)
+    assert (result.found, result.looks, len(made)) == (False, looks, looks)
+    assert result.stopped == f"{why} is 10.000 s old"
+    np.testing.assert_array_equal(room.q, made[-1])
+
+
+@pytest.mark.parametrize("looks", [2, 9])
+def test_a_reading_that_ages_while_the_mask_is_made_moves_nothing(looks):
+    room = FlatRoom(None)
+    reading, segment, made = room.joints, room.segment, []
+
+    def mask(image):
+        made.append(room.q.copy())
+        return segment(image)
+
+    room.segment = mask
+    room.joints = lambda: (reading()[0], room.time - 10.0 * (len(made) >= looks))
+    result = search_object(room, room, room, joints=JOINTS)
+    assert (result.found, result.looks) == (False, looks)
+    assert result.stopped == "the joint reading is 10.000 s old"
+    np.testing.assert_array_equal(room.q, made[-1])
+
+
+@pytest.mark.parametrize(
+    ("options", "said"),
+    [
+        ({"joints": None}, "joints is None; expected a sequence of names"),
+        ({"joints": ("forward",)}, "expected two of forward, right, lift, wrist"),
+        ({"min_area": datetime.datetime(2020, 1, 1)}, "min_area is .*expected a finite number of at least 0"),
+        ({"min_area": -1}, "min_area is -1"),
+        ({"reach": (0.25, 3e38)}, "expected a ring at most 100 m away"),
+        ({"reach": (0.25, 2.0), "rings": 51}, "expected a ring at most 100 m away"),
+    ],
+)
+def test_arguments_are_checked_before_anything_moves(options, said):
+    room = FlatRoom(None)
+    with pytest.raises(DenseVSError, match=said):
+        search_object(room, room, room, **{"joints": JOINTS, **options})
+    assert room.commands == []
