@@ -71,7 +71,8 @@ class RecordingThread:
         try:
             while (item := self._queue.get()) is not None and not self.failed:
                 image, time, positions, stamp = item
-                self._writer.add_joints(positions, stamp)
+                if np.isfinite(positions).all() and np.isfinite(stamp):  # what an encoder cannot tell is no reading
+                    self._writer.add_joints(positions, stamp)
                 rgb = np.repeat(image[..., None], 3, axis=2) if image.ndim == 2 else image
                 self._writer.add_image(rgb, time)
             if self.failed:

@@ -17,6 +17,7 @@ from dense_vs.live.actions import Actions, parse
 from dense_vs.live.gate import GatedRobot
 from dense_vs.live.mode import Mode
 from dense_vs.live.options import LiveOptions, chosen_scale
+from dense_vs.live.recording_thread import RecordingThread
 from dense_vs.live.session import LiveSession
 from dense_vs.live.source import LiveSource
 
@@ -204,6 +205,20 @@ def test_a_recording_is_written_beside_the_loop(session, tmp_path):
     episode = open_recording(session.last_recording.folder / "video.mp4").episode()
     assert episode.log.names == ("left", "right")
     assert len(list(episode)) >= 10
+
+
+def test_a_reading_that_is_not_finite_is_left_out_of_a_recording(tmp_path):
+    recorder = RecordingThread(tmp_path / "one", "video", ("left", "right"), 30.0, print)
+    image = np.zeros((HEIGHT, WIDTH, 3), np.uint8)
+    for k in range(12):
+        recorder.add(image + np.uint8(k), k / 30, np.array([np.nan if k == 5 else 0.01 * k, 0.0]), k / 30)
+    recorder.finish()
+    assert not recorder.failed
+    from dense_vs.recording import open_recording
+
+    episode = open_recording(recorder.folder / "video.mp4").episode()
+    assert len(episode.log.times) == 11
+    assert np.isfinite(episode.log.positions).all()
 
 
 PROGRAM = """
