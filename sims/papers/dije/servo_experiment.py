@@ -21,6 +21,8 @@ from dense_vs.sims.papers.rows import Row
 
 PAPER_GAIN, PAPER_PERIOD = 0.034, 0.7
 HEIGHT, WIDTH = 240, 320  # px, of the images that are worked on
+# Arm and tools turn in depth between targets. The paper has no body model; a tool in both hands is no tree of joints.
+FOLLOWING: dict[str, Any] = {"renew_patch": 0.93, "body_model": False}
 MOST_COMMANDS = 1_000_000
 EDGE = 16.0  # px; half the tracker's window and a little
 
@@ -125,8 +127,7 @@ def run_seed(
         command_seconds=arguments.period,
         command_period=arguments.period,
         scale=0.5 if arguments.halve else 1.0,
-        renew_patch=0.93,  # arm and tools turn in depth between targets
-        body_model=False,  # the paper has none, and a tool in both hands is no tree of joints
+        **FOLLOWING,
         on_frame=lambda _: on_frame(),
         estimator=DenseJacobian(
             height=HEIGHT,
