@@ -9,7 +9,9 @@ from collections.abc import Callable
 import cv2
 import numpy as np
 
+from dense_vs.errors import DenseVSError
 from dense_vs.health.faults import Fault, FaultKind
+from dense_vs.robot.camera_image import check_gray
 
 DARK = 0.2  # of the usual contrast
 LEAST_CONTRAST = 1.5  # gray levels, standard deviation, where nothing is known yet
@@ -41,7 +43,13 @@ class ImageWatch:
             gray: uint8 ``(H, W)``.
             moved_px: says by how much the joints moved the robot in the image since the last one [px]; asked for
                 where the image is the same again.
+
+        Raises:
+            DenseVSError: no such image, or ``moved_px`` cannot be called.
         """
+        gray = check_gray(gray)
+        if not callable(moved_px):
+            raise DenseVSError(f"moved_px is a {type(moved_px).__name__}; expected what can be called")
         repeated = self._seen is not None and np.array_equal(gray, self._seen)
         self._seen = gray
         contrast = float(gray[::3, ::3].std())

@@ -3,13 +3,16 @@ it follows what was commanded.
 """
 
 from collections import deque
+from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 
-from dense_vs.arrays import real_vector
-from dense_vs.checks import check_number
+from dense_vs.arrays import number_array
+from dense_vs.checks import check_names, check_number
 from dense_vs.errors import DenseVSError
 from dense_vs.health.faults import Fault, FaultKind
+from dense_vs.robot.per_joint import per_joint, stamp_of
 
 MOST_APART = 1.0  # s between the stamps of an image and of the joints at the start
 LEAST_SHIFT = 0.2  # s, change of that difference that no transport of images makes
@@ -29,7 +32,7 @@ class JointWatch:
 
     Args:
         names: of the joints.
-        max_step: ``(n,)``, largest command [rad, m].
+        max_step: ``(n,)`` or a number, largest command [rad, m].
         max_speed: ``(n,)`` or a number, above which no motor moves its joint [rad/s, m/s]; twice the largest command a
             frame unless given.
 
@@ -38,11 +41,16 @@ class JointWatch:
         time: its stamp [s].
         stuck: ``(n,)`` bool, joints that do not follow; they are to get no commands.
         changed: whether the last reading made or ended a stuck joint: its step is no motion.
+
+    Raises:
+        DenseVSError: no names, or bounds that are not finite numbers above 0.
     """
 
-    def __init__(self, names: tuple[str, ...], max_step: np.ndarray, max_speed: float | None = None):
-        self._names, self._max_step = names, max_step
-        self._max_speed = None if max_speed is None else check_number("max_speed", max_speed, above=0)
+    def __init__(self, names: Sequence[str], max_step: Any, max_speed: Any = None):
+        self._names = check_names("joint names", names)
+        count = len(self._names)
+        self._max_step = per_joint("max_step", max_step, count)
+        self._max_speed = None if max_speed is None else per_joint("max_speed", max_speed, count)
         self.restart()
 
     def restart(self) -> None:
@@ -62,7 +70,12 @@ class JointWatch:
         self._released = np.full(count, -np.inf)  # when a stuck joint is to be tried again
 
     def commanded(self, step: np.ndarray) -> None:
-        """Note a step ``(n,)`` that was sent."""
+        """Note a step ``(n,)`` that was sent.
+
+        Raises:
+            DenseVSError: not n finite numbers.
+        """
+        step = number_array(step, "step", (len(self._names),))
         if self._doubted:
             return  # what the joint does is not known until a reading is believed
         self._commanded += step
@@ -77,15 +90,15 @@ class JointWatch:
             image_time: stamp of the image [s].
 
         Raises:
-            DenseVSError: another shape; for the first reading, a stamp that cannot be on the camera's clock.
+            DenseVSError: no numbers or another shape, a stamp that is no number, the image's that is not finite; for
+                the first reading, positions that are not finite, or a stamp that cannot be on the camera's clock.
         """
-        q = np.asarray(positions, dtype=np.float64)
-        if self.positions is None:
-            q = real_vector(q, "joint positions", (len(self._names),))
+        first = self.positions is None
+        q = number_array(positions, "joint positions", (len(self._names),), finite=first)
+        stamp, image_time = stamp_of("joint stamp", stamp), check_number("image time stamp", image_time)
+        if first:
             self._begin(q, stamp, image_time)
             return []
-        if q.shape != (len(self._names),):
-            raise DenseVSError(f"joint positions have shape {q.shape}; expected ({len(self._names)},)")
         self.changed = False
         if self._last_image is not None and image_time > self._last_image:
             self._frames.append(image_time - self._last_image)

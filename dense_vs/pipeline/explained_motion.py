@@ -8,9 +8,13 @@ truth or none.
 
 from dataclasses import dataclass
 from itertools import pairwise
+from typing import Any
 
 import numpy as np
 
+from dense_vs.arrays import number_array
+from dense_vs.checks import check_number, check_whole
+from dense_vs.errors import DenseVSError
 from dense_vs.jacobian.estimator import DenseJacobian
 
 MOVING = 0.7  # px a frame
@@ -39,22 +43,31 @@ class ExplainedMotion:
 
     Args:
         joints: number of joints N.
+
+    Raises:
+        DenseVSError: fewer than one.
     """
 
     def __init__(self, joints: int):
-        self.joints = joints
+        self.joints = check_whole("joints", joints, least=1)
         self.spans: list[MotionSums] = []
         self._frames_in_span, self._waiting = 1, []
 
     def observe(self, time: float, flow: np.ndarray, jacobian: np.ndarray, dq: np.ndarray) -> None:
-        """Compare a flow ``(H, W, 2)`` [px] with J ``(H, W, 2, N)`` before the frame and the joint step ``(N,)``."""
-        height, width = flow.shape[:2]
+        """Compare a flow ``(H, W, 2)`` [px] with J ``(H, W, 2, N)`` before the frame and the joint step ``(N,)``.
+
+        Raises:
+            DenseVSError: arrays that are no such numbers, or a time that is not finite.
+        """
+        time = check_number("time", time)
+        step = np.nan_to_num(number_array(dq, "dq", (self.joints,), finite=False))
+        height, width = _check_image("flow", flow, (-1, -1, 2)).shape[:2]
+        _check_image("jacobian", jacobian, (height, width, 2, self.joints))
         stride = max(1, round(width / POINTS_ACROSS))
         rows, columns = np.mgrid[0:height:stride, 0:width:stride]
         u = flow[rows, columns].astype(np.float64)
         moving = np.isfinite(u).all(axis=2) & (np.linalg.norm(np.nan_to_num(u), axis=2) > MOVING)
         rows, columns, u = rows[moving], columns[moving], u[moving]
-        step = np.nan_to_num(np.asarray(dq, dtype=np.float64))
         row, column = rows, columns
         J = np.zeros((len(rows), 2, self.joints))
         for _ in range(3):  # the place that came here: y = x - J(y) dq
@@ -67,12 +80,21 @@ class ExplainedMotion:
         self._add(MotionSums(time, float(np.sum(u * u)), parts))
 
     def explained(self, begin: float = -np.inf, end: float = np.inf) -> float:
-        """E of the frames with ``begin < time <= end``; NaN where nothing moved."""
+        """E of the frames with ``begin < time <= end``; NaN where nothing moved.
+
+        Raises:
+            DenseVSError: a begin or end that is no number.
+        """
         return float(np.sum(self.by_joint(begin, end)))
 
     def by_joint(self, begin: float = -np.inf, end: float = np.inf) -> np.ndarray:
-        """Each joint's part of E, ``(N,)``; NaN where nothing moved."""
-        chosen = [span for span in self._all() if begin < span.time <= end]
+        """Each joint's part of E, ``(N,)``; NaN where nothing moved.
+
+        Raises:
+            DenseVSError: a begin or end that is no number.
+        """
+        first, last = (number_array(t, name, (), finite=False) for name, t in (("begin", begin), ("end", end)))
+        chosen = [span for span in self._all() if first < span.time <= last]
         energy = sum(span.energy for span in chosen)
         if not energy:
             return np.full(self.joints, np.nan)
@@ -111,6 +133,16 @@ class ExplainedMotion:
 
     def _all(self) -> list[MotionSums]:
         return [*self.spans, _joined(self._waiting)] if self._waiting else self.spans
+
+
+def _check_image(name: str, image: Any, shape: tuple[int, ...]) -> np.ndarray:
+    """The image, if it is floating-point numbers of a shape, in which -1 takes any length but 0."""
+    sizes = image.shape if isinstance(image, np.ndarray) and image.dtype.kind == "f" and image.size else ()
+    if len(sizes) != len(shape) or any(want not in (-1, got) for want, got in zip(shape, sizes, strict=True)):
+        got = f"has shape {image.shape} and dtype {image.dtype}" if isinstance(image, np.ndarray) else "is no array"
+        expected = str(tuple("any" if n < 0 else n for n in shape)).replace("'", "")
+        raise DenseVSError(f"{name} {got}; expected floating-point numbers of shape {expected}")
+    return image
 
 
 def _joined(spans: list[MotionSums]) -> MotionSums:

@@ -13,7 +13,7 @@ from typing import Any
 import cv2
 import numpy as np
 
-from dense_vs.arrays import real_vector
+from dense_vs.arrays import plain_array, real_vector
 from dense_vs.body.self_body import SelfBody
 from dense_vs.checks import check_flag, check_number, check_pair, check_whole
 from dense_vs.errors import DenseVSError
@@ -180,11 +180,11 @@ class FramePipeline:
                 as of :func:`.depth_image.depth_image`; nothing has changed then.
         """
         last, seen = self.frame, self._seen
-        if not np.isfinite(time) or (seen is not None and time <= seen[0]):
-            before = "" if seen is None else f" after {seen[0]}"
-            raise DenseVSError(f"image time stamp is {time} s{before}; expected increasing finite seconds")
+        time = check_number("image time stamp", time)
+        if seen is not None and time <= seen[0]:
+            raise DenseVSError(f"image time stamp is {time} s after {seen[0]}; expected increasing finite seconds")
         q = real_vector(positions, "positions", (self.estimator.options.joints,))
-        scaled = self._scaled(np.asarray(image))
+        scaled = self._scaled(plain_array(image, "image", "uint8 of shape (H, W, 3) or (H, W)"))
         gray = to_gray(scaled)
         expected = self.estimator.options.height, self.estimator.options.width
         if gray.shape != expected:

@@ -3,6 +3,7 @@
 from collections import deque
 from collections.abc import Callable, Sequence
 from itertools import pairwise
+from typing import Any
 
 import cv2
 import numpy as np
@@ -10,6 +11,7 @@ import numpy as np
 from dense_vs.body_model import BodyFitOptions, BodyModel, PointTrackOptions
 from dense_vs.body_model.dense_motion import DenseMotion
 from dense_vs.body_model.spread import spread
+from dense_vs.checks import shown
 from dense_vs.errors import DenseVSError
 from dense_vs.flow.estimator import FlowEstimator
 from dense_vs.health.faults import FaultKind
@@ -46,18 +48,18 @@ class LearnedBody:
         model: of the robot; None where none is known.
 
     Raises:
-        DenseVSError: a model of another number of joints or image size.
+        DenseVSError: neither of them, or a model of another number of joints or image size.
     """
 
     def __init__(self, pipeline: FramePipeline, group: JointGroup, given: BodyModel | bool):
         self._pipeline = pipeline
         self._slides = tuple(unit != "rad" for unit in group.units)
-        self._learns = given is True
+        self._learns = bool(given) if isinstance(given, (bool, np.bool_)) else False
         self._history: deque[tuple[np.ndarray, np.ndarray]] = deque(maxlen=HISTORY)
         self._times: deque[float] = deque(maxlen=HISTORY)  # of these images [s]
         self.model: BodyModel | None = None
-        if isinstance(given, BodyModel):
-            self.use(given, None)
+        if not isinstance(given, (bool, np.bool_)):
+            self.use(check_body(given, "a BodyModel, True or False"), None)
 
     @property
     def wanted(self) -> bool:
@@ -154,10 +156,16 @@ class LearnedBody:
         Args:
             point, window, lost_after: as in :class:`BodyTracker`.
             frame: the last one.
+
+        Raises:
+            DenseVSError: a point outside the image.
         """
         model = self.model
         if model is None:
             return None
+        height, width = frame.gray.shape
+        if not (0 <= point[0] <= width - 1 and 0 <= point[1] <= height - 1):
+            raise DenseVSError(f"point {point.tolist()} is outside the image of {width} x {height} pixels")
         history = [*self._history]
         if not history or history[-1][0] is not frame.gray:
             history.append((frame.gray, frame.positions))
@@ -172,6 +180,17 @@ class LearnedBody:
             surface=surface, same=same_surface(self._pipeline.estimator, point), window=window, lost_after=lost_after,
         )  # fmt: skip
         return tracker if tracker.known else None
+
+
+def check_body(model: Any, expected: str = "a BodyModel") -> BodyModel:
+    """A body model.
+
+    Raises:
+        DenseVSError: anything else.
+    """
+    if not isinstance(model, BodyModel):
+        raise DenseVSError(f"body model is {shown(model)}; expected {expected}")
+    return model
 
 
 def teaches(frame: ProcessedFrame, kept: np.ndarray | None) -> bool:

@@ -3,14 +3,14 @@
 from collections import deque
 from collections.abc import Callable, Sequence
 from dataclasses import replace
-from typing import Any, Literal
+from typing import Any, Literal, get_args
 
 import numpy as np
 
-from dense_vs.arrays import point_array
+from dense_vs.arrays import number_array, point_array
 from dense_vs.body.self_body import SelfBody
 from dense_vs.body_model import BodyModel
-from dense_vs.checks import check_number, check_whole
+from dense_vs.checks import check_choice, check_number, check_whole
 from dense_vs.errors import DenseVSError
 from dense_vs.flow.estimator import FlowEstimator
 from dense_vs.health.faults import Fault, FaultKind
@@ -24,13 +24,13 @@ from dense_vs.point_servo.command_pace import CommandPace
 from dense_vs.point_servo.following import PointFlow, follow, found_again, new_tracker, pacing_flow, point_jacobian
 from dense_vs.point_servo.joint_stream import JointStream
 from dense_vs.point_servo.law import VisualServo
-from dense_vs.point_servo.learned_body import LearnedBody
+from dense_vs.point_servo.learned_body import LearnedBody, check_body
 from dense_vs.point_servo.loop_estimator import loop_estimator, read_depth
 from dense_vs.point_servo.point_memory import PointMemory
 from dense_vs.point_servo.reach import Arrival, Reach
 from dense_vs.point_servo.reaching import Reaching
 from dense_vs.point_servo.same_surface import same_surface
-from dense_vs.point_servo.tracker import Method, PointTracker
+from dense_vs.point_servo.tracker import Method, PointTracker, TrackerOptions
 from dense_vs.robot.babbling import Babbling
 from dense_vs.robot.command_gate import MAX_AGE, CommandGate
 from dense_vs.robot.joint_group import JointGroup
@@ -121,8 +121,8 @@ class ServoLoop:
         self.tracker: PointTracker | BodyTracker | None = None
         self.memory: PointMemory | None = None
         self.aim = Aim(estimator)
-        self._learns_body = body_model is not False
         self._body = LearnedBody(self.pipeline, self.group, body_model)
+        self._learns_body = bool(body_model)
         self.on_frame = on_frame
         delay = None if joint_delay is None else check_number("joint_delay", joint_delay)
         self.joints = JointStream(robot, self.group, watch, delay)
@@ -182,7 +182,7 @@ class ServoLoop:
         """
         stop = "; ".join(str(fault) for fault in self.faults if fault.stops)
         sent = self.gate.send(
-            np.where(self.joints.watch.stuck, 0.0, delta),
+            np.where(self.joints.watch.stuck, 0.0, number_array(delta, "delta", (self.estimator.options.joints,))),
             self.joints.reading,
             image_time=self.frame.time if not self._held else None,
             now=self._newest,
@@ -221,9 +221,7 @@ class ServoLoop:
 
     def babble(self, seconds: float) -> None:
         """Move at random for that long on the camera's clock, learning J, then a body model where there is none."""
-        if not np.isfinite(seconds) or seconds <= 0:
-            raise DenseVSError(f"babbling of {seconds!r} s; expected a finite number above 0")
-        end = self.frame.time + seconds
+        end = self.frame.time + check_number("seconds", seconds, above=0)
         self._judge_motion(BABBLING_SHARE)
         while self.frame.time < end:
             self.babble_once()
@@ -245,9 +243,9 @@ class ServoLoop:
         """Go on with a body model that was learned elsewhere, as in a process apart.
 
         Raises:
-            DenseVSError: of another number of joints or image size.
+            DenseVSError: no model, or one of another number of joints or image size.
         """
-        self._body.use(model, self.frame.positions)
+        self._body.use(check_body(model), self.frame.positions)
 
     def forget(self) -> None:
         """Forget J and the body, as after the camera was moved, and begin with the next image. Points stay."""
@@ -289,11 +287,13 @@ class ServoLoop:
             window, lost_after, min_correlation, max_jump: see :class:`PointTracker`.
         """
         options = {"window": window, "min_correlation": min_correlation, "max_jump": max_jump, "lost_after": lost_after}
+        check_choice("method", method, ("link", *get_args(Method)))
         kind: Method = "aligned" if method == "link" else method
+        TrackerOptions(method=kind, **options)  # also where it is followed by its link
         place, frame, same = point_array(point, "point"), self.frame, same_surface(self.estimator, point)
-        self.memory = PointMemory(place, frame.positions, frame.gray, same, {"method": kind, **options})
-        self.tracker = new_tracker(self.memory, frame, self._body if method == "link" else None)
-        self._followed = frame
+        memory = PointMemory(place, frame.positions, frame.gray, same, {"method": kind, **options})
+        self.tracker = new_tracker(memory, frame, self._body if method == "link" else None)
+        self.memory, self._followed = memory, frame
         self.aim.follow(self.point)
 
     def find_again(self) -> bool:

@@ -4,8 +4,8 @@ what it takes from the camera.
 
 from typing import Any
 
-import numpy as np
-
+from dense_vs.arrays import plain_array
+from dense_vs.checks import check_number
 from dense_vs.errors import DenseVSError
 from dense_vs.jacobian.estimator import DenseJacobian
 from dense_vs.robot.joint_group import JointGroup
@@ -26,11 +26,15 @@ def loop_estimator(
         options: of an estimator made here.
 
     Raises:
-        DenseVSError: another number of joints, or depth with a camera that has none.
+        DenseVSError: another number of joints, a scale out of (0, 1], no image, or depth with a camera that has none.
     """
     count = len(group.names)
+    scale = check_number("scale", scale, above=0, most=1)
     if estimator is None:
-        height, width = (round(side * scale) for side in np.asarray(image).shape[:2])
+        seen = plain_array(image, "the camera's image", "uint8 of shape (H, W, 3) or (H, W)")
+        if seen.ndim < 2:
+            raise DenseVSError(f"the camera's image has shape {seen.shape}; expected (H, W, 3) or (H, W)")
+        height, width = (round(side * scale) for side in seen.shape[:2])
         estimator = DenseJacobian(height=height, width=width, joints=count, on_bad_flow="skip", **options)
     if estimator.options.joints != count:
         raise DenseVSError(

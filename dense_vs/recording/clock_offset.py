@@ -16,8 +16,11 @@ from typing import Any
 import cv2
 import numpy as np
 
+from dense_vs.checks import check_number
+from dense_vs.errors import DenseVSError
 from dense_vs.recording.joint_delay import DelayCurve, even_joints, joint_steps, unexplained_by_constant_jacobian
 from dense_vs.recording.joint_log import JointLog
+from dense_vs.robot.camera_image import check_gray
 
 REACH = 0.4  # s; offsets of +-0.3 s and room for the lowest point around them
 DELAY_STEP = 0.01  # s between the delays tried
@@ -78,9 +81,19 @@ class MotionSamples:
         self._last: tuple[np.ndarray, float] | None = None
 
     def add(self, gray: np.ndarray, time: float) -> None:
-        """Take the next image that is no repetition, gray uint8 ``(H, W)``."""
+        """Take the next image that is no repetition, gray uint8 ``(H, W)``, and its stamp [s].
+
+        Raises:
+            DenseVSError: no such image, one of other proportions than the last, or a stamp that is not finite.
+        """
+        gray = check_gray(gray)
         height, width = gray.shape
+        time = check_number("image time stamp", time)
         size = 160, max(16, round(height * 160 / width))
+        if self._last is not None and self._last[0].shape != size[::-1]:
+            raise DenseVSError(
+                f"image has shape {gray.shape}, other proportions than the last; expected one camera's, or restart()"
+            )
         small = cv2.resize(gray, size, interpolation=cv2.INTER_AREA)
         if self._last is not None and len(self.pairs) < MOST_PAIRS:
             before, then = self._last

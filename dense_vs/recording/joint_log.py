@@ -13,7 +13,7 @@ import numpy as np
 from scipy.ndimage import gaussian_filter1d
 
 from dense_vs.arrays import number_array, real_vector
-from dense_vs.checks import check_names, check_number
+from dense_vs.checks import check_names, check_number, check_whole
 from dense_vs.errors import DenseVSError
 from dense_vs.files import file_path
 from dense_vs.robot.joint_group import joint_indices
@@ -170,9 +170,14 @@ class JointBuffer:
         joints: number of joints N.
         capacity: readings kept.
         most_gap: longest time between two readings [s]; after a longer one :meth:`clear` it.
+
+    Raises:
+        DenseVSError: no such numbers.
     """
 
     def __init__(self, joints: int, capacity: int = 256, most_gap: float = 2.0):
+        joints = check_whole("joints", joints, least=1, most=1 << 12)
+        capacity = check_whole("capacity", capacity, least=1, most=1 << 20)
         self._times = np.zeros(capacity)
         self._positions = np.zeros((capacity, joints))
         self._count = 0
@@ -189,8 +194,7 @@ class JointBuffer:
             DenseVSError: not N finite numbers, a time that is not finite, goes back, or jumps; nothing is taken then.
         """
         positions = real_vector(positions, "joint positions", (self._positions.shape[1],))
-        if not np.isfinite(time):
-            raise DenseVSError(f"joint time stamp is {time}; expected seconds")
+        time = check_number("joint time stamp", time)
         if self._count:
             last = float(self._times[self._count - 1])
             if time == last:
@@ -210,7 +214,13 @@ class JointBuffer:
         self._count += 1
 
     def stretch(self, joint: int, factor: float, since: float) -> None:
-        """Make a joint's motion since a time [s] longer by a factor, beginning where it was at that time."""
+        """Make a joint's motion since a time [s] longer by a factor, beginning where it was at that time.
+
+        Raises:
+            DenseVSError: no such joint, or a factor or time that is not a finite number.
+        """
+        joint = check_whole("joint", joint, least=0, most=self._positions.shape[1] - 1)
+        factor, since = check_number("factor", factor), check_number("since", since)
         if not self._count:
             return
         begin = self.at(since)[joint]
@@ -236,10 +246,11 @@ class JointBuffer:
         """Positions ``(N,)`` at ``time``, the first or last reading outside them.
 
         Raises:
-            DenseVSError: no reading yet.
+            DenseVSError: no reading yet, or a time that is not a finite number.
         """
         if not self._count:
             raise DenseVSError("no joint reading yet; expected add() first")
+        time = check_number("time", time)
         after = int(np.searchsorted(self._times[: self._count], time))
         around = slice(max(after - 1, 0), min(after + 1, self._count))
         return np.array([np.interp(time, self._times[around], q) for q in self._positions[around].T])

@@ -11,11 +11,14 @@ from typing import Any
 
 import numpy as np
 
+from dense_vs.arrays import number_array
+from dense_vs.checks import check_number, check_whole
 from dense_vs.errors import DenseVSError
 from dense_vs.files import atomic_write, output_folder
 from dense_vs.recording.joint_log import JointLog
 from dense_vs.recording.lerobot_folder import PATHS, STATE
-from dense_vs.recording.video_writer import VideoWriter
+from dense_vs.recording.video_writer import FASTEST, MOST_QUALITY, VideoWriter
+from dense_vs.robot.camera_image import check_rgb
 
 CHUNK = 1000  # files in a folder
 
@@ -53,7 +56,9 @@ class LeRobotWriter:
             raise DenseVSError(
                 "writing LeRobot datasets needs pyarrow, which is not installed; pip install 'dense-vs[recordings]'"
             ) from error
-        if not np.isfinite(fps) or round(fps) < 1 or abs(fps - round(fps)) > 0.01 * fps:
+        fps = check_number("fps", fps, above=0, most=FASTEST)
+        check_whole("quality", quality, least=0, most=MOST_QUALITY)
+        if round(fps) < 1 or abs(fps - round(fps)) > 0.01 * fps:
             raise DenseVSError(f"fps is {fps!r}; a LeRobot dataset expects a whole number of at least 1")
         self._folder, self._names, self._fps = folder, joint_names, round(fps)
         self._quality, self._task, self._robot = quality, task, robot
@@ -66,6 +71,8 @@ class LeRobotWriter:
 
     def add_image(self, image: np.ndarray, time: float) -> None:
         """Add an image; odd sides are cut by a pixel."""
+        image = check_rgb(image, "frame", least=2)
+        time = check_number("image time stamp", time)
         if self._video is None:
             video = self._path(PATHS["v3"][1])
             output_folder(video.parent)
@@ -76,9 +83,11 @@ class LeRobotWriter:
 
     def add_joints(self, positions: np.ndarray, time: float) -> None:
         """Add a reading; one that is not newer than the last is the same reading again."""
+        q = number_array(positions, "joint positions", (len(self._names),))
+        time = check_number("joint time stamp", time)
         if not self._times or time > self._times[-1]:
             self._times.append(time)
-            self._positions.append(np.array(positions, dtype=np.float64))
+            self._positions.append(q)
 
     def end_episode(self) -> None:
         """Complete an episode; what comes next is another one.

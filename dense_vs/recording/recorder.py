@@ -4,8 +4,10 @@ import os
 
 import numpy as np
 
+from dense_vs.arrays import number_array
 from dense_vs.recording.writers import QUALITY, open_writer
 from dense_vs.robot import Camera, Robot, WrappedRobot
+from dense_vs.robot.per_joint import stamp_of
 
 
 class Recorder(WrappedRobot):
@@ -47,9 +49,11 @@ class Recorder(WrappedRobot):
         return image, time
 
     def joints(self) -> tuple[np.ndarray, float]:
-        """The robot's joints, written down."""
+        """The robot's joints, written down; a reading that is not finite is only passed on, as no log takes it."""
         positions, time = super().joints()
-        self._writer.add_joints(positions, time)
+        q = number_array(positions, "joint positions", finite=False)
+        if np.isfinite(q).all() and np.isfinite(stamp := stamp_of("joint stamp", time)):
+            self._writer.add_joints(q, stamp)
         return positions, time
 
     def __enter__(self) -> "Recorder":

@@ -11,6 +11,8 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
+from dense_vs.robot.camera_image import check_gray
+
 WORK_WIDTH = 320  # px; wider images are averaged down to it, which also averages noise away
 BLOCK = 16  # px
 IDENTICAL = 0.02  # mean difference of gray levels below which nothing was encoded anew
@@ -111,8 +113,12 @@ class RepetitionFilter:
         self._held: list[ImageChange | None] = []  # None where it is counted
 
     def keep(self, gray: np.ndarray) -> bool:
-        """Whether the next image, gray uint8 ``(H, W)``, is to be used with the last kept one."""
-        image = self._meter.prepare(gray)
+        """Whether the next image, gray uint8 ``(H, W)``, is to be used with the last kept one.
+
+        Raises:
+            DenseVSError: no such image.
+        """
+        image = self._meter.prepare(check_gray(gray))
         if self._kept is None or self._kept.shape != image.shape:
             self.restart()
             self._kept = image

@@ -7,10 +7,14 @@ from typing import Any
 import cv2
 import numpy as np
 
+from dense_vs.arrays import number_array
+from dense_vs.checks import check_number
 from dense_vs.errors import DenseVSError
+from dense_vs.robot.camera_image import check_rgb
 
 JPEG_QUALITY = 95  # compression artifacts are flow errors
 JOINT_TOPIC = "/joint_states"
+LATEST = float(1 << 31)  # s, a message's stamp is a 32-bit number of seconds
 START = 1000.0  # s; added where times count from 0, as a bag has none below it and takes 0 for "not stamped"
 
 
@@ -52,16 +56,13 @@ class RosBagWriter:
 
     def add_image(self, image: np.ndarray, time: float) -> None:
         """Add an image."""
-        if image.ndim != 3 or image.shape[2] != 3 or image.dtype != np.uint8:
-            raise DenseVSError(
-                f"image has shape {image.shape} and dtype {image.dtype}; expected uint8 of shape (H, W, 3)"
-            )
+        image = check_rgb(image)
+        stamp = self._on_bag("image time stamp", time)
         settings = [cv2.IMWRITE_JPEG_QUALITY, JPEG_QUALITY]
         done, content = cv2.imencode(".jpg", cv2.cvtColor(image, cv2.COLOR_RGB2BGR), settings)
         if not done:
             raise DenseVSError(f"image of {image.shape[1]} x {image.shape[0]} pixels cannot be stored as JPEG")
         message = self._types["sensor_msgs/msg/CompressedImage"]
-        stamp = self._on_bag(time)
         self._write(
             self._image_topic, message(self._header(stamp), "rgb8; jpeg compressed bgr8", content.ravel()), stamp
         )
@@ -70,10 +71,8 @@ class RosBagWriter:
     def add_joints(self, positions: np.ndarray, time: float) -> None:
         """Add a reading."""
         none = np.zeros(0)
-        q = np.array(positions, dtype=np.float64)
-        if q.shape != (len(self._names),):
-            raise DenseVSError(f"joint positions have shape {q.shape}; expected ({len(self._names)},)")
-        stamp = self._on_bag(time)
+        q = number_array(positions, "joint positions", (len(self._names),))
+        stamp = self._on_bag("joint time stamp", time)
         message = self._types["sensor_msgs/msg/JointState"](self._header(stamp), self._names, q, none, none)
         self._write(self._joint_topic, message, stamp)
         self._readings += 1
@@ -93,11 +92,13 @@ class RosBagWriter:
         self._writer.close()
         shutil.rmtree(self._folder, ignore_errors=True)
 
-    def _on_bag(self, time: float) -> float:
+    def _on_bag(self, name: str, time: float) -> float:
         """A time on the bag's clock [s]."""
-        if self._base is None:
-            self._base = 0.0 if time >= START else START
-        return time + self._base
+        time = check_number(name, time)
+        base = self._base if self._base is not None else 0.0 if time >= START else START
+        check_number(name, time, least=-base, below=LATEST - base)
+        self._base = base
+        return time + base
 
     def _connection(self, topic: str, kind: str) -> Any:
         return self._writer.add_connection(topic, kind, typestore=self._store)

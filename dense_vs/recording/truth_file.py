@@ -7,8 +7,10 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
+from dense_vs.checks import check_names, check_number
 from dense_vs.errors import DenseVSError
 from dense_vs.files import atomic_write, read_arrays, stored_array
+from dense_vs.recording.frame import check_size
 from dense_vs.robot.joint_group import joint_indices
 
 STAMP_TOLERANCE = 1e-3  # s, between a video's time stamp and the simulator's time of the same frame
@@ -48,6 +50,7 @@ class TruthFile:
         Raises:
             DenseVSError: not such a file, or a joint that it does not have.
         """
+        joint_names = check_names("joint names", joint_names)
         stored = read_arrays(path, "the truth of a recording", ("joint_names", "times", "jacobians", "robot_masks"))
         try:
             names = [str(name) for name in stored_array(stored, "joint_names", (-1,), "U")]
@@ -58,10 +61,15 @@ class TruthFile:
                 raise DenseVSError(f"robot_masks has shape {masks.shape}; expected at least one frame and pixel")
         except DenseVSError as error:
             raise DenseVSError(f"cannot read {path} as the truth of a recording: {error}") from error
-        return cls(tuple(joint_names), times, jacobians[..., joint_indices(joint_names, names, str(path))], masks)
+        return cls(joint_names, times, jacobians[..., joint_indices(joint_names, names, str(path))], masks)
 
     def at(self, time: float, scale: float = 1.0) -> tuple[np.ndarray, np.ndarray] | None:
-        """J ``(H, W, 2, N)`` [px/rad] and mask ``(H, W)`` for images scaled by ``scale``; None without truth then."""
+        """J ``(H, W, 2, N)`` [px/rad] and mask ``(H, W)`` for images scaled by ``scale``; None without truth then.
+
+        Raises:
+            DenseVSError: a time that is not a finite number, or a scale that makes no image.
+        """
+        time, scale = check_number("time", time), check_number("scale", scale, above=0, most=1 << 24)
         nearest = int(np.argmin(np.abs(self.times - time)))
         if abs(self.times[nearest] - time) > STAMP_TOLERANCE:
             return None
@@ -69,6 +77,7 @@ class TruthFile:
         if scale == 1.0:
             return true, mask
         height, width = round(mask.shape[0] * scale), round(mask.shape[1] * scale)
+        check_size(width, height, f"the truth scaled by {scale:g}")
         planes = true.reshape(*mask.shape, -1)
         planes = np.stack(
             [cv2.resize(p, (width, height), interpolation=cv2.INTER_NEAREST) for p in np.moveaxis(planes, 2, 0)],

@@ -2,13 +2,16 @@
 
 import os
 from collections.abc import Iterator
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from dense_vs.checks import check_number
 from dense_vs.errors import DenseVSError
+from dense_vs.files import file_path
 from dense_vs.recording.frame import MAX_PIXELS, check_size
+
+FARTHEST = 1e9  # s, of a part's begin and end: what containers count in is bounded
 
 
 class VideoReader:
@@ -27,11 +30,16 @@ class VideoReader:
         codec: name of the codec.
 
     Raises:
-        DenseVSError: PyAV is not installed; missing, not a video, or without a single frame.
+        DenseVSError: PyAV is not installed; missing, not a video, or without a single frame; a begin or end that is no
+            time.
     """
 
     def __init__(self, path: str | os.PathLike[str], *, begin: float | None = None, end: float | None = None):
-        self.path = Path(path)
+        self.path = file_path(path)
+        begin, end = (
+            None if time is None else check_number(name, time, least=-FARTHEST, most=FARTHEST)
+            for name, time in (("begin", begin), ("end", end))
+        )
         if not self.path.is_file():
             raise DenseVSError(f"video {self.path} does not exist")
         self._av = _pyav()

@@ -3,13 +3,17 @@
 import os
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from dense_vs.checks import check_number
+from dense_vs.checks import check_number, check_whole
 from dense_vs.errors import DenseVSError
+from dense_vs.files import file_path
+from dense_vs.robot.camera_image import check_rgb
+
+SLOWEST, FASTEST = 1e-3, 1e5  # Hz; frame rates are fractions of 32-bit numbers
+MOST_QUALITY = 51  # constant rate factor
 
 
 class VideoWriter:
@@ -19,12 +23,12 @@ class VideoWriter:
 
     Args:
         path: of the file.
-        fps: frame rate [Hz].
-        quality: constant rate factor, lower is better; 12 keeps texture for optical flow, 20 is for viewing.
+        fps: frame rate, 0.001 to 100,000 [Hz].
+        quality: constant rate factor, 0 to 51, lower is better; 12 keeps texture for optical flow, 20 is for viewing.
 
     Raises:
-        DenseVSError: PyAV is not installed, a frame rate that is not above 0, the file cannot be written, or got no
-            frame.
+        DenseVSError: PyAV is not installed, a frame rate or quality out of range, the file cannot be written, or got
+            no frame.
     """
 
     def __init__(self, path: str | os.PathLike[str], fps: float = 30.0, *, quality: int = 20):
@@ -34,8 +38,11 @@ class VideoWriter:
             raise DenseVSError(
                 "writing video needs PyAV, which is not installed; pip install 'dense-vs[viz]'"
             ) from error
-        check_number("fps", fps, above=0)
-        self.path = Path(path)
+        fps = check_number("fps", fps, least=SLOWEST, most=FASTEST)
+        self._quality = check_whole("quality", quality, least=0, most=MOST_QUALITY)
+        self.path = file_path(path)
+        if not self.path.name or self.path.is_dir():
+            raise DenseVSError(f"cannot write {self.path}: it is a folder; expected a file's name")
         self._partial = self.path.with_name(f".{self.path.name}.partial")
         from fractions import Fraction
 
@@ -44,8 +51,7 @@ class VideoWriter:
             self._container = av.open(str(self._partial), mode="w", format="mp4")
         self._stream: Any = None
         self._size: tuple[int, int] | None = None
-        self._rate = Fraction(float(fps)).limit_denominator(1000)
-        self._quality = quality
+        self._rate = Fraction(fps).limit_denominator(1000)
         self._frame_class = av.VideoFrame
 
     def write(self, image: np.ndarray) -> None:
@@ -54,10 +60,7 @@ class VideoWriter:
         Raises:
             DenseVSError: another shape or dtype.
         """
-        if image.ndim != 3 or image.shape[2] != 3 or image.dtype != np.uint8:
-            raise DenseVSError(
-                f"frame has shape {image.shape} and dtype {image.dtype}; expected uint8 of shape (H, W, 3)"
-            )
+        image = check_rgb(image, "frame", least=2)
         self._size = self._size or image.shape[:2]
         if image.shape[:2] != self._size:
             raise DenseVSError(

@@ -9,8 +9,10 @@ from typing import Protocol
 
 import numpy as np
 
+from dense_vs.arrays import number_array
+from dense_vs.checks import check_choice, check_names, check_number
 from dense_vs.errors import DenseVSError
-from dense_vs.files import atomic_write, output_folder
+from dense_vs.files import atomic_write, file_path, output_folder
 from dense_vs.recording.video_writer import VideoWriter
 
 FORMATS = ("video", "lerobot", "mcap")
@@ -21,11 +23,19 @@ class RecordingWriter(Protocol):
     """Takes images and joint readings in any interleaving; files are complete after :meth:`close`."""
 
     def add_image(self, image: np.ndarray, time: float) -> None:
-        """Add an RGB uint8 ``(H, W, 3)`` image and its stamp [s]."""
+        """Add an RGB uint8 ``(H, W, 3)`` image and its stamp [s].
+
+        Raises:
+            DenseVSError: no such image, or a stamp that is not a finite number; it is left out.
+        """
         ...
 
     def add_joints(self, positions: np.ndarray, time: float) -> None:
-        """Add joint positions ``(N,)`` and their stamp [s]."""
+        """Add joint positions ``(N,)`` and their stamp [s].
+
+        Raises:
+            DenseVSError: not N finite numbers, or a stamp that is none; the reading is left out.
+        """
         ...
 
     def close(self) -> None:
@@ -59,22 +69,22 @@ def open_writer(
         quality: constant rate factor of H.264, lower is better.
 
     Raises:
-        DenseVSError: another format, or a folder that cannot be written to.
+        DenseVSError: another format, no names, a rate or quality out of range, or a folder that cannot be written to.
     """
-    if form not in FORMATS:
-        raise DenseVSError(f"format is {form!r}; expected one of {', '.join(FORMATS)}")
+    check_choice("format", form, FORMATS)
+    joint_names = check_names("joint names", joint_names)
+    path = file_path(path)
     if form == "video":
         return VideoAndLogWriter(output_folder(path), joint_names, fps=fps, quality=quality)
-    folder = Path(path)
-    if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
-        raise DenseVSError(f"{folder} is there already; expected a new or empty folder")
+    if path.exists() and (not path.is_dir() or any(path.iterdir())):
+        raise DenseVSError(f"{path} is there already; expected a new or empty folder")
     if form == "lerobot":
         from dense_vs.recording.lerobot_writer import LeRobotWriter
 
-        return LeRobotWriter(folder, joint_names, fps=fps, quality=quality)
+        return LeRobotWriter(path, joint_names, fps=fps, quality=quality)
     from dense_vs.recording.ros_bag_writer import RosBagWriter
 
-    return RosBagWriter(folder, joint_names)
+    return RosBagWriter(path, joint_names)
 
 
 @contextmanager
@@ -109,14 +119,17 @@ class VideoAndLogWriter:
 
     def add_image(self, image: np.ndarray, time: float) -> None:
         """Add an image."""
-        self._start = time if self._start is None else self._start
+        time = check_number("image time stamp", time)
         self._video.write(image)
+        self._start = time if self._start is None else self._start
 
     def add_joints(self, positions: np.ndarray, time: float) -> None:
         """Add a reading; one that is not newer than the last is the same reading again."""
+        q = number_array(positions, "joint positions", (len(self._names),))
+        time = check_number("joint time stamp", time)
         if not self._times or time > self._times[-1]:
             self._times.append(time)
-            self._positions.append(np.array(positions, dtype=np.float64))
+            self._positions.append(q)
 
     def close(self) -> None:
         """Complete both files."""

@@ -10,8 +10,8 @@ import numpy as np
 
 from dense_vs.arrays import real_vector
 from dense_vs.checks import check_number
-from dense_vs.errors import DenseVSError
 from dense_vs.robot.joint_group import JointGroup
+from dense_vs.robot.per_joint import per_joint, stamp_of
 from dense_vs.robot.protocols import Robot
 
 MAX_AGE = 0.5  # s
@@ -33,16 +33,12 @@ class CommandGate:
         stopped: why the last command was a step of zero in place of what was asked for; empty where it was not.
 
     Raises:
-        DenseVSError: a bound that is not above 0.
+        DenseVSError: a bound that is not a finite number above 0, or another number of them.
     """
 
     def __init__(self, robot: Robot, group: JointGroup, *, max_step: Any, max_age: float = MAX_AGE):
         self._robot, self.group = robot, group
-        steps = np.asarray(max_step, dtype=np.float64)
-        count = len(group.names)
-        if steps.shape not in ((), (count,)) or not (np.isfinite(steps).all() and (steps > 1 / MOST).all()):
-            raise DenseVSError(f"max_step is {max_step!r}; expected a finite number above 0, or one for each joint")
-        self.max_step = np.broadcast_to(steps, (count,)).copy()
+        self.max_step = per_joint("max_step", max_step, len(group.names), above=1 / MOST)
         self.max_age = check_number("max_age", max_age, above=0)
         self.stopped = ""
         self.restart()
@@ -73,11 +69,14 @@ class CommandGate:
             stop: a reason not to move, where there is one.
 
         Raises:
-            DenseVSError: not n finite numbers; nothing is sent then.
+            DenseVSError: not n finite numbers, or a stamp that is no number; nothing is sent then.
         """
         count = len(self.group.names)
-        step = real_vector(np.asarray(delta), "command", (count,))
-        q = real_vector(np.asarray(positions), "joint positions", (count,))
+        step = real_vector(delta, "command", (count,))
+        q = real_vector(positions, "joint positions", (count,))
+        image_time = None if image_time is None else stamp_of("image_time", image_time)
+        now = None if now is None else stamp_of("now", now)
+        reading_time = None if reading_time is None else stamp_of("reading_time", reading_time)
         self.stopped = stop or self._old(image_time, now, reading_time)
         if self.stopped:
             step = np.zeros(count)

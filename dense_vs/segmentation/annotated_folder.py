@@ -7,8 +7,10 @@ from pathlib import Path
 import cv2
 import numpy as np
 
+from dense_vs.arrays import plain_array
 from dense_vs.errors import DenseVSError
 from dense_vs.files import atomic_write, file_path
+from dense_vs.segmentation.segmenter import check_mask
 
 IMAGE_SUFFIXES = (".jpg", ".jpeg", ".png", ".bmp")
 MASK_SUFFIX = "_mask.png"
@@ -98,26 +100,38 @@ def read_mask(path: str | os.PathLike[str]) -> np.ndarray:
 
 
 def write_mask(path: str | os.PathLike[str], mask: np.ndarray) -> None:
-    """Write a mask (H, W) as a PNG file of 0 and 255.
+    """Write a mask (H, W), bool or whole numbers, as a PNG file of 0 and 255.
 
     Raises:
-        DenseVSError: it cannot be written.
+        DenseVSError: no mask, or it cannot be written.
     """
-    _write(path, ".png", np.where(mask, 255, 0).astype(np.uint8))
+    _write(path, ".png", np.where(check_mask(mask), 255, 0).astype(np.uint8))
 
 
 def write_image(path: str | os.PathLike[str], image: np.ndarray) -> None:
     """Write an RGB uint8 image (H, W, 3) as a JPEG file.
 
     Raises:
-        DenseVSError: it cannot be written.
+        DenseVSError: no image, or it cannot be written.
     """
-    _write(path, ".jpg", cv2.cvtColor(image, cv2.COLOR_RGB2BGR))
+    array = plain_array(image, "image", "RGB uint8 of shape (H, W, 3)")
+    if array.ndim != 3 or array.shape[2] != 3 or array.dtype != np.uint8 or not array.size:
+        raise DenseVSError(
+            f"image has shape {array.shape} and dtype {array.dtype}; expected RGB uint8 of shape (H, W, 3)"
+        )
+    _write(path, ".jpg", cv2.cvtColor(array, cv2.COLOR_RGB2BGR))
 
 
 def _write(path: str | os.PathLike[str], kind: str, image: np.ndarray) -> None:
+    try:
+        done, content = cv2.imencode(kind, image)
+    except cv2.error as error:
+        raise DenseVSError(f"cannot write {path}: {error.err}") from error
+    if not done:  # more pixels a side than the format takes
+        height, width = image.shape[:2]
+        raise DenseVSError(f"cannot write {path}: an image of {width} x {height} pixels cannot be stored as {kind}")
     with atomic_write(path) as stream:
-        stream.write(cv2.imencode(kind, image)[1].tobytes())
+        stream.write(content.tobytes())
 
 
 def _read(path: str | os.PathLike[str], flags: int) -> np.ndarray:

@@ -29,6 +29,7 @@ from dense_vs.segmentation.segmenter import check_image, check_mask
 FORMAT = "dense-vs few-shot segmenter"
 FORMAT_VERSION = 2
 COLORS = 1 << 15  # 5 bits a channel
+MOST_SEED = (1 << 32) - 1  # that scikit-learn takes
 WINDOW_AREA = 16_000  # px; larger windows are reduced
 
 
@@ -46,7 +47,7 @@ class FewShotOptions:
         window: how far around the last mask's box the object is looked for first [px of the reduced image]; 0 for
             everywhere at once. Windows of large objects are reduced further, and the mask is then brought to the
             image's outlines. Where what is found there is doubted, the whole image is looked at in the same frame.
-        seed: of the drawn pixels and of the forests.
+        seed: of the drawn pixels and of the forests, below 2^32.
     """
 
     size: int = 320
@@ -58,8 +59,9 @@ class FewShotOptions:
     seed: int = 0
 
     def __post_init__(self):
-        for name, least in (("size", 32), ("samples", 10), ("min_area", 1), ("window", 0), ("seed", 0)):
+        for name, least in (("size", 32), ("samples", 10), ("min_area", 1), ("window", 0)):
             check_whole(name, getattr(self, name), least=least)
+        check_whole("seed", self.seed, least=0, most=MOST_SEED)
         for name in ("min_score", "memory"):
             check_number(name, getattr(self, name), least=0.0, below=1.0)
 

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from dense_vs import DenseVSError
 from dense_vs.pipeline import ExplainedMotion
 
 
@@ -77,3 +78,28 @@ def test_quarters_and_bounded_memory(frame):
     np.testing.assert_allclose(quarters[:3], 0, atol=0.01)
     assert quarters[3] != pytest.approx(0, abs=0.01)
     assert explained.settled() == pytest.approx(explained.explained(2499.75), abs=0.01)
+
+
+def test_refuses_what_is_no_motion(frame):
+    flow, J, dq = frame
+    for joints in (0, -1, 1.5, "x", None, 2j):
+        with pytest.raises(DenseVSError, match=r"joints is .*; expected a whole number"):
+            ExplainedMotion(joints)
+    explained = ExplainedMotion(3)
+    good = {"time": 0.0, "flow": flow, "jacobian": J, "dq": dq}
+    wrong = {
+        "time": ["x", np.nan, 1j, True, None, 10**400],
+        "flow": ["x", None, flow[..., 0], flow[:0], flow.astype(int), flow.tolist(), flow[:-1]],
+        "jacobian": ["x", None, J[..., 0], J[..., :2], J[:-1], J.astype(complex), [[1.0], [1.0, 2.0]]],
+        "dq": ["x", None, dq[:2], 1.0, ["1", "2", "3"], dq * 1j, [[1.0], [1.0, 2.0]]],
+    }
+    for name, values in wrong.items():
+        for value in values:
+            with pytest.raises(DenseVSError, match="expected"):
+                explained.observe(**good | {name: value})
+    assert np.isnan(explained.explained())
+    explained.observe(**good)
+    for bound in ("x", 1j, None, True, [1.0]):
+        with pytest.raises(DenseVSError, match=r"begin .*expected"):
+            explained.explained(bound)
+    assert np.isfinite(explained.explained(-np.inf, np.inf))

@@ -318,9 +318,12 @@ def test_estimators_that_cannot_be():
 def test_frames_that_cannot_be_change_nothing():
     line, estimator = pipeline()
     run(line, [0.0])
-    for time in (1.0, 0.5, np.nan, np.inf):
-        with pytest.raises(DenseVSError, match="expected increasing finite seconds"):
+    for time in (1.0, 0.5, np.nan, np.inf, -(2**64), 10**400, "2", 2j, True, None):
+        with pytest.raises(DenseVSError, match=r"image time stamp is .*; expected"):
             line.process(image(1), time, np.zeros(2))
+    for wrong in ([[1], [2, 3]], "x", None, {"a": 1}):
+        with pytest.raises(DenseVSError, match=r"image .*expected uint8"):
+            line.process(wrong, 2.0, np.zeros(2))
     with pytest.raises(DenseVSError, match="image of 64 x 41 pixels"):
         line.process(np.zeros((41, WIDTH), np.uint8), 2.0, np.zeros(2))
     with pytest.raises(DenseVSError, match="without depth"):

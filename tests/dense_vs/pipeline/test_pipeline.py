@@ -83,7 +83,7 @@ def test_refusals_change_nothing(scene, postures, scale):
         ((None, 1.0, postures[1]), "image has .*expected uint8"),
         ((image, 0.0, postures[1]), "image time stamp is 0.0 s after 0.0; expected increasing finite seconds"),
         ((image, -1.0, postures[1]), "image time stamp is -1.0 s after 0.0"),
-        ((image, np.nan, postures[1]), "image time stamp is nan s"),
+        ((image, np.nan, postures[1]), "image time stamp is nan; expected a finite number"),
         ((image, 1.0, postures[1][:3]), r"positions has shape \(3,\)"),
         ((image, 1.0, np.full(4, np.nan)), "positions is .*expected finite"),
     ]

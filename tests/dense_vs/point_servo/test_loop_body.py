@@ -112,3 +112,15 @@ def test_out_of_sight_a_points_j_is_the_chains_and_the_loop_says_why(loop):
     assert not in_sight(tracker.point, pipeline)
     assert np.isfinite(point_jacobian(tracker, pipeline, q)).all()
     assert not pipeline.hidden_at(tracker.point)
+
+
+def test_how_a_point_is_followed_by_its_link_is_checked_too(loop):
+    loop.use_body(model())
+    for name in ("window", "min_correlation", "max_jump", "lost_after"):
+        for value in (-1, "1", {1}, np.longdouble("1e400")):
+            with pytest.raises(DenseVSError, match=f"{name} is"):
+                loop.define_point(SCENE.center, **{name: value})
+    for x, y in ((3e38, 10.0), (10.0, -3e38), (SCENE.width, 10.0), (10.0, -0.1)):
+        with pytest.raises(DenseVSError, match="outside the image of"):
+            loop.define_point([x, y])
+    assert loop.tracker is None

@@ -128,8 +128,8 @@ def test_keeps_joint_limits_of_its_own_and_of_a_given_servo(scene):
 def test_refuses(scene, learned):
     robot, loop = learned
     before = robot.q.copy()
-    for seconds in (0, -1.0, float("nan"), float("inf")):
-        with pytest.raises(DenseVSError, match=r"babbling of .* s; expected a finite number above 0"):
+    for seconds in (0, -1.0, float("nan"), float("inf"), "x", None, 10**400):
+        with pytest.raises(DenseVSError, match=r"seconds is .*; expected a finite number above 0"):
             loop.babble(seconds)
     with pytest.raises(DenseVSError, match="are outside the image"):
         loop.define_point([500.0, 3.0])

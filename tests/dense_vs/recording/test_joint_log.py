@@ -217,8 +217,8 @@ def test_buffer_refuses():
     for q, time, message in (
         (np.zeros(3), 0.0, r"joint positions has shape \(3,\)"),
         (np.array([0, np.nan]), 0.0, "joint positions is .*expected finite"),
-        (np.zeros(2), np.nan, "joint time stamp is nan; expected seconds"),
-        (np.zeros(2), np.inf, "joint time stamp is inf; expected seconds"),
+        (np.zeros(2), np.nan, "joint time stamp is nan; expected a finite number"),
+        (np.zeros(2), np.inf, "joint time stamp is inf; expected a finite number"),
     ):
         with pytest.raises(DenseVSError, match=message):
             buffer.add(q, time)

@@ -1,11 +1,14 @@
 """Folders of images with masks: which pairs are taken, what a mask file means, and files that are none."""
 
+from typing import Any
+
 import cv2
 import numpy as np
 import pytest
 
 from dense_vs import DenseVSError
 from dense_vs.segmentation import AnnotatedFolder, read_image, read_images, read_mask, write_mask
+from dense_vs.segmentation.annotated_folder import write_image
 
 H, W = 20, 30
 
@@ -102,3 +105,28 @@ def test_images_are_turned_upright_as_their_masks_were_drawn(tmp_path, orientati
     found = AnnotatedFolder.read(tmp_path)
     assert found.images[0].shape == (H, W, 3)
     np.testing.assert_array_equal(found.images[0][..., 0] > 128, mask())
+
+
+@pytest.mark.parametrize(
+    "wrong",
+    [np.zeros((0, 64), bool), mask().astype(object), mask().astype(float), mask()[0], "x", None, [[1], [1, 2]], 1j],
+)
+def test_what_is_no_mask_is_not_written(tmp_path, wrong: Any):
+    with pytest.raises(DenseVSError, match=r"mask .*expected bool of shape \(H, W\)"):
+        write_mask(tmp_path / "a_mask.png", wrong)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_masks_are_written_of_whole_numbers_too(tmp_path):
+    write_mask(tmp_path / "a_mask.png", mask().astype(np.int64) * 3)
+    np.testing.assert_array_equal(read_mask(tmp_path / "a_mask.png"), mask())
+
+
+def test_what_is_no_image_or_too_wide_is_not_written(tmp_path):
+    wrong: list[Any] = [mask(), np.zeros((0, 5, 3), np.uint8), np.zeros((4, 5, 3)), "x", None, [[1], [1, 2]]]
+    for image in wrong:
+        with pytest.raises(DenseVSError, match=r"image .*expected RGB uint8 of shape \(H, W, 3\)"):
+            write_image(tmp_path / "a.jpg", image)
+    with pytest.raises(DenseVSError, match="cannot write"):
+        write_image(tmp_path / "a.jpg", np.zeros((1, 70_000, 3), np.uint8))  # JPEG has 16 bits for a side
+    assert list(tmp_path.iterdir()) == []

@@ -69,6 +69,7 @@ def test_small_blob_is_a_superpixel_wherever_it_lies():
         ({"size": 8}, "size is 8"),
         ({"min_score": 1.5}, "min_score is 1.5"),
         ({"seed": -1}, "seed is -1"),
+        ({"seed": 2**32}, "seed is 4294967296; expected a whole number"),
         ({"window": -1}, "window is -1"),
     ],
 )
