@@ -5,7 +5,6 @@ import time
 from importlib import import_module
 from pathlib import Path
 
-from dense_vs.checks import check_whole
 from dense_vs.cli.options import add_device_arguments
 from dense_vs.cli.parsing import LazyParser, from_module
 from dense_vs.sims.papers import PAPERS
@@ -50,6 +49,7 @@ class _SharedArguments:
 def run(arguments: argparse.Namespace) -> None:
     """Run the command."""
     # Not above: 'dense-vs reproduce --help' lists papers and experiments without them.
+    from dense_vs.checks import check_whole
     from dense_vs.files import check_writable, output_folder, write_json
     from dense_vs.sims.papers.rows import rows_json, rows_table
     from dense_vs.view.provenance import provenance
