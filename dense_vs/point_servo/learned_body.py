@@ -176,7 +176,7 @@ class LearnedBody:
         known = None if model.precision is None else model.precision.information
         tracker = BodyTracker(
             model.chain, model.focal_length, np.asarray(model.center), model.learned, thinned(history, LOOKED_BACK),
-            point, near, error=model.error, information=known, bend=model.lens.bend, link=link, trace=model.trace,
+            point, near, information=known, bend=model.lens.bend, link=link, trace=model.trace,
             surface=surface, same=same_surface(self._pipeline.estimator, point), window=window, lost_after=lost_after,
         )  # fmt: skip
         return tracker if tracker.known else None

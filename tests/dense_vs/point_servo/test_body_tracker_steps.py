@@ -139,13 +139,13 @@ def looking(found, turned):
 @pytest.mark.parametrize(
     ("found", "turned", "place", "own", "sighting", "correlation"),
     [
-        (0.99, 0.0, [10.6, 19.2], 0.5, [10.6, 19.2], 0.99),  # 0.7 of a drift of 0.1 px, but half a pixel at least
-        (0.88, 0.0, [10.6, 19.2], 0.84, [10.6, 19.2], 0.88),
-        (0.835, 0.0, [10.3, 19.6], np.inf, [10.6, 19.2], 0.835),  # halfway between 0.8 and 0.87
+        (0.99, 0.0, [10.3, 19.6], 0.5, [10.6, 19.2], 0.99),  # half the way; 0.7 of a drift of 0.1 px, but half a pixel
+        (0.88, 0.0, [10.3, 19.6], 0.84, [10.6, 19.2], 0.88),
+        (0.835, 0.0, [10.15, 19.8], np.inf, [10.6, 19.2], 0.835),  # halfway between 0.8 and 0.87
         (0.80, 0.99, [10, 20], np.inf, None, 0.80),  # as expected, but hardly
-        (0.79, 0.99, [10, 24], 0.5, None, 0.99),  # turned otherwise: its place counts, but tells no depth
+        (0.79, 0.99, [10, 22], 0.5, None, 0.99),  # turned otherwise: its place counts, but tells no depth
         (0.79, -1.0, [10, 20], np.inf, None, 0.79),
-        (0.79, 0.835, [10, 22], np.inf, None, 0.835),
+        (0.79, 0.835, [10, 21], np.inf, None, 0.835),
     ],
 )
 def test_the_own_look_counts_by_how_alike_it_is(found, turned, place, own, sighting, correlation):
@@ -153,7 +153,7 @@ def test_the_own_look_counts_by_how_alike_it_is(found, turned, place, own, sight
     corrected = tracker._by_look(np.zeros(1), GRAY, np.array([10.0, 20.0]), 0.5)
     np.testing.assert_allclose(corrected, place, atol=1e-9)
     assert tracker._by_own == pytest.approx(own)
-    assert tracker._apart == pytest.approx(0.4 * np.hypot(*(np.array(place) - [10, 20])))
+    assert tracker._apart == pytest.approx(np.hypot(*(np.array(place) - [10, 20])))  # half of how far it is off
     np.testing.assert_equal(tracker._sighting, None if sighting is None else np.array(sighting, float))
     assert tracker.correlation[0] == np.float32(correlation)
     ((affine, covariance),) = asked
@@ -171,29 +171,28 @@ def test_a_search_leaves_some_depth_open(deviation, left_open):
     np.testing.assert_allclose(covariance, np.outer(off, off) + 4 * np.eye(2))
 
 
-def test_uncertainty_is_of_depth_and_chain_or_of_the_own_look_and_of_the_features_around():
-    """Three times the model's error for each rad that a joint of its link has turned since: joint 1, at 0.5 rad."""
+def test_uncertainty_is_of_depth_and_features_and_of_the_own_look():
+    """The depth's deviation of 0.02 moves the place by 1 px, as its view says; the joints' positions say nothing."""
     tracker, _ = looking(0.0, 0.0)
-    tracker.on_link.depth = PointDepth(1.0, 0.01)
-    tracker._aside, tracker._by_own, tracker._error = 0.7, np.inf, 0.7
-    tracker._offset, tracker._told = np.array([0.9, -1.2]), 4
-    around = np.sqrt(0.7**2 + (0.4 * 1.5) ** 2 + (4 / 4) ** 2)
-    for other in (0.5, 3.0):  # a joint that does not move the link
-        assert tracker._uncertainty(np.array([other, 0.5])) == pytest.approx(np.hypot(3 * 0.01 * 50, around))
-        far = np.sqrt((3 * 0.01 * 50) ** 2 + (3 * 0.7 * 1.2) ** 2 + around**2)
-        assert tracker._uncertainty(np.array([other, 1.7])) == pytest.approx(far)
-    tracker._by_own = 0.5
-    assert tracker._uncertainty(np.array([0.5, 1.7])) == pytest.approx(np.hypot(0.5, 0.7))
+    tracker.on_link.depth = PointDepth(1.0, 0.02)
+    tracker._aside, tracker._by_own = 0.7, np.inf
+    tracker._offset, tracker._told = np.array([0.9, -1.2]), 3
+    features = (0.5 * 1.5) ** 2 + (1.5 / 3) ** 2
+    for q in ([0.5, 0.5], [3.0, 1.7]):
+        assert tracker._uncertainty(np.array(q)) == pytest.approx(np.sqrt(1.2**2 + features + 0.7**2))
+    q = np.zeros(2)
+    tracker._by_own = 0.5  # two that say the same, each with its own error
+    both = 1 / (1 / (1.2**2 + features) + 1 / 0.5**2)
+    assert tracker._uncertainty(q) == pytest.approx(np.sqrt(both + 0.7**2))
     tracker._apart = 2.0  # look and chain disagree: neither is sure
-    assert tracker._uncertainty(np.array([0.5, 1.7])) == pytest.approx(np.hypot(2.0, 0.7))
+    assert tracker._uncertainty(q) == pytest.approx(np.sqrt(both + 0.7**2 + 2.0**2))
     tracker._apart = 0.0
     tracker._by_own, tracker.held = np.inf, True  # features of its first image are in sight: less is open
-    near = np.sqrt((1.0 * 0.01 * 50) ** 2 + (0.4 * 0.7 * 1.2) ** 2 + around**2)
-    assert tracker._uncertainty(np.array([0.5, 1.7])) == pytest.approx(near)
+    assert tracker._uncertainty(q) == pytest.approx(np.sqrt(0.5**2 + features + 0.7**2))
     tracker._told = 0
-    assert tracker._uncertainty(np.array([0.5, 1.7])) == pytest.approx(np.sqrt(near**2 - 1 + 16))
+    assert tracker._uncertainty(q) == pytest.approx(np.sqrt(0.5**2 + (0.5 * 1.5) ** 2 + 1.5**2 + 0.7**2))
     tracker.on_link.depth = None
-    assert tracker._uncertainty(np.zeros(2)) == np.inf
+    assert tracker._uncertainty(q) == np.inf
 
 
 @pytest.mark.parametrize(

@@ -282,7 +282,6 @@ def test_a_point_is_followed_on_the_model_s_outline_and_two_pixels_beside(
     assert (found is not None) == known
     ((chain, focal, center, learned, history, at, near), options) = asked[0]
     assert (chain, focal, center.tolist(), learned) == ("chain", 300.0, [15.0, 10.0], "learned")
-    assert options["error"] == 0.5
     assert len(history) == 60
     assert history[-1][0] is now.gray
     assert history[-2][0] is not now.gray
@@ -298,7 +297,7 @@ def test_a_point_is_followed_on_the_model_s_outline_and_two_pixels_beside(
     assert (surface.steps and surface.steps[0]) == (precision and "lines")
     assert options.pop("information") == ("told" if precision else None)
     assert options.pop("bend") == -0.05
-    assert options == {"error": 0.5, "surface": surface, "same": same, "window": 21, "lost_after": 7, "trace": "trace"}
+    assert options == {"surface": surface, "same": same, "window": 21, "lost_after": 7, "trace": "trace"}
     one.forget_images()
     one.tracker(point, now, window=21, lost_after=7)
     assert len(asked[1][0][4]) == 1  # the present image alone
