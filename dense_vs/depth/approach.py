@@ -19,6 +19,7 @@ from dense_vs.errors import DenseVSError
 from dense_vs.robot.command_gate import CommandGate
 from dense_vs.robot.joint_group import JointGroup
 from dense_vs.robot.protocols import Camera, Robot
+from dense_vs.robot.stamp_check import why_apart
 from dense_vs.segmentation import MaskQuality, MaskVerdict, Segmenter, assess_mask
 from dense_vs.segmentation.segmenter import check_mask, forget_images
 
@@ -122,9 +123,11 @@ class DepthApproach:
         qualities: list[MaskQuality] = []
         positions: list[float] = []
         end = ApproachEnd.EXHAUSTED
+        last = -np.inf
         while len(masks) < self.views:
             image, seen_at = self.camera.read()
-            positions.append(self._position())  # before the mask, which takes time that the robot may move in
+            positions.append(self._position_at(seen_at, last))  # before the mask: the robot may move in its time
+            last = seen_at
             forget_images(self.segmenter)  # views are far apart
             masks.append(self.segmenter.segment(image))
             qualities.append(assess_mask(masks[-1], hidden=self.hidden))
@@ -181,6 +184,23 @@ class DepthApproach:
 
     def _position(self) -> float:
         return float(self.group.take(self.robot.joints()[0])[0])
+
+    def _position_at(self, seen_at: float, last: float) -> float:
+        """Where the camera was when it saw an image [m].
+
+        Args:
+            seen_at, last: time stamps of that image and of the view before [s].
+
+        Raises:
+            DenseVSError: an image that is no newer than the view before, or not of the reading's time.
+        """
+        positions, read_at = self.robot.joints()
+        why = why_apart(seen_at, read_at, self.gate.max_age)
+        if not why and seen_at <= last:
+            why = f"the image is that of the view before, from {last:.3f} s"
+        if why:
+            raise DenseVSError(f"the approach stopped: {why}; expected new images and readings of one clock")
+        return float(self.group.take(positions)[0])
 
     def _answer(
         self, end: ApproachEnd, masks: list[np.ndarray], qualities: list[MaskQuality], camera_z: np.ndarray

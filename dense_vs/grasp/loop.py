@@ -25,10 +25,10 @@ from dense_vs.grasp.regrasp import GraspAction, RegraspPolicy
 from dense_vs.grasp.wrist_angle import WristChoice, WristVerdict, choose_wrist_angle
 from dense_vs.mask_servo.loop import MaskServo, ServoEnd
 from dense_vs.mask_servo.object_search import search_object
-from dense_vs.mask_servo.stamp_check import why_apart
 from dense_vs.robot.command_gate import CommandGate
 from dense_vs.robot.joint_group import JointGroup
 from dense_vs.robot.protocols import Camera, Gripper, Robot
+from dense_vs.robot.stamp_check import why_apart
 from dense_vs.segmentation import Segmenter, assess_mask
 from dense_vs.segmentation.segmenter import forget_images
 

@@ -2,6 +2,10 @@
 
 from dataclasses import dataclass
 from enum import StrEnum
+from typing import Any
+
+from dense_vs.checks import shown
+from dense_vs.errors import DenseVSError
 
 
 class FaultKind(StrEnum):
@@ -47,3 +51,14 @@ class Fault:
 
     def __str__(self) -> str:
         return f"{self.kind}: {self.text}"
+
+
+def check_faults(value: Any) -> tuple[Fault, ...]:
+    """Faults of a frame, as given.
+
+    Raises:
+        DenseVSError: anything but a tuple or a list of :class:`Fault`.
+    """
+    if not isinstance(value, (tuple, list)) or not all(isinstance(one, Fault) for one in value):
+        raise DenseVSError(f"faults are {shown(value)}; expected a tuple of Fault")
+    return tuple(value)

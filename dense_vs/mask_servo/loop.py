@@ -18,11 +18,11 @@ from dense_vs.errors import DenseVSError
 from dense_vs.mask_servo.featurewise_broyden import FeaturewiseBroyden
 from dense_vs.mask_servo.hadamard_broyden import HadamardBroyden
 from dense_vs.mask_servo.law import FeatureServo, FeatureState
-from dense_vs.mask_servo.stamp_check import why_apart
 from dense_vs.mask_servo.trust_region import TrustRegion, View
 from dense_vs.robot.command_gate import CommandGate
 from dense_vs.robot.joint_group import JointGroup
 from dense_vs.robot.protocols import Camera, Robot
+from dense_vs.robot.stamp_check import why_apart
 from dense_vs.segmentation import MaskQuality, Segmenter, assess_mask
 from dense_vs.segmentation.segmenter import forget_images
 

@@ -12,10 +12,10 @@ import numpy as np
 from dense_vs.arrays import number_array
 from dense_vs.checks import check_names, check_number, check_whole
 from dense_vs.errors import DenseVSError
-from dense_vs.mask_servo.stamp_check import why_apart
 from dense_vs.robot.command_gate import CommandGate
 from dense_vs.robot.joint_group import JointGroup
 from dense_vs.robot.protocols import Camera, Robot
+from dense_vs.robot.stamp_check import why_apart
 from dense_vs.segmentation import MaskQuality, Segmenter, assess_mask
 from dense_vs.segmentation.segmenter import forget_images
 

@@ -19,7 +19,7 @@ from dense_vs.checks import check_flag, check_number, check_pair, check_whole
 from dense_vs.errors import DenseVSError
 from dense_vs.flow.camera_motion import CameraMotion
 from dense_vs.flow.estimator import FlowEstimator, to_gray
-from dense_vs.health.faults import Fault
+from dense_vs.health.faults import Fault, check_faults
 from dense_vs.health.image_watch import ImageWatch
 from dense_vs.health.motion_check import MotionCheck
 from dense_vs.jacobian.depth_image import depth_image
@@ -176,8 +176,8 @@ class FramePipeline:
                 the first.
 
         Raises:
-            DenseVSError: another image size than before, a time that does not increase, bad positions, a depth image
-                as of :func:`.depth_image.depth_image`; nothing has changed then.
+            DenseVSError: another image size than before, a time that does not increase, bad positions or faults, a
+                depth image as of :func:`.depth_image.depth_image`; nothing has changed then.
         """
         last, seen = self.frame, self._seen
         time = check_number("image time stamp", time)
@@ -193,7 +193,7 @@ class FramePipeline:
                 f"expected {expected[1]} x {expected[0]}"
             )
         seen_depth = None if depth is None else self._scaled_depth(depth, np.shape(image)[:2])
-        given = faults
+        given = faults = check_faults(faults)
         if self._watch is not None:
             before = q if seen is None or seen[1] is None else seen[1]
             gray, fault = self._watch.judge(gray, lambda: self._moved(q - before))

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from dense_vs.arrays import plain_array
+from dense_vs.arrays import number_array, plain_array
 from dense_vs.checks import check_names
 from dense_vs.errors import DenseVSError
 from dense_vs.robot.protocols import JointUnits, Robot
@@ -137,8 +137,12 @@ class JointGroup:
         return bool(np.isfinite(self.limits).any())
 
     def take(self, positions: Any) -> np.ndarray:
-        """The group's part ``(n,)`` of a vector of all joints ``(N,)``."""
-        return np.asarray(positions)[self.indices]
+        """The group's part ``(n,)`` of a vector of all joints ``(N,)``.
+
+        Raises:
+            DenseVSError: anything but N numbers; a reading of others would be of other joints.
+        """
+        return number_array(positions, "joint positions", (self.total,), finite=False)[self.indices]
 
     def spread(self, delta: Any) -> np.ndarray:
         """A vector of all joints ``(N,)`` with the group's ``(n,)`` in place and zero elsewhere."""

@@ -24,7 +24,7 @@ class Lift:
     joint_names, joint_limits = ("lift",), np.array([[0.1, 2.0]])
 
     def __init__(self, q=1.0, follows=1.0):
-        self.q, self.follows, self.sent, self.time = q, follows, [], 0.0
+        self.q, self.follows, self.sent, self.time = q, follows, [], 0.5
 
     def joints(self):
         return np.array([self.q]), self.time
@@ -41,7 +41,7 @@ def made(monkeypatch, robot=None, **options):
 
     class Gate:
         def __init__(self, robot, group, max_step):
-            self.stopped, self.most = "", max_step
+            self.stopped, self.most, self.max_age = "", max_step, 0.5
 
         def restart(self):
             sent.append("restart")
@@ -52,7 +52,8 @@ def made(monkeypatch, robot=None, **options):
 
     monkeypatch.setattr(approach_module, "CommandGate", Gate)
     monkeypatch.setattr(approach_module, "JointGroup", SimpleNamespace(of_robot=lambda robot, joints: group))
-    camera = SimpleNamespace(read=lambda: (np.zeros((4, 5, 3), np.uint8), 0.5))
+    stamps = iter(np.arange(0.5, 0.59, 0.01))
+    camera = SimpleNamespace(read=lambda: (np.zeros((4, 5, 3), np.uint8), float(next(stamps))))
     segmenter = SimpleNamespace(segment=lambda image: MASK)
     return DepthApproach(camera, robot, segmenter, joint="lift", **options), robot, sent
 

@@ -123,9 +123,34 @@ def test_no_step_is_longer_than_asked_for_and_none_on_an_old_image():
     room = FlatRoom(Disc(np.zeros(2)))
     image, read = room.read(), room.read
     room.read = lambda: image if len(room.commands) > 2 else read()
-    with pytest.raises(DenseVSError, match=r"the approach stopped: the image of .* was acted on before"):
+    with pytest.raises(DenseVSError, match=r"the approach stopped: the image is that of the view before, from "):
         approach(room)
     assert len(np.flatnonzero(np.any(room.commands, axis=1))) <= 4
+
+
+@pytest.mark.parametrize(
+    ("image_late", "reading_late", "why"),
+    [(10.0, 0.0, "the image is 10.000 s old"), (0.0, 10.0, "the joint reading is 10.000 s old")],
+)
+def test_a_last_view_that_is_old_gives_no_depth(image_late, reading_late, why):
+    """No command follows the last of the allowed views, so the gate does not see its stamps."""
+    room = FlatRoom(Disc(np.zeros(2)))
+    read, joints = room.read, room.joints
+    seen = []
+
+    def late_image():
+        image, time = read()
+        seen.append(time)
+        return image, time - image_late * (len(seen) == 6)
+
+    def late_reading():
+        positions, time = joints()
+        return positions, time - reading_late * (len(seen) == 6)
+
+    room.read, room.joints = late_image, late_reading
+    with pytest.raises(DenseVSError, match=f"the approach stopped: {why}"):
+        approach(room, views=6)
+    assert len(seen) == 6
 
 
 @pytest.mark.parametrize("joints", [0.0, 10.0])

@@ -7,6 +7,7 @@ import pytest
 
 from dense_vs import DenseVSError
 from dense_vs.health import ImageWatch, JointWatch
+from dense_vs.health.faults import Fault, FaultKind, check_faults
 
 GRAY = np.random.default_rng(0).integers(0, 255, (24, 32)).astype(np.uint8)
 MOST = np.array([0.1, 0.2])
@@ -69,3 +70,12 @@ def test_what_is_no_reading_changes_nothing(first):
     for name, value in vars(watch).items():
         np.testing.assert_array_equal(value, before[name], err_msg=name)
     assert watch.judge(**good) == []
+
+
+@pytest.mark.parametrize("wrong", [None, "late", ["late"], Fault(FaultKind.LATE, "late"), (FaultKind.LATE,), 1])
+def test_faults_of_a_frame_are_faults(wrong: Any):
+    with pytest.raises(DenseVSError, match="faults are .*; expected a tuple of Fault"):
+        check_faults(wrong)
+    fault = Fault(FaultKind.LATE, "late")
+    assert check_faults([fault]) == (fault,)
+    assert check_faults(()) == ()

@@ -86,6 +86,7 @@ def test_refusals_change_nothing(scene, postures, scale):
         ((image, np.nan, postures[1]), "image time stamp is nan; expected a finite number"),
         ((image, 1.0, postures[1][:3]), r"positions has shape \(3,\)"),
         ((image, 1.0, np.full(4, np.nan)), "positions is .*expected finite"),
+        ((image, 1.0, postures[1], "late"), "faults are 'late'; expected a tuple of Fault"),
     ]
     for pipeline in (disturbed, undisturbed):
         pipeline.process(scene.image(postures[0]), 0.0, postures[0])

@@ -21,6 +21,14 @@ def test_chosen_joints_come_in_their_order():
     np.testing.assert_array_equal(group.spread([5.0, 7.0]), [7.0, 0.0, 5.0])
 
 
+@pytest.mark.parametrize("positions", [[1.0, 2.0], [1.0, 2.0, 3.0, 4.0], 1.0, "abc", None, [[1.0, 2.0, 3.0]]])
+def test_readings_of_another_number_of_joints_are_refused(positions):
+    group = JointGroup.choose(["elbow", "lift"], NAMES)
+    with pytest.raises(DenseVSError, match="joint positions"):
+        group.take(positions)
+    assert np.isnan(group.take([np.nan, 2.0, 3.0])).tolist() == [False, True]  # what is wrong with it, others say
+
+
 def test_all_joints_without_limits_unless_told():
     group = JointGroup.choose(None, NAMES)
     assert group.names == tuple(NAMES)
