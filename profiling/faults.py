@@ -3,10 +3,11 @@
     python profiling/faults.py [--arms arm planar] [--seeds 0 1 2] [--faults NAME ...] [--jobs N] [--json FILE]
     python profiling/faults.py --page    # writes the table from profiling/results; --check fails where it differs
 
-For every fault a robot babbles for 10 s. Then: J's error (the truth is the simulator's), the fault while it babbles,
-J's error at its end and 3 s later, the same fault again in the middle of a reach, and three reaches after it. A frame
-counts as off where the tracked point is more than 3 px from where the true one was at the image's time, as far as the
-loop knows that time, and as flagged where the loop names a fault or says that the point is lost or its place uncertain.
+For every fault, and for none, a robot babbles for 10 s. Then: J's error (the truth is the simulator's), the fault
+while it babbles, J's error at its end and 3 s later, the same fault again in the middle of a reach, and three reaches
+after it. A frame counts as off where the tracked point is more than 3 px from where the true one was at the image's
+time, as far as the loop knows that time, and as flagged where the loop names a fault or says that the point is lost
+or its place uncertain.
 """
 
 import argparse
@@ -43,7 +44,8 @@ POINTS = {"arm": "tip", "planar": "tip"}
 JOINT = 1  # that is at fault
 INTO_REACH = 6  # frames
 RESTART = "killed and restarted"  # the process: nothing is left but its checkpoint and the robot where it is
-NAMES = (*FAULTS, RESTART)
+NOTHING, LASTS = "nothing, to compare with", 2.0  # s: J's error differs from posture to posture without any fault
+NAMES = (*FAULTS, RESTART, NOTHING)
 
 
 @dataclass
@@ -142,15 +144,15 @@ class FaultTrial:
         loop.tracker = self.run.surface_point = None
         before = self.run.jacobian_error().median
         self.named = set()
-        seconds = self.injector.begin(fault, joint=JOINT, at=self.world.project(POINTS[self.arm]))
-        loop.babble(seconds)
+        at = self.world.project(POINTS[self.arm])
+        loop.babble(LASTS if fault == NOTHING else self.injector.begin(fault, joint=JOINT, at=at))
         at_end = self.run.jacobian_error().median
         self.injector.end()
         loop.babble(3.0)
         after = self.run.jacobian_error().median
         self.run.choose()
         target, *others = self._targets(number)
-        self.frames, self.due, self.places = [], fault, {}
+        self.frames, self.due, self.places = [], None if fault == NOTHING else fault, {}
         during = self.run.reach(target, max_frames=150)
         self.injector.end()
         runs = [len(list(run)) for silent, run in groupby(off and not said for off, said, _ in self.frames) if silent]

@@ -1,6 +1,7 @@
 """Committed results as the tables read them: values by name, and where they come from in words."""
 
 import json
+from collections import Counter
 from pathlib import Path
 from typing import Any
 
@@ -39,7 +40,9 @@ class Result:
 def origin(content: dict[str, Any]) -> str:
     """Where a result was measured, when, and from which commit, as far as its file says."""
     machine = content.get("machine", {})
-    words = [*machine.get("gpus", [])] or [f"{machine.get('cores', '?')} cores of {machine.get('cpu', 'unknown')}"]
+    gpus = Counter(machine.get("gpus", []))
+    words = [f"{count} {gpu}" if count > 1 else gpu for gpu, count in gpus.items()]
+    words = words or [f"{machine.get('cores', '?')} cores of {machine.get('cpu', 'unknown')}"]
     caches = machine.get("caches", {})
     if caches and not machine.get("gpus"):
         words.append(", ".join(f"{name} {size}" for name, size in caches.items()))

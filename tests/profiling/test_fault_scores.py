@@ -116,6 +116,19 @@ def frames_of(*states):
             for k, s in enumerate("".join(states))]  # fmt: skip
 
 
+def test_a_row_without_a_fault(trial):
+    """What J's error and reaches come to when nothing breaks: no fault begins, neither babbling nor in the reach."""
+    run = trial.run = Run(
+        trial,
+        errors=[0.1, 0.11, 0.14],
+        reaches=[(frames_of("nnnnnnnnn"), measured()), *[([], measured(true_error=px)) for px in (1.0, 2.0, 0.5)]],
+    )
+    row = trial.meet(faults.NOTHING, 4)
+    assert (row.fault, row.before, row.at_end, row.after) == (faults.NOTHING, 0.1, 0.11, 0.14)
+    assert trial.begun == []
+    assert ("babble", faults.LASTS) in run.calls
+
+
 def test_a_row_of_one_fault(trial):
     run = trial.run = Run(
         trial,

@@ -74,7 +74,7 @@ def test_what_is_no_reading_changes_nothing(first):
 
 @pytest.mark.parametrize("wrong", [None, "late", ["late"], Fault(FaultKind.LATE, "late"), (FaultKind.LATE,), 1])
 def test_faults_of_a_frame_are_faults(wrong: Any):
-    with pytest.raises(DenseVSError, match="faults are .*; expected a tuple of Fault"):
+    with pytest.raises(DenseVSError, match=r"faults are .*; expected a tuple of Fault"):
         check_faults(wrong)
     fault = Fault(FaultKind.LATE, "late")
     assert check_faults([fault]) == (fault,)
