@@ -42,7 +42,8 @@ MOST_UNCERTAIN = 1.0  # px, standard deviation of the point's place up to which 
 DOUBT = 1.5  # times the depth's standard deviation: places of features around share their errors
 # Shares and terms of the doubt below were fitted to the true errors in 31 views of commercial arms.
 DEPTH_SHARE = 1.2  # of the depth's standard deviation
-HELD_SHARE = 0.5  # of it where features of the point's own first image are in sight, which share most of its error
+HELD_SHARE = 0.8  # of it where features of the point's own first image are in sight, which share most of its error
+SEEN_SHARE = 0.5  # of it where its own look is seen as well
 OWN_SHARE = 0.7  # of :meth:`PointLook.drift`
 OFF_SHARE = 0.5  # of how far the own look, or the features, are from where the chain has them: one of two is wrong
 BASIC, FEW = 0.3, 1.5  # px, of any place; by the number of features that tell it, among which wrong ones go unseen
@@ -301,11 +302,12 @@ class BodyTracker:
     def _uncertainty(self, q: np.ndarray) -> float:
         """Standard deviation [px]: by the point's depth and the link's features, and by its own look.
 
-        Errors of the chain add nothing to that: at true places they did not go with how far the link has turned.
+        No term is of the chain: true errors went with the depth's, and not with how far the link had turned.
         """
         if self.on_link.depth is None:
             return np.inf
-        depth = (HELD_SHARE if self.held else DEPTH_SHARE) * self.on_link.depth.deviation
+        held = SEEN_SHARE if np.isfinite(self._by_own) else HELD_SHARE
+        depth = (held if self.held else DEPTH_SHARE) * self.on_link.depth.deviation
         by_depth = depth * float(np.linalg.norm(self.on_link.view(q[None])[2]))
         by_features = OFF_SHARE * float(np.linalg.norm(self._offset)), FEW / max(self._told, 1)
         by_link = float(np.linalg.norm([by_depth, *by_features]))

@@ -188,9 +188,11 @@ def test_uncertainty_is_of_depth_and_features_and_of_the_own_look():
     assert tracker._uncertainty(q) == pytest.approx(np.sqrt(both + 0.7**2 + 2.0**2))
     tracker._apart = 0.0
     tracker._by_own, tracker.held = np.inf, True  # features of its first image are in sight: less is open
-    assert tracker._uncertainty(q) == pytest.approx(np.sqrt(0.5**2 + features + 0.7**2))
+    assert tracker._uncertainty(q) == pytest.approx(np.sqrt(0.8**2 + features + 0.7**2))
     tracker._told = 0
-    assert tracker._uncertainty(q) == pytest.approx(np.sqrt(0.5**2 + (0.5 * 1.5) ** 2 + 1.5**2 + 0.7**2))
+    assert tracker._uncertainty(q) == pytest.approx(np.sqrt(0.8**2 + (0.5 * 1.5) ** 2 + 1.5**2 + 0.7**2))
+    tracker._by_own, tracker._told = 1e6, 3  # its look is seen, too
+    assert tracker._uncertainty(q) == pytest.approx(np.sqrt(0.5**2 + features + 0.7**2))
     tracker.on_link.depth = None
     assert tracker._uncertainty(q) == np.inf
 
