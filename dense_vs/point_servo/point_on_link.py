@@ -19,6 +19,7 @@ from dense_vs.point_servo.point_depth import (
     point_depth,
     together,
     tried_depths,
+    witnessed,
 )
 from dense_vs.point_servo.surface_place import SurfacePlace
 
@@ -113,7 +114,8 @@ class PointOnLink:
         there = np.einsum("tij,dj->dti", rotation[:, self.link], tried) + translation[None, :, self.link]
         expected = features.pixels(there.reshape(-1, 3)).reshape(*there.shape[:2], 2)
         errors = np.einsum("tij,dtj->dti", directions[seen, 0], expected - places[seen, 0])
-        self.depth = point_depth(around, np.linalg.norm(errors, axis=2))
+        relief = 0.0 if self._surface is None else self._surface.relief
+        self.depth = witnessed(point_depth(around, np.linalg.norm(errors, axis=2)), by_features, surface, relief)
         features.points[POINT] = self._at(np.array([self.depth.depth]))[0]
         features.states[POINT] = FeatureState.KNOWN
 

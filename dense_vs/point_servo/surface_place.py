@@ -20,11 +20,13 @@ class SurfacePlace:
         depth: in the chain's unit.
         steps: ``(R, 4 N + 1)`` of one standard deviation each of lines and focal length, see :attr:`.Precision.lines`,
             and ``(R,)`` by which the logarithm of the depth follows each of them; None where the model has none.
+        relief: standard deviation of the logarithm of the depths about it.
     """
 
     link: int
     depth: float
     steps: tuple[np.ndarray, np.ndarray] | None = None
+    relief: float = 0.0
 
 
 def surface_at(seen: BodyImage, point: np.ndarray, precision: Precision | None = None) -> SurfacePlace | None:
@@ -42,7 +44,8 @@ def surface_at(seen: BodyImage, point: np.ndarray, precision: Precision | None =
         return None
     link = int(np.bincount(links[on]).argmax())
     depth = float(np.median(depths[links == link]))
+    relief = float(np.log(depths[links == link]).std())
     if precision is None:
-        return SurfacePlace(link, depth)
+        return SurfacePlace(link, depth, relief=relief)
     there = seen.points[rows, columns][links == link]
-    return SurfacePlace(link, depth, (precision.lines, precision.depth_steps[there].mean(axis=0)))
+    return SurfacePlace(link, depth, (precision.lines, precision.depth_steps[there].mean(axis=0)), relief)

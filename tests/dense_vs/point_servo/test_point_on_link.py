@@ -5,6 +5,7 @@ import pytest
 
 from dense_vs.body_model.chain import Chain
 from dense_vs.point_servo.body_features import BodyFeatures, FeatureState, Keyframe
+from dense_vs.point_servo.point_depth import PointDepth, witnessed
 from dense_vs.point_servo.point_on_link import POINT, PointOnLink
 from dense_vs.point_servo.surface_place import SurfacePlace
 
@@ -50,6 +51,29 @@ def test_features_and_surface_count_by_how_near_features_are():
         bulge = 0.006  # to which features and surface do not come near
         assert np.log(found.depth / 2.0) == pytest.approx(share * np.log(surface / 2.0) - bulge, abs=0.002)
         assert found.deviation == pytest.approx((0.02**-2 + by_features**-2) ** -0.5, rel=0.02)
+
+
+@pytest.mark.parametrize(
+    ("apart", "relief", "nearness", "deviation"),
+    [
+        (0.04, 0.0, 0.03, 0.55 * 0.04), (-0.04, 0.0, 0.03, 0.55 * 0.04), (0.0, 0.01, 0.03, 0.018),
+        (0.04, 0.01, 0.03, np.hypot(0.022, 0.018)), (0.01, 0.001, 0.03, 0.7 * 0.016),
+        (0.04, 0.01, 0.055, np.hypot(0.022, 0.018)), (0.04, 0.01, 0.0551, 0.016),
+    ],
+)  # fmt: skip
+def test_what_features_and_surface_leave_is_by_how_far_they_are_apart(apart, relief, nearness, deviation):
+    """At least 0.7 of what they say of themselves; features too far away are no witness."""
+    found, features = PointDepth(2.1, 0.016), PointDepth(2.0, nearness)
+    left = witnessed(found, features, PointDepth(2.0 * np.exp(apart), 0.02), relief)
+    assert (left.depth, left.deviation) == (2.1, pytest.approx(deviation))
+    assert witnessed(found, features, None, relief) == witnessed(found, None, features, relief) == found
+
+
+def test_the_relief_of_the_surface_is_what_it_was_where_the_point_was_defined():
+    features = features_at([2.0, 2.0, 2.0])
+    places = PIXEL + np.column_stack([16.0 + 9 * np.arange(3), np.zeros(3)])
+    features.points[1:] = 2.0 * np.column_stack([(places - CENTER) / FOCAL, np.ones(3)])
+    assert placed(features, (0, 2.0, None, 0.03)).depth.deviation == pytest.approx(1.8 * 0.03)
 
 
 def test_the_surface_follows_the_chain_s_unit_of_length():

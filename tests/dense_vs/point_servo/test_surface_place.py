@@ -3,6 +3,7 @@
 from types import SimpleNamespace
 
 import numpy as np
+import pytest
 
 from dense_vs.point_servo.surface_place import SurfacePlace, surface_at
 
@@ -18,7 +19,8 @@ def body_seen():
 
 def test_it_is_that_of_most_pixels_around():
     seen = body_seen()
-    assert surface_at(seen, np.array([11.4, 9.6])) == SurfacePlace(2, 1.5)
+    relief = np.log([1.9, *[1.5] * 11]).std()
+    assert surface_at(seen, np.array([11.4, 9.6])) == SurfacePlace(2, 1.5, relief=pytest.approx(relief))
     assert surface_at(seen, np.array([16.0, 9.0])) == SurfacePlace(0, 0.5)  # two pixels beside it
     assert surface_at(seen, np.array([17.0, 9.0])) is None
     seen.links[:2, :2], seen.depths[:2, :2] = 1, 3.0
@@ -28,7 +30,9 @@ def test_it_is_that_of_most_pixels_around():
 def test_its_depth_follows_the_lines_as_those_points_of_the_surface_do():
     seen, random = body_seen(), np.random.default_rng(0)
     precision = SimpleNamespace(lines=random.normal(size=(3, 9)), depth_steps=random.normal(size=(600, 3)))
-    lines, follows = surface_at(seen, np.array([12.0, 9.0]), precision).steps
+    place = surface_at(seen, np.array([12.0, 9.0]), precision)
+    lines, follows = place.steps
+    assert place.relief == surface_at(seen, np.array([12.0, 9.0])).relief > 0
     on = [30 * y + x for y in range(8, 12) for x in range(10, 13)]  # not those of link 0 beside it
     np.testing.assert_array_equal(lines, precision.lines)
     np.testing.assert_allclose(follows, precision.depth_steps[on].mean(axis=0))
