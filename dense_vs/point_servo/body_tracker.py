@@ -17,7 +17,7 @@ from dense_vs.body_model.image_directions import direction_weights
 from dense_vs.point_servo.body_features import NOISE, BodyFeatures, FeatureState, Keyframe
 from dense_vs.point_servo.feature_looks import FeatureLooks
 from dense_vs.point_servo.look_back import Trace, followed_back
-from dense_vs.point_servo.point_look import PointLook
+from dense_vs.point_servo.point_look import SURE, PointLook
 from dense_vs.point_servo.point_on_link import POINT, PointOnLink, mean_about
 from dense_vs.point_servo.surface_place import SurfacePlace
 
@@ -44,7 +44,7 @@ DOUBT = 1.5  # times the depth's standard deviation: places of features around s
 DEPTH_SHARE = 1.2  # of the depth's standard deviation
 HELD_SHARE = 0.8  # of it where features of the point's own first image are in sight, which share most of its error
 SEEN_SHARE = 0.5  # of it where its own look is seen as well
-OWN_SHARE = 0.7  # of :meth:`PointLook.drift`
+OWN_SHARE = 0.7  # of :meth:`PointLook.drift`, of a look that is seen; where no such feature is in sight, for SURE
 OFF_SHARE = 0.5  # of how far the own look, or the features, are from where the chain has them: one of two is wrong
 BASIC, FEW = 0.3, 1.5  # px, of any place; by the number of features that tell it, among which wrong ones go unseen
 TRUST = 0.5  # of the way to where the own look is seen: where it is off the rest of the link, both are half wrong
@@ -275,7 +275,7 @@ class BodyTracker:
         self.correlation = np.array([correlation], np.float32)
         share = float(np.clip((correlation - LIKE) / (ALIKE - LIKE), 0, 1))
         self._apart = OFF_SHARE * share * float(np.linalg.norm(found - place))
-        if share == 1:
+        if correlation >= (ALIKE if self.held else SURE):
             self._by_own = max(OWN_SHARE * self._look.drift(correlation), OWN_DRIFT)
         if share > 0 and as_expected:
             self._sighting = found

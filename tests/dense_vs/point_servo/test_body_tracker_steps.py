@@ -139,8 +139,10 @@ def looking(found, turned):
 @pytest.mark.parametrize(
     ("found", "turned", "place", "own", "sighting", "correlation"),
     [
+        (0.92, 0.0, [10.3, 19.6], np.inf, [10.6, 19.2], 0.92),  # no witness, as features of its image are not in sight
+        (0.93, 0.0, [10.3, 19.6], 0.5, [10.6, 19.2], 0.93),
         (0.99, 0.0, [10.3, 19.6], 0.5, [10.6, 19.2], 0.99),  # half the way; 0.7 of a drift of 0.1 px, but half a pixel
-        (0.88, 0.0, [10.3, 19.6], 0.84, [10.6, 19.2], 0.88),
+        (0.88, 0.0, [10.3, 19.6], np.inf, [10.6, 19.2], 0.88),
         (0.835, 0.0, [10.15, 19.8], np.inf, [10.6, 19.2], 0.835),  # halfway between 0.8 and 0.87
         (0.80, 0.99, [10, 20], np.inf, None, 0.80),  # as expected, but hardly
         (0.79, 0.99, [10, 22], 0.5, None, 0.99),  # turned otherwise: its place counts, but tells no depth
@@ -160,6 +162,14 @@ def test_the_own_look_counts_by_how_alike_it_is(found, turned, place, own, sight
     np.testing.assert_array_equal(affine, [[1, 2], [3, 4]])
     # 1.5 deviations of 0.1 along (30, 40), half a pixel beside it.
     np.testing.assert_allclose(covariance, np.outer([4.5, 6.0], [4.5, 6.0]) + 0.25 * np.eye(2))
+
+
+@pytest.mark.parametrize(("found", "own"), [(0.86, np.inf), (0.87, 0.7 * 1.3), (0.88, 0.7 * 1.2)])
+def test_beside_features_of_its_own_image_a_look_that_is_less_alike_counts(found, own):
+    tracker, _ = looking(found, 0.0)
+    tracker.held = True
+    tracker._by_look(np.zeros(1), GRAY, np.array([10.0, 20.0]), 0.5)
+    assert tracker._by_own == pytest.approx(own)
 
 
 @pytest.mark.parametrize(("deviation", "left_open"), [(0.1, 0.15), (0.04, 0.06), (0.02, 0.05), (0.001, 0.05)])
