@@ -87,20 +87,22 @@ def surface_lines() -> list[str]:
 
 
 def few_surface_lines() -> list[str]:
-    """Rows of the README: J and reaches over all commercial arms, clean and realistic."""
+    """Rows of the README: J, reaches and what is said of them over all commercial arms, clean and realistic."""
     content = committed(FILES[0])
     if content is None:
         return []
     views = [view_score(row) for row in content["rows"] if row["arm"] not in OURS]
-    errors, reaches = [], []
+    errors, reaches, said = [], [], []
     for images in ("clean", "realistic"):
         some = [view for view in views if view.images == images and (view.learned or view.failure)]
         tally = Tally.of(some)
         errors.append(_figure(mean_of(some, "j_median")))
         reaches.append(f"{tally.good} of {tally.asked}")
+        said.append(f"{tally.said} ({tally.wrong})")
     arms = len({view.arm for view in views})
     early = "" if all(view.ended for view in views) else ", of those made until the run was stopped"
     return [
         f"| J error on {arms} commercial arms as they come, clean / realistic images | {' / '.join(errors)} |",
         f"| their reaches within {REACHED_PX:g} px over the whole range{early} | {' / '.join(reaches)} |",
+        f"| said to be there (of these wrongly) | {' / '.join(said)} |",
     ]

@@ -94,7 +94,7 @@ def test_the_table_says_what_failed_and_what_is_not_known():
 
 def test_a_view_comes_back_from_its_file(tmp_path, monkeypatch):
     views = [
-        view("panda", "A", j_median=0.2, j_p90=0.5, overlap=0.9, reaches=[THERE, BEHIND]),
+        view("panda", "A", j_median=0.2, j_p90=0.5, overlap=0.9, reaches=[THERE, WRONG, BEHIND]),
         view("panda", "A", "realistic", targets=5, failure="gone"),
         view("arm", j_median=0.05, j_p90=0.1, finished=False),
     ]
@@ -111,7 +111,8 @@ def test_a_view_comes_back_from_its_file(tmp_path, monkeypatch):
     assert surface_table.table_lines(views)[2] in text
     assert surface_table.few_surface_lines() == [
         "| J error on 1 commercial arms as they come, clean / realistic images | 0.20 / - |",
-        "| their reaches within 2 px over the whole range | 1 of 2 / 0 of 5 |",
+        "| their reaches within 2 px over the whole range | 1 of 3 / 0 of 5 |",
+        "| said to be there (of these wrongly) | 2 (1) / 0 (0) |",
     ]  # it was ours that was stopped
     content["rows"] = [asdict(view("panda", "A", j_median=0.2, j_p90=0.5, finished=False))]
     write_json(tmp_path / "surfaces.json", content)
