@@ -19,10 +19,11 @@ def error(median, p90=0.0):
 
 
 def test_a_link_is_the_last_joint_that_moves_the_pixel():
-    J = np.zeros((2, 3, 2, 3))
+    J = np.zeros((2, 3, 2, 4))
     J[0, 0, 1, 0] = J[0, 1, 0, 1] = 5.0
     J[0, 1, 0, 0] = J[0, 2, 1, 2] = -4.0
     J[1, 0, 0, 2] = 5e-5  # as good as none
+    J[1, 1, 1, 2] = -1e-4
     J[1, 2] = 1.0  # not of the robot
     mask = np.array([[True, True, True], [True, True, False]])
     world = SimpleNamespace(true_jacobian=lambda: J, robot_mask=lambda: mask)
@@ -49,6 +50,7 @@ class AskedWorld:
     def __init__(self):
         self.q = np.array([1.0, 1.0])
         self.steps = []
+        self.tracked = []
 
     def joints(self):
         return self.q.copy(), 0.0
@@ -62,18 +64,19 @@ class AskedWorld:
 
     def true_jacobian(self):
         J = np.zeros((4, 8, 2, 2))
-        J[:, 1:, 0] = 1.0  # the first column stands still: no place for points
+        J[:, 1:, 0] = 0.5  # the first column stands still: no place for points
         return J
 
     def track_point(self, pixel):
         assert 1 <= pixel[0] < 4
+        self.tracked.append(tuple(pixel))
         return pixel - self.q
 
     def project(self, point):
         return point + self.q
 
     def frame(self):
-        return SimpleNamespace(depth=np.full((4, 8), 2.0))
+        return SimpleNamespace(depth=np.tile(2.0 + np.arange(8.0), (4, 1)))
 
 
 def test_a_model_is_asked_about_postures_that_it_has_not_seen(monkeypatch):
@@ -96,8 +99,9 @@ def test_a_model_is_asked_about_postures_that_it_has_not_seen(monkeypatch):
 
         def image(self, q):
             body = np.arange(8)[None, :].repeat(4, axis=0) < 6
-            depths = np.full((4, 8), 6.0)  # of any unit
-            depths[:, 0] = 9.0
+            depths = 3.0 * world.frame().depth  # of any unit
+            depths[:, 0] *= 1.5
+            depths[:, 3] *= 0.5
             return SimpleNamespace(body=body, depths=depths)
 
     medians = iter(np.arange(1.0, 9.0))
@@ -110,13 +114,15 @@ def test_a_model_is_asked_about_postures_that_it_has_not_seen(monkeypatch):
     assert worst == np.inf  # a quarter of the points is not known
     assert (median, p90) == pytest.approx((4.5, 0.5))
     assert overlap == pytest.approx(16 / 24)
-    assert depth == pytest.approx(0.0)  # one of four columns is half as far again, which the median leaves out
-    assert len(asked) == body_model.POSTURES
+    assert depth == pytest.approx(0.25)  # two of four columns are right, one is too far by half and one too near
+    assert len(asked) == 8
+    assert body_model.POINTS == 200  # more than there are pixels here
+    assert len(set(world.tracked)) == len(world.tracked) == 12  # each pixel once
     inside = np.array(asked)
     assert (inside > joints.min(axis=0) - 0.005).all()
     assert (inside < joints.max(axis=0) + 0.005).all()
     assert np.ptp(inside, axis=0).min() > 0.1
-    assert max(world.steps) <= body_model.LARGEST_STEP
+    assert max(world.steps) <= 0.03
 
 
 def test_a_body_that_is_not_found_has_no_figures(monkeypatch, capsys):
@@ -133,8 +139,8 @@ def test_a_body_that_is_not_found_has_no_figures(monkeypatch, capsys):
 
 
 def test_the_share_of_right_links_is_of_tracks_with_one(monkeypatch):
-    found = SimpleNamespace(all_links=np.array([0, 1, 1, -1, -1, -2, 0, 2]))
-    truth = np.array([0, 1, 0, -1, 2, 0, -2, -1])  # right: 2 of those known: both 0, 1 / 1, 0 / -1, 2 / 2, -1
+    found = SimpleNamespace(all_links=np.array([0, 1, 1, -1, -1, -2, 0, 2, 2, -1]))
+    truth = np.array([0, 1, 0, -1, 2, 0, -2, -1, 2, 0])  # right are 0, 1 and 2; wrong 1 / 0, -1 / 2, 2 / -1 and -1 / 0
     monkeypatch.setattr(body_model, "make_world", lambda *_: None)
     monkeypatch.setattr(body_model, "babble", lambda *_: SimpleNamespace(images=[], joints=np.zeros((1, 2))))
     monkeypatch.setattr(body_model, "follow_points", lambda *_: SimpleNamespace(size=(24, 32)))
@@ -146,7 +152,7 @@ def test_the_share_of_right_links_is_of_tracks_with_one(monkeypatch):
     monkeypatch.setattr(body_model, "ask", lambda *_: (1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 0.7))
     result = body_model.measure("panda", "A", 0, SimpleNamespace(seconds=1.0))
     assert result.name == "panda A 0"
-    assert (result.link_share, result.tracks) == (pytest.approx(2 / 5), 5)
+    assert (result.link_share, result.tracks) == (pytest.approx(3 / 7), 7)
     assert (result.points_median, result.depth, result.within) == (1.0, 6.0, 0.7)
     assert 0 <= result.fit_seconds < 60
     assert 0 <= result.predict_ms < 1000
@@ -155,3 +161,160 @@ def test_the_share_of_right_links_is_of_tracks_with_one(monkeypatch):
     assert values["body_model/panda A 0/overlap"].better == "higher"
     found.all_links[:] = -2
     assert np.isnan(body_model.measure("panda", "A", 0, SimpleNamespace(seconds=1.0)).link_share)
+
+
+@pytest.mark.parametrize(("arm", "joints", "count"), [("arm", None, None), ("panda", ["a", "b"], 2)])
+def test_a_commercial_arm_uses_its_first_joints_and_ours_all(monkeypatch, arm, joints, count):
+    made = []
+
+    def world(name, **options):
+        made.append((name, options))
+        return SimpleNamespace(joint_names=["a", "b", "c"])
+
+    monkeypatch.setattr(body_model, "SimWorld", world)
+    body_model.make_world(arm, "B", 5, SimpleNamespace(device="cpu", joints=count))
+    common = {"seed": 5, "device": "cpu"}
+    if joints is None:
+        assert made == [("arm", common)]
+    else:
+        assert made[-1] == ("panda", {"joints": joints, "camera": "B", **common})
+        assert made[0] == ("panda", {"camera": "B", "device": "cpu", "height": 8, "width": 8})
+
+
+def test_anchors_are_pixels_of_the_robot_that_joints_move():
+    J = np.zeros((6, 8, 2, 2))
+    J[:, 2:, 1, 1] = 0.5
+    mask = np.zeros((6, 8), bool)
+    mask[1, :5] = True
+    world = SimpleNamespace(true_jacobian=lambda: J, robot_mask=lambda: mask, track_point=tuple)
+    pixels, points = body_model.some_points(world, 3)
+    assert sorted(map(tuple, pixels)) == [(2, 1), (3, 1), (4, 1)]  # the first two stand still
+    assert points == [tuple(pixel) for pixel in pixels]
+    mask = np.ones((6, 80), bool)
+    J = np.ones((6, 80, 2, 2))
+    many, _ = body_model.some_points(world, 3)
+    assert len(np.unique(many, axis=0)) == len(many) == 400  # of 480, none twice
+
+
+def test_a_place_of_the_model_is_known_by_the_anchor_on_it():
+    """Two keyframes; each anchor goes with the nearest place of its own keyframe, nearer than 0.3 px."""
+    places = np.array([[1.0, 1.0], [1.25, 1.0], [9.0, 0.0], [1.0, 1.0]])
+    precision = SimpleNamespace(postures=np.array([[0.0, 0.0], [1.0, 2.0]]), keyframes=np.array([0, 0, 0, 1]))
+    asked = []
+
+    def points(q):
+        asked.append(q.tolist())
+        return SimpleNamespace(pixels=places)
+
+    seen = SimpleNamespace(
+        joints=np.array([[0.0, 0.1], [1.0, 1.9], [0.05, 1.5]]),
+        anchors={
+            0: (np.array([[1.1, 1.0], [1.2, 1.0], [9.0, 0.3], [5.0, 5.0]]), ["a", "b", "too far", "nothing"]),
+            1: (np.array([[1.25, 1.0], [9.0, 0.0]]), ["c", "of the other keyframe"]),
+            2: (np.array([[1.0, 1.0]]), ["d"]),  # by the joint that is farthest off, nearer to the second
+        },
+    )
+    indices, found = body_model.anchored_points(SimpleNamespace(precision=precision, points=points), seen)
+    assert (indices.tolist(), found) == ([0, 1, 3, 3], ["a", "b", "c", "d"])
+    assert asked == seen.joints.tolist()
+    precision.keyframes[:] = 0
+    seen.anchors = {1: (np.array([[1.0, 1.0]]), ["e"])}  # its keyframe has no place
+    assert body_model.anchored_points(SimpleNamespace(precision=precision, points=points), seen)[1] == []
+    none, found = body_model.anchored_points(SimpleNamespace(precision=None), seen)
+    assert (len(none), found) == (0, [])
+
+
+def test_a_model_knows_its_errors_where_they_are_as_often_as_they_should():
+    """Of four anchored places one is 2 standard deviations off, the others less than one."""
+    world = AskedWorld()
+    seen = SimpleNamespace(joints=np.array([[0.0, 0.0], [0.2, 0.2]]), anchors={0: "some"})
+    off = np.array([[0.0, 0.0], [0.5, 0.0], [0.0, 1.0], [0.0, 2.0]])
+    spread = np.array([1.0, 1.0, 4.0, 1.0])  # square of the deviation
+    start = np.arange(8.0).reshape(4, 2)
+
+    def points(q):
+        return SimpleNamespace(pixels=start + q + off, covariances=spread[:, None, None] * np.eye(2))
+
+    mask = world.robot_mask()
+    model = SimpleNamespace(
+        points=points,
+        trace=lambda pixels, q_seen, q: pixels - q_seen + q,
+        jacobian=lambda q: np.zeros((4, 8, 2, 2)),
+        image=lambda q: SimpleNamespace(body=mask, depths=5.0 * world.frame().depth),
+    )
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(body_model, "anchored_points", lambda model, seen: (np.arange(4), list(start)))
+        *_, overlap, depth, within = body_model.ask(world, model, seen, seed=0)
+    assert (overlap, depth, within) == (1.0, 0.0, 0.75)
+
+
+@pytest.mark.parametrize(("start", "frames"), [([0.0, 0.0], 4), ([0.1, -0.0051], 1), ([0.1, -0.0049], 0)])
+def test_the_way_to_a_posture_is_gone_in_small_steps(start, frames):
+    world = AskedWorld()
+    world.q = np.array(start)
+    body_model.go_to(world, np.array([0.1, 0.0]))
+    assert len(world.steps) == frames
+    assert max(world.steps, default=0.0) <= 0.03
+    np.testing.assert_allclose(world.q, [0.1, 0.0], atol=0.005)
+
+
+def test_a_posture_that_is_not_reached_is_given_up():
+    world = AskedWorld()
+    world.step = world.steps.append
+    body_model.go_to(world, np.array([0.1, 0.0]))
+    assert len(world.steps) == 400
+
+
+class Clock:
+    """Tells the times that it is given."""
+
+    def __init__(self, wall, cpu=()):
+        wall, cpu = iter(wall), iter(cpu)
+        self.perf_counter, self.process_time = (lambda: next(wall)), (lambda: next(cpu))
+
+
+@pytest.mark.parametrize(("postures", "asked"), [(1, 1), (9, 9), (25, 13), (100, 10)])
+def test_the_least_time_of_an_image_counts(monkeypatch, postures, asked):
+    """Of about ten postures that are spread over all of them."""
+    calls = []
+    spent = [0.25 if k == asked // 2 else 0.5 for k in range(asked)]
+    times = [time for k, duration in enumerate(spent) for time in (10.0 * k, 10.0 * k + duration)]
+    monkeypatch.setattr(body_model, "time", Clock(times))
+    model = SimpleNamespace(jacobian=calls.append)
+    assert body_model.prediction_time(model, np.arange(postures)) == 250.0
+    assert len(calls) == asked
+    assert calls[0] == 0
+
+
+def test_a_fit_takes_the_time_between_its_beginning_and_its_end(monkeypatch):
+    found = SimpleNamespace(all_links=np.array([0]))
+    for name in ("make_world", "fit_body"):
+        monkeypatch.setattr(body_model, name, lambda *_: found)
+    monkeypatch.setattr(body_model, "babble", lambda *_: SimpleNamespace(images=[], joints=np.zeros((1, 2))))
+    monkeypatch.setattr(body_model, "follow_points", lambda *_: SimpleNamespace(size=(24, 32)))
+    monkeypatch.setattr(body_model, "refit", lambda *_: found)
+    monkeypatch.setattr(body_model.BodyModel, "from_fit", lambda *_: None)
+    monkeypatch.setattr(body_model, "link_truth", lambda *_: np.array([0]))
+    monkeypatch.setattr(body_model, "ask", lambda *_: [0.0] * 7)
+    monkeypatch.setattr(body_model, "prediction_time", lambda *_: 3.0)
+    monkeypatch.setattr(body_model, "time", Clock([100.0, 104.0], [20.0, 26.0]))
+    result = body_model.measure("panda", "A", 0, SimpleNamespace(seconds=1.0))
+    assert (result.fit_seconds, result.fit_cpu_seconds, result.predict_ms) == (4.0, 6.0, 3.0)
+
+
+def test_every_arm_camera_and_seed_is_measured_once(monkeypatch, capsys):
+    measured, reported = [], []
+
+    def measure(arm, camera, seed, options):
+        measured.append((arm, camera, seed))
+        return body_model.BodyResult(f"{arm} {camera} {seed}", *[1.5] * 8, 7, 2.0, 3.0, 4.0)
+
+    monkeypatch.setattr(body_model, "measure", measure)
+    monkeypatch.setattr(body_model, "report", lambda metrics, options: reported.append(metrics) or 5)
+    monkeypatch.setattr(sys, "argv", ["body_model.py", "--arms", "arm,panda", "--cameras", "A,B", "--seeds", "0,2"])
+    assert body_model.main() == 5
+    assert measured == [("arm", "", seed) for seed in (0, 2)] + [
+        ("panda", camera, seed) for camera in ("A", "B") for seed in (0, 2)
+    ]
+    assert len(reported[0]) == 6 * 10
+    assert "panda B 2" in capsys.readouterr().out

@@ -19,10 +19,10 @@ MASK = np.array([[True, True, True, False]])
 def test_a_row_of_depth_is_compared_where_joints_move_the_robot():
     true = np.array([[[3.0, 4.0], [0.0, 0.0], [1.0, 0.0], [9.0, 9.0]]])
     off = np.array([[[0.0, 1.0], [7.0, 0.0], [0.0, 0.5], [9.0, 0.0]]])
-    score = row_score(true + off, true, np.array([[10.0, 1.0, 5.0, 1.0]]), MASK)
+    score = row_score(true + off, true, np.array([[10.0, 1.0, 2.0, 1.0]]), MASK)
     assert score.median == pytest.approx((0.2 + 0.5) / 2)  # neither what no joint moves nor what is not the robot
     assert score.p90 == pytest.approx(0.2 + 0.9 * 0.3)
-    assert score.of_motion == pytest.approx((0.1 + 0.1) / 2)
+    assert score.of_motion == pytest.approx((0.1 + 0.25) / 2)
     assert np.isnan(row_score(true, 0 * true, np.ones((1, 4)), MASK).median)
 
 

@@ -67,7 +67,7 @@ def trial():
 
     def begin(fault, joint, at):
         one.begun.append((fault, len(one.frames)))
-        assert joint == faults.JOINT
+        assert joint == 1  # the published figures are of this one
         return 2.0
 
     one.injector = SimpleNamespace(begin=begin, end=lambda: one.ended.append(len(one.begun)))
@@ -145,7 +145,7 @@ def test_a_row_of_one_fault(trial):
     assert row == faults.Row("arm", 3, "stuck", 0.1, 0.5, 0.12, ["stuck joint"], "missed", 7.0, pytest.approx(6.4), 3,
                              [1.0, 2.0, 9.0])  # fmt: skip
     # At once while it babbles; in the reach after six frames, and once.
-    assert trial.begun == [("stuck", 0), ("stuck", faults.INTO_REACH)]
+    assert trial.begun == [("stuck", 0), ("stuck", 6)]
     assert trial.ended == [1, 2]
     assert [call[1] for call in run.calls if call[0] == "babble"] == [2.0, 3.0, 1.0]
     assert [call for call in run.calls if call[0] == "reach"] == [("reach", x, 150) for x in (0.0, 2.0, 4.0, 6.0)]
@@ -161,6 +161,16 @@ def test_a_row_without_a_frame_off(trial):
     )
     row = trial.meet("stuck", 0)
     assert (row.worst, row.unflagged, row.named, row.reach) == (0.0, 0, [], "reached")
+
+
+def test_a_reach_that_ends_before_a_frame_was_never_off(trial):
+    trial.run = Run(trial, errors=[0.1, 0.1, 0.1], reaches=[([], measured("lost"))] * 4)
+    row = trial.meet("stuck", 0)
+    assert (row.worst, row.unflagged) == (0.0, 0)
+    trial.run = Run(trial, errors=[0.1, 0.1, 0.1], reaches=[([], measured("lost"))] * 5)
+    trial.restart = lambda: None
+    row = trial.meet_restart(0)
+    assert (row.worst, row.unflagged) == (0.0, 0)
 
 
 def test_a_row_of_a_restart(trial):
@@ -184,7 +194,7 @@ def test_a_row_of_a_restart(trial):
     # What was off before the second restart is not its reach's.
     assert row == faults.Row("arm", 3, faults.RESTART, 0.1, 0.2, 0.15, ["stuck joint"], "lost", 8.0,
                              pytest.approx(5.4), 2, [1.0, 3.0, 0.0])  # fmt: skip
-    assert second.calls == [("babble", 3.0), "choose", ("reach", 0.0, faults.INTO_REACH)]
+    assert second.calls == [("babble", 3.0), "choose", ("reach", 0.0, 6)]
     assert third.calls[:3] == [("babble", 3.0), "choose", ("reach", 0.0, 150)]
     assert [call[1] for call in third.calls[3:] if call != "choose"] == [2.0, 4.0, 6.0]
     assert third.calls.count("choose") == 4

@@ -57,7 +57,55 @@ def test_level_and_scatter_are_those_of_the_settled_part(growth):
     assert (found.level, found.rise, found.scatter) == (9.0, 0.0, 0.0)
 
 
-@pytest.mark.parametrize("values", [np.arange(5.0), np.full(31, np.nan)], ids=["few", "not finite"])
+@pytest.mark.parametrize(
+    "values",
+    [np.arange(5.0), np.full(31, np.nan), np.where(MINUTES == 29, np.nan, 7.0)],
+    ids=["few", "not finite", "one not finite"],
+)
 def test_what_cannot_be_judged_is_an_error(growth, values):
     with pytest.raises(ValueError, match="samples"):
         growth(MINUTES[: len(values)], values, 1.0)
+
+
+# Even about the middle, so that the line has the slope of what it is added to; off by 1 in the median.
+RIPPLE = np.array([5.0, -1.0, 1.0, -1.0, 0.0, -1.0, 1.0, -1.0, 5.0])
+LATE = np.arange(13.0)  # minutes, of which the last nine are judged
+
+
+@pytest.mark.parametrize(
+    ("slope", "allowed", "grows"),
+    [
+        (0.125, 0.0, False),  # a rise of 1: just what the scatter of 1 explains, 3 times that by the root of 9
+        (0.1875, 0.0, True),
+        (0.1875, 1.25, True),  # a rise of 1.5
+        (0.1875, 1.5, False),  # just what is allowed
+        (0.1875, 2.0, False),  # both have to be exceeded
+        (-0.5, 0.0, False),
+    ],
+)
+def test_a_rise_has_to_exceed_scatter_and_allowance(growth, slope, allowed, grows):
+    values = 50.0 + slope * LATE
+    values[4:] += RIPPLE
+    values[:4] = 900.0  # not settled
+    found = growth(LATE, values, allowed)
+    assert (found.rise, found.scatter) == (8 * slope, 1.0)
+    assert found.grows == grows
+
+
+def test_the_first_third_is_that_of_the_run_whenever_it_began(growth):
+    found = growth(100.0 + np.arange(10.0), [90.0, 90.0, 90.0, *(2.0 * np.arange(3.0, 10.0))], 11.0)
+    assert (found.level, found.rise, found.scatter, found.grows) == (12.0, 12.0, 0.0, True)
+
+
+def test_samples_of_one_moment_have_no_slope_between_them(growth):
+    minutes = [0.0, 3.0, 3.0, 5.0, 7.0, 9.0, 9.0]
+    found = growth(minutes, 2.0 * np.array(minutes), 11.0)
+    assert (found.rise, found.grows) == (12.0, True)
+
+
+def test_six_samples_are_enough_and_five_are_not(growth):
+    assert growth(np.arange(9.0), np.full(9, 1.0), 1.0).level == 1.0  # minutes 3 to 8
+    with pytest.raises(ValueError, match="5 samples after the first third; expected at least 6"):
+        growth(np.arange(8.0)[1:], np.full(7, 1.0), 1.0)
+    with pytest.raises(ValueError, match="samples are not finite"):
+        growth([*np.arange(8.0), np.inf], np.full(9, 1.0), 1.0)

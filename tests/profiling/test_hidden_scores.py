@@ -51,6 +51,8 @@ def test_the_larger_ratio_counts():
         ({"true_px": 9.0, "end": "lost"}, False, True, False),
         ({"true_px": 9.0, "end": "missed"}, False, True, False),
         ({"true_px": 0.5, "end": "lost"}, True, False, False),  # there, and not sure of it
+        ({"away_px": 2.999}, True, False, False),
+        ({"away_px": 3.0}, True, False, True),
         ({"away_px": 8.0}, True, False, True),  # said to be there behind the object, and was not
         ({"away_px": 8.0, "away_end": "lost"}, True, False, False),
         ({"true_px": float("nan")}, False, False, True),  # behind the camera

@@ -114,7 +114,7 @@ def test_a_view_comes_back_from_its_file(tmp_path, monkeypatch):
         "| their reaches within 2 px over the whole range | 1 of 3 / 0 of 5 |",
         "| said to be there (of these wrongly) | 2 (1) / 0 (0) |",
     ]  # it was ours that was stopped
-    content["rows"] = [asdict(view("panda", "A", j_median=0.2, j_p90=0.5, finished=False))]
+    content["rows"] = [asdict(views[0]), asdict(view("panda", "B", j_median=0.2, j_p90=0.5, finished=False))]
     write_json(tmp_path / "surfaces.json", content)
     assert "of those made until the run was stopped" in surface_table.few_surface_lines()[1]
     content["rows"] = [asdict(one) for one in views[:2]]
@@ -184,11 +184,12 @@ def test_views_run_side_by_side_and_the_file_holds_what_is_known(tmp_path):
 
 
 def test_shares_of_reaches():
-    found = accuracy.reach_metrics([reach(0.5, frames=20), reach(2.0, frames=30), reach(1.9, frames=90), reach(30.0)])
+    near = [reach(0.5, frames=20), reach(1.0, frames=25), reach(1.9, frames=90)]
+    found = accuracy.reach_metrics([*near, reach(2.0, frames=30), reach(30.0)])
     values = {metric.name: metric.value for metric in found}
-    assert values["reaches"] == 4
-    assert values["reaches below 2 px"] == 0.5
-    assert values["reach error, median"] == pytest.approx(1.95)
+    assert values["reaches"] == 5
+    assert values["reaches below 2 px"] == 0.6
+    assert values["reach error, median"] == 1.9
     assert values["reach error, worst"] == 30.0
     assert values["reach frames, median"] == 25
     assert accuracy.reach_metrics([]) == []

@@ -95,3 +95,68 @@ def test_both_results_stand_side_by_side(gate):
     assert speed_gate.beside(ours, {"metrics": [{"name": FLOW, "value": 16.0}, {"name": "old", "value": 1.0}]}) == [
         [FLOW, "16", "4", "ms", "0.25"]
     ]
+
+
+def held(metric, was, **told):
+    import speed_gate
+
+    here = {"machine": H200, "arguments": {"order": 1, **told}}
+    before = {"machine": H200, "arguments": {"order": 1, "flow": "farneback"}}
+    return speed_gate.hold_to([metric], here, {**before, "metrics": [{"name": metric.name, "value": was}]}, "old.json")
+
+
+@pytest.mark.parametrize(
+    ("unit", "better", "was", "now", "good"),
+    [
+        ("ms", "lower", -20.0, -18.0, True),  # a tenth of what it was, whatever its sign
+        ("ms", "lower", -20.0, -17.9, False),
+        ("fps", "higher", -20.0, -22.0, True),
+        ("fps", "higher", -20.0, -22.1, False),
+        ("ms", "lower", 20.0, 22.0, True),
+        ("fps", "higher", 20.0, 18.0, True),
+        ("px", "lower", 20.0, 25.0, True),  # by its own tolerance
+        ("px", "lower", 20.0, 25.1, False),
+        ("x", "higher", 20.0, 15.0, True),
+        ("1", "higher", 20.0, 14.9, False),
+        ("MB", "lower", 20.0, 23.0, False),
+        ("ms", "lower", 0.0, 0.0, True),
+    ],
+)
+@pytest.mark.usefixtures("gate")
+def test_the_border_of_what_may_be_lost(unit, better, was, now, good):
+    import metrics
+
+    assert held(metrics.Metric("figure", now, unit, better, 0.25), was)[0] == good
+
+
+@pytest.mark.usefixtures("gate")
+def test_another_flow_is_another_way_to_the_same_figures():
+    import metrics
+
+    metric = metrics.Metric("figure", 1.0, "ms", "lower")
+    assert held(metric, 1.0, flow="other", more="unknown before") == (
+        True,
+        ["gate passed: 1 figures against old.json, measured on NVIDIA H200"],
+    )
+    good, (line,) = held(metric, None)  # it was no number then
+    assert not good
+    assert "has no figure of this run" in line
+
+
+@pytest.mark.usefixtures("gate")
+def test_kinds_of_machines():
+    import speed_gate
+
+    assert speed_gate.machine_kind({"cores": 4, "cpu": "fast", "gpus": None}) == "4 cores of fast"
+    assert speed_gate.machine_kind({}) == "? cores of unknown"
+
+
+@pytest.mark.usefixtures("gate")
+def test_what_was_nothing_has_no_ratio():
+    import metrics
+    import speed_gate
+
+    figure = metrics.Metric("figure", 3.0, "ms", "lower")
+    for was, expected in ((0.0, [["figure", "0", "3", "ms", ""]]), (-6.0, [["figure", "-6", "3", "ms", "-0.50"]])):
+        assert speed_gate.beside([figure], {"metrics": [{"name": "figure", "value": was}]}) == expected
+    assert speed_gate.beside([figure], {"metrics": [{"name": "figure", "value": None}]}) == []

@@ -72,6 +72,12 @@ def test_masks_are_told_apart_by_what_the_image_shows():
         "kind: images without the object that have a mask": 0.25,
     }
     assert len(mask_metrics("kind", images[:6])) == 2
+    overlap, wrong, false = mask_metrics("kind", images)
+    assert [(one.better, one.tolerance) for one in (overlap, wrong, false)] == [
+        ("higher", 0.03),
+        ("lower", 0.1),
+        ("lower", 0.1),
+    ]
 
 
 def test_times_are_percentiles_in_ms():
@@ -82,6 +88,7 @@ def test_times_are_percentiles_in_ms():
         "kind: until the mask, median [ms]": pytest.approx(100),
         "kind: until the mask, 99th percentile [ms]": pytest.approx(198),
     }
+    assert all((one.unit, one.better, one.tolerance) == ("ms", "lower", 0.2) for one in time_metrics("kind", images))
     assert time_metrics("kind", []) == []
 
 

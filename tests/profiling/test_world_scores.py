@@ -36,7 +36,7 @@ class Experiment:
     def __init__(self, world, **options):
         Experiment.made = options
         self.on_frame, self.surface_point = options["on_frame"], None
-        labels = np.array([[1, 0], [2, 1]])
+        labels = np.array([[1, 0], [2, 2]])
         pipeline = SimpleNamespace(labels=lambda: labels)
         self.loop = SimpleNamespace(pipeline=pipeline, joint_delay=-0.05, point=np.zeros(2))
         self.results = [(measured("reached", 2.5), (3.0, 4.0)), (measured("lost", 0.5, 9), (0.0, 0.0))]
@@ -114,8 +114,8 @@ def test_a_view_is_told_when_learned_and_after_every_reach(view):
     told, fed = view()
     learned, first, second, done = told
     assert (learned.joints, learned.j_median, learned.j_p90, learned.exact_median) == (2, 0.25, 0.75, 0.125)
-    # Labeled as the robot's: two of four pixels, one of which is; the true robot has two.
-    assert (learned.overlap, learned.precision, learned.recall) == pytest.approx((1 / 3, 0.5, 0.5))
+    # Labeled as the robot's: one of four pixels, which is; the true robot has two.
+    assert (learned.overlap, learned.precision, learned.recall) == pytest.approx((0.5, 1.0, 0.5))
     assert learned.delay_frames == pytest.approx(-1.5)
     assert fed == 2  # while it babbles, not while it reaches
     assert first.reaches == [ReachScore("reached", 2.5, 5.0, 20)]
@@ -155,6 +155,8 @@ def test_a_tip_that_is_covered_gives_way_to_the_nearest_place_that_the_last_join
     assert moved_place(true, mask, np.array([30.4, 10.0])) is None  # it is there
     np.testing.assert_array_equal(moved_place(true, mask, np.array([28.0, 15.0])), [32, 15])  # two px inside
     np.testing.assert_array_equal(moved_place(true, mask, np.array([90.0, -7.0])), [42, 12])
+    # What is hardly moved is no place to click, for one who points at it too.
+    np.testing.assert_array_equal(moved_place(true, mask, np.array([8.0, 15.0])), [32, 15])
     assert moved_place(0 * true, mask, np.array([30.0, 10.0])) is None
 
 
@@ -236,11 +238,12 @@ def test_every_mode_is_fed_its_own_flow_and_only_while_babbling(monkeypatch):
         def learn(self):
             self.frame(None)
             self.frame("estimated")
+            self.frame("estimated")
             return "own error"
 
         def choose(self):
             self.surface_point = "point"
-            self.frame("estimated")
+            self.frame("of the reach")
 
         def targets(self, count):
             return range(count)
@@ -260,7 +263,18 @@ def test_every_mode_is_fed_its_own_flow_and_only_while_babbling(monkeypatch):
     assert errors.pop("default, estimated flow") == "own error"  # the loop's own estimator
     for name, (J, *truth) in errors.items():
         assert truth == ["true", "mask"]
-        assert fed[J] == [("exact" if name.endswith("exact flow") else "estimated", "dq")]
+        assert fed[J] == [("exact" if name.endswith("exact flow") else "estimated", "dq")] * 2
+    printed = {"covariance": "diagonal", "prediction_iterations": 1}
+    assert {name: made[J] for name, (J, *_) in errors.items() if name.endswith("exact flow")} == {
+        f"{name}, exact flow": {"height": 4, "width": 6, "joints": 2, "on_bad_flow": "skip", **options}
+        for name, options in {
+            "default": {},
+            "default, order 1": {"order": 1},
+            "diagonal (9)-(11), model (14)": printed,
+            "diagonal (9)-(11), flow (13)": {**printed, "prediction": "flow"},
+            "Hosoda (12), model (14)": {"covariance": "fixed", "prediction_iterations": 1},
+        }.items()
+    }
     assert accuracy.run_world("arm", 0, 0, "none")[1] == []
 
 

@@ -7,6 +7,7 @@ import pytest
 from synthetic_body import CENTER, FOCAL, SIZE, postures, serial_body
 
 from dense_vs.body_model import adjustment
+from dense_vs.body_model import fit as fit_module
 from dense_vs.body_model.adjustment import adjust
 from dense_vs.body_model.axes_from_jacobian import AxesProblem, AxesState, with_median_one
 from dense_vs.body_model.chain import Chain, ancestors
@@ -14,6 +15,7 @@ from dense_vs.body_model.fit import (
     BodyFitOptions,
     _share,
     _travel,
+    _Turns,
     assign_links,
     in_units,
 )
@@ -277,3 +279,41 @@ def test_a_track_s_j_and_the_joints_that_move_it_follow_from_its_own_pixels(reco
     assert np.isnan(hidden.places[0]).all()
     assert hidden.usable[1]
     assert not hidden.moved_by[1].any()
+
+
+@pytest.mark.parametrize(
+    ("parents", "told", "factor"),
+    [
+        ([-1, 0, 1], None, 1.0),
+        ([-1, 0, 0], None, 1.1),  # one joint is not carried by the one before it
+        ([1, 2, -1], None, 1.1),
+        ([-1, 0, 0], [-1, 0, 0], 1.0),  # as it was told
+    ],
+)
+def test_another_order_of_the_joints_has_to_explain_more(parents, told, factor):
+    fit = SimpleNamespace(options=SimpleNamespace(parents=told), learned=np.ones(3, bool))
+    turn = SimpleNamespace(cost=0.5, state=SimpleNamespace(chain=SimpleNamespace(parents=np.array(parents))))
+    assert _Turns._doubt(fit, turn, None) == pytest.approx(0.5 * factor)
+
+
+def test_what_a_filter_s_j_says_otherwise_is_doubted():
+    """A quarter of its points as one part of the doubt, at the depth of the middle point."""
+    asked = []
+
+    def disagreement(chain, focal, center, learned, depth):
+        asked.append((focal, center, depth))
+        return 2.0
+
+    fit = SimpleNamespace(options=SimpleNamespace(parents=None), learned=np.ones(2, bool), center="center")
+    chain = SimpleNamespace(parents=np.array([-1, 0]))
+    turn = SimpleNamespace(
+        cost=0.5,
+        state=SimpleNamespace(chain=chain, focal=300.0),
+        points=np.array([[0, 0, 1.0], [9, 9, 4.0], [0, 0, 3.0]]),
+    )
+    share = fit_module._DENSE_SHARE
+    assert _Turns._doubt(fit, turn, SimpleNamespace(disagreement=disagreement)) == pytest.approx(0.5 + share * 2.0)
+    assert asked == [(300.0, "center", 3.0)]
+    turn.points = -turn.points  # behind the camera
+    _Turns._doubt(fit, turn, SimpleNamespace(disagreement=disagreement))
+    assert asked[-1][2] == 1e-6

@@ -18,6 +18,8 @@ def test_a_place_takes_the_nearest_surface_point():
     for away in range(1, 12):
         found = _nearest_point(points, np.array([[10.0, 10.0 - away], [10.0 - away, 10.0]]))
         assert (found == 1).all() == (away <= BESIDE)
+    for x, y, there in ((8, 9, 1), (9, 12, 1), (12, 8, 2), (11, 11, 1), (0, 2, 3), (27, 19, 4), (29, 17, 4)):
+        assert _nearest_point(points, np.array([[float(x), float(y)]])).tolist() == [there], (x, y)
     diagonal = _nearest_point(points, np.array([[10.0 - BESIDE, 10.0 - 1]]))  # beyond the circle, within the square
     assert diagonal.tolist() == [-1]
     assert _nearest_point(points, np.array([[-500.0, 5.0], [1e9, 5.0]])).tolist() == [-1, -1]

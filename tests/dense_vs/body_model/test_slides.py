@@ -1,5 +1,7 @@
 """Joints that slide: where they take points, and that a fit tells them from hinges by tracks alone."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from synthetic_body import CENTER, FOCAL, postures, serial_body
@@ -159,6 +161,46 @@ def test_a_file_without_the_shifts_of_its_slides_is_damaged(tmp_path):
     np.savez(tmp_path / "body.npz", **arrays)
     with pytest.raises(DenseVSError, match=r"damaged.*travel"):
         BodyModel.load(tmp_path / "body.npz")
+
+
+@pytest.mark.parametrize(
+    ("links", "damaged"),
+    [
+        ([0, 1, 1], False),
+        ([0, 0, 1], False),
+        ([0, 2, 1], True),
+        ([2, 2, 2], True),
+        ([-1, 0, 1], True),
+        ([0, 1, -2], True),
+    ],
+)
+def test_a_point_of_a_file_is_on_one_of_its_links(tmp_path, links, damaged):
+    model_of(serial_body(2, seed=5)).save(tmp_path / "body.npz")
+    with np.load(tmp_path / "body.npz") as stored:
+        arrays = dict(stored)
+    on = np.resize([0, 1], len(arrays["surface_links"]))
+    on[:3] = links
+    np.savez(tmp_path / "body.npz", **{**arrays, "surface_links": on})
+    if damaged:
+        with pytest.raises(DenseVSError, match=r"damaged: surface_links reach \d; expected 0 to 1"):
+            BodyModel.load(tmp_path / "body.npz")
+    else:
+        assert (BodyModel.load(tmp_path / "body.npz").surface.links == on).all()
+
+
+def test_poses_that_are_kept_are_a_chain_s_own():
+    """Another chain made of this one has poses of its own; both are still equal and printed alike."""
+    body = serial_body(2, seed=5)
+    chain = Chain(body.axes, body.anchors, np.zeros(2), body.parents)
+    fresh, text = replace(chain), repr(chain)
+    q = np.array([[0.4, -0.3]])
+    chain.link_poses(q)
+    assert repr(chain) == text
+    assert chain == fresh
+    home = replace(chain, home=q[0])
+    rotation, translation = home.link_poses(q)  # its own home
+    np.testing.assert_array_equal(rotation[0], np.tile(np.eye(3), (3, 1, 1)))
+    np.testing.assert_allclose(translation, 0.0, atol=1e-12)
 
 
 def test_tables_and_pictures_say_what_slides():

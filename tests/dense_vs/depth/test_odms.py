@@ -1,12 +1,15 @@
 """Scoring on the ODMS sets: the published protocol, and the published baseline on the recorded sets."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 from shared_data import SHARED_DATA
 
 from dense_vs import DenseVSError
 from dense_vs.cli.main import main
-from dense_vs.depth.odms import example_views, read_sequences, score_sequence
+from dense_vs.depth import odms
+from dense_vs.depth.odms import ExampleResult, Sequence, example_views, read_sequences, score_sequence
 
 SETS = SHARED_DATA / "odms_val"
 recorded = pytest.mark.skipif(
@@ -112,6 +115,85 @@ def test_bad_folders_and_names_are_refused(tmp_path, capsys):
     np.savez(tmp_path / "normal.npz", start=np.array([0, 3]))
     with pytest.raises(DenseVSError, match="lacks sequence"):
         list(read_sequences(tmp_path / "normal.npz"))
+
+
+def small_set(path, **changes):
+    """Two sequences of 2 and 3 views, of masks of 1 x 3 pixels."""
+    content = {
+        "sequence": np.array(["near", "far"]),
+        "start": np.array([0, 2, 5]),
+        "height_width": np.array([1, 3]),
+        "mask_bits": np.packbits(np.array([[1, 0, 0], [0, 1, 0], [0, 0, 1], [1, 1, 0], [1, 1, 1]], np.uint8), axis=1),
+        "camera_back": np.array([0.0, 0.25, 0.0, 0.5, 1.0]),
+        "depth": np.array([1.0, 1.25, 2.0, 2.5, 3.0]),
+    }
+    np.savez(path, **content | changes)
+    return list(read_sequences(path))
+
+
+def test_masks_may_be_a_pixel_high_and_sequences_a_view_long(tmp_path):
+    near, far = small_set(tmp_path / "a.npz")
+    assert (near.name, far.name) == ("near", "far")
+    np.testing.assert_array_equal(near.masks, [[[1, 0, 0]], [[0, 1, 0]]])
+    np.testing.assert_array_equal(far.masks, [[[0, 0, 1]], [[1, 1, 0]], [[1, 1, 1]]])
+    assert (near.depth.tolist(), far.depth.tolist()) == ([1.0, 1.25], [2.0, 2.5, 3.0])
+    assert (near.camera_back.tolist(), far.camera_back.tolist()) == ([0.0, 0.25], [0.0, 0.5, 1.0])
+    one, four = small_set(tmp_path / "b.npz", start=np.array([0, 1, 5]), height_width=np.array([3, 1]))
+    assert (one.masks.shape, four.masks.shape) == ((1, 3, 1), (4, 3, 1))
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [
+        {"height_width": np.array([0, 3])},
+        {"height_width": np.array([3, 0])},
+        {"start": np.array([1, 2, 5])},
+        {"start": np.array([0, 0, 5])},
+        {"start": np.array([0, 5, 4])},
+        {"mask_bits": np.zeros((5, 1), np.uint16)},
+        {"mask_bits": np.zeros((5, 2), np.uint8)},
+        {"height_width": np.array([3, 3])},  # 9 bits are two bytes
+        {"camera_back": np.zeros(4)},
+        {"camera_back": np.array([0.0, np.nan, 0.0, 0.5, 1.0])},
+    ],
+)
+def test_arrays_that_do_not_fit_together(tmp_path, changes):
+    with pytest.raises(DenseVSError, match=r"a\.npz is damaged"):
+        small_set(tmp_path / "a.npz", **changes)
+
+
+@pytest.mark.parametrize(
+    ("estimate", "truth", "failure", "error"),
+    [(2.5, 2.0, "", 0.25), (1.5, 2.0, "", 0.25), (2.0, 2.0, "", 0.0), (np.nan, 2.0, "no depth", 1.0)],
+)
+def test_an_error_is_a_share_of_the_truth(estimate, truth, failure, error):
+    assert ExampleResult("one", (0,), estimate, truth, failure, False).relative_error == error
+
+
+@pytest.mark.parametrize(
+    ("interval", "within"),
+    [((1.0, 3.0), True), ((2.0, 3.0), True), ((1.0, 2.0), True), ((2.1, 3.0), False), ((1.0, 1.9), False)],
+)
+def test_an_example_is_scored_where_the_camera_is_nearest(monkeypatch, interval, within):
+    """Its truth is that of the nearest of its views, wherever that stands among them."""
+    sequence = Sequence("one", np.zeros((4, 5, 7), np.uint8), np.array([0.0, 2.0, 1.0, 3.0]), np.array([9.0, 3, 2, 4]))
+
+    def depth(regions, back, image_size, method):
+        assert (regions, back.tolist(), image_size) == (["b", "c", "d"], [2.0, 1.0, 3.0], (5, 7))
+        return SimpleNamespace(distance=2.5, interval=interval)
+
+    monkeypatch.setattr(odms, "depth_from_regions", depth)
+    found = odms._score(["a", "b", "c", "d"], sequence, np.array([1, 2, 3]), (5, 7), "robust")
+    assert found == ExampleResult("one", (1, 2, 3), 2.5, 2.0, "", within)
+
+
+def test_robot_sequences_of_other_lengths():
+    assert example_views("robot", 9) == []
+    assert [views.tolist() for views in example_views("robot", 10)] == [list(range(10))]
+    assert len(example_views("robot", 15)) == 6 + 1
+    assert example_views("robot", 15)[-1].tolist() == [0, 1, 3, 4, 6, 7, 9, 10, 12, 14]
+    assert [views.tolist() for views in example_views("normal", 10)] == [list(range(10))]
+    assert example_views("normal", 11)[0].tolist() == [0, 1, 2, 3, 4, 5, 6, 7, 8, 10]
 
 
 @recorded

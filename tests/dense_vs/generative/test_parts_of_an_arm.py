@@ -1,6 +1,7 @@
 """One part of a model from a few samples, and what observations leave open, from exact pixels of an arm."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -12,7 +13,7 @@ from dense_vs.generative import Observations
 from dense_vs.generative.kinematics.placement import place_cameras, place_features
 from dense_vs.generative.learning import fitting, relearning
 from dense_vs.generative.learning.relearning import relearn
-from dense_vs.generative.least_squares.observability import describe_unobservable
+from dense_vs.generative.least_squares.observability import _groups, describe_unobservable
 from dense_vs.generative.least_squares.pixel_problem import Free, PixelProblem, PixelState
 
 
@@ -105,6 +106,19 @@ def test_a_moved_base_is_found(arm, samples):
     assert report.rms_px < 0.01
     again, _ = learned(found, given(now, arm.joints[samples : samples + 2]), "base")  # from a base that moved already
     np.testing.assert_allclose(again.base_translation, now.base_translation, atol=1e-4)
+
+
+def test_a_base_is_sought_from_where_the_hand_is_seen(arm, monkeypatch):
+    """Poses of the hand that are exact give it at once, wherever it was believed to be."""
+    p = arm.parameters
+    now = replace(p, base_rotation=turned([0.2, -0.1, 0.3]), base_translation=np.array([0.1, -0.2, 0.3]))
+    believed = replace(p, base_rotation=turned([0.0, 0.4, 0.0]), base_translation=np.array([0.5, 0.0, 0.0]))
+    starts = []
+    robust = relearning._robust
+    monkeypatch.setattr(relearning, "_robust", lambda problem, state: starts.append(state) or robust(problem, state))
+    learned(believed, given(now, arm.joints[:4]), "base")
+    np.testing.assert_allclose(starts[0].parameters.base_rotation, now.base_rotation, atol=1e-3)
+    np.testing.assert_allclose(starts[0].parameters.base_translation, now.base_translation, atol=2e-3)
 
 
 def test_new_kinematics_are_found(arm):
@@ -207,6 +221,39 @@ def test_features_that_are_seen_once_or_never_are_named(arm):
     assert "feature 6 is not determined by these observations" in words
     free = Free(kinematics=True, features=np.arange(10) != 0, cameras=np.array([False, True]), intrinsics=False)
     assert opened(arm, free)[0] == "feature 0 was seen in 28 usable images: its place is unknown"
+
+
+def test_every_group_that_is_free_has_its_name_and_columns():
+    """Of two joints, three features and two cameras, some of which are held."""
+    columns = SimpleNamespace(
+        axes=np.array([0, 2]),
+        points=np.array([-1, 4]),
+        features=np.array([6, -1, 9]),
+        cameras=np.array([-1, 12]),
+        intrinsics=np.array([18, -1]),
+        intrinsics_count=4,
+    )
+    groups = [
+        ("direction of joint 1", 0, 2),
+        ("direction of joint 2", 2, 2),
+        ("place of joint 2", 4, 2),
+        ("feature 0", 6, 3),
+        ("feature 2", 9, 3),
+        ("pose of camera 1", 12, 6),
+        ("intrinsics of camera 0", 18, 4),
+    ]
+    assert _groups(SimpleNamespace(columns=columns)) == groups
+    held = np.full(3, -1)
+    for name in (
+        "axes",
+        "points",
+        "features",
+        "cameras",
+        "intrinsics",
+    ):  # the first of its kind may be the first of all
+        free = {"intrinsics_count": 4, **dict.fromkeys(("axes", "points", "features", "cameras", "intrinsics"), held)}
+        found = _groups(SimpleNamespace(columns=SimpleNamespace(**{**free, name: np.array([-1, 0, -1])})))
+        assert [first for _, first, _ in found] == [0]
 
 
 def test_a_camera_that_sees_too_little_is_named(arm):

@@ -11,6 +11,7 @@ import pytest
 
 from dense_vs import DenseJacobian, DenseVSError
 from dense_vs.files import atomic_write, output_folder
+from dense_vs.jacobian.stored_state import _check_covariance
 
 HEIGHT, WIDTH, JOINTS = 9, 12, 4
 
@@ -249,3 +250,26 @@ def test_refuses_options_that_do_not_fit(saved, tmp_path, changes, message):
     path = rewritten(saved, tmp_path, options=options_with(saved, **changes))
     with pytest.raises(DenseVSError, match=message):
         DenseJacobian.load(path, device="cpu")
+
+
+@pytest.mark.parametrize(
+    ("covariance", "diagonal", "message"),
+    [
+        ([[2.0, 1.0], [1.0, 2.0]], False, None),
+        ([[0.0, 0.0], [0.0, 0.0]], False, None),
+        ([[1.0, 1.0], [1.0, 1.0]], False, None),  # a variance of 0
+        ([[2.0, 1.0], [0.5, 2.0]], False, "is not symmetric"),
+        ([[2.0, -1.0], [1.0, 2.0]], False, "is not symmetric"),
+        ([[1.0, 2.0], [2.0, 1.0]], False, "has a variance of -0.9999"),
+        ([[1.0, 2.0], [2.0, 1.0]], True, None),  # variances alone
+        ([[1.0, 0.0], [-0.5, 1.0]], True, "has a variance of -0.5"),
+    ],
+)
+def test_a_covariance_is_symmetric_and_has_no_variance_below_zero(covariance, diagonal, message):
+    good = np.eye(2)
+    for worlds in ([covariance], [good, covariance], [covariance, good]):
+        if message is None:
+            _check_covariance(np.array(worlds), diagonal)
+        else:
+            with pytest.raises(DenseVSError, match=message):
+                _check_covariance(np.array(worlds), diagonal)

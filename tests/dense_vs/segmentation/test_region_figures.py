@@ -8,7 +8,7 @@ from dense_vs.errors import DenseVSError
 from dense_vs.segmentation.few_shot.decision_forest import DecisionForest
 from dense_vs.segmentation.few_shot.pixel_channels import pixel_channels
 from dense_vs.segmentation.few_shot.pixel_features import NEAR, WIDE, PixelFeatures
-from dense_vs.segmentation.few_shot.region_features import border_figures, superpixel_figures
+from dense_vs.segmentation.few_shot.region_features import _shape, border_figures, superpixel_figures
 from dense_vs.segmentation.few_shot.region_tree import region_trees
 from dense_vs.segmentation.few_shot.superpixels import find_superpixels
 
@@ -140,3 +140,27 @@ def test_a_forest_that_cannot_be_packed_is_refused():
     feature = np.array([1 << 29, -1, -1], np.int32)
     with pytest.raises(DenseVSError, match="3 nodes; expected less than 2"):
         DecisionForest(1 << 30, np.zeros(1, np.int32), feature, none, one, one + 1, none)
+
+
+@pytest.mark.parametrize(
+    ("pixels", "perimeter", "elongation", "compactness"),
+    [
+        ([(0, 0), (1, 0), (0, 1), (1, 1)], 8, 0.0, np.pi / 4),
+        ([(0, 0), (1, 0), (2, 0), (3, 0)], 10, np.log(4.0), 16 * np.pi / 100),  # four times as long as it is wide
+        ([(5, 1), (5, 2), (5, 3), (5, 4)], 10, np.log(4.0), 16 * np.pi / 100),
+    ],
+)
+def test_the_shape_of_a_few_pixels(pixels, perimeter, elongation, compactness):
+    """A rectangle's area is 3 / pi of that of the ellipse of the same moments, a / 12 and b / 12 squared."""
+    x, y = np.array(pixels, float).T
+    place = np.array([[x.sum(), y.sum(), (x * x).sum(), (y * y).sum(), (x * y).sum()]])
+    found = _shape(np.array([[4.0]]), place, np.array([[float(perimeter)]]))
+    np.testing.assert_allclose(np.ravel(found), [elongation, 3 / np.pi, compactness], atol=1e-12)
+
+
+def test_the_shape_of_a_slanted_line():
+    """Three pixels along a diagonal: variances of 4/3 + 1/12 along it and 1/12 across it."""
+    x = np.arange(3.0)
+    place = np.array([[x.sum(), x.sum(), (x * x).sum(), (x * x).sum(), (x * x).sum()]])
+    elongation, *_ = _shape(np.array([[3.0]]), place, np.array([[12.0]]))
+    assert elongation.item() == pytest.approx(np.log((4 / 3 + 1 / 12) * 12) / 2)

@@ -7,10 +7,12 @@ import pytest
 
 from dense_vs.errors import DenseVSError
 from dense_vs.point_servo import ReachEnd
+from dense_vs.sims.batch import case as case_module
 from dense_vs.sims.batch import parts, run
-from dense_vs.sims.batch.case import BatchCase
+from dense_vs.sims.batch.case import RANDOMIZED, BatchCase
 from dense_vs.sims.batch.episode import BatchResults, EpisodeOptions
 from dense_vs.sims.batch.rank import Rank
+from dense_vs.sims.engine.randomization import DomainRandomization
 
 LOST, THERE, MISSED, PENDING = ReachEnd.LOST, ReachEnd.REACHED, ReachEnd.MISSED, ReachEnd.PENDING
 
@@ -43,6 +45,63 @@ def test_a_summary_counts_every_end_by_its_name():
     assert np.isnan(none.summary()["true error, 95th percentile [px]"])
 
 
+def test_of_each_world_the_latest_part_counts(tmp_path):
+    """Worlds 0 and 1 after 10 frames, 1 to 3 after 20, 2 alone after 20 once more and 3 after 5."""
+    case = BatchCase(worlds=5)
+    for first, frames, values in ((0, 10, [1, 2]), (1, 20, [3, 4, 5]), (2, 20, [6]), (3, 5, [7])):
+        arrays = {parts.FRAMES: np.full(len(values), frames), "value": np.array(values)}
+        parts.write_part(tmp_path, "kind", case, first, arrays)
+    for worlds, expected in (([0, 1, 2, 3], [1, 3, 4, 5]), ([3, 0], [5, 1]), ([1], [3])):
+        found = parts.read_worlds(tmp_path, "kind", case, worlds)
+        assert found["value"].tolist() == expected
+        assert found[parts.FRAMES].tolist() == [10 if world == 0 else 20 for world in worlds]
+    assert parts.read_worlds(tmp_path, "kind", case, [3, 4]) is None  # one is in no file
+    assert parts.read_worlds(tmp_path, "other", case, [0]) is None
+    with pytest.raises(DenseVSError, match="with worlds 5 in place of 6; expected one of the same case"):
+        parts.read_worlds(tmp_path, "kind", BatchCase(worlds=6), [0])
+
+
+def test_parts_that_do_not_go_together(tmp_path):
+    case = BatchCase(worlds=4)
+
+    def write(first, **arrays):
+        parts.write_part(tmp_path, "kind", case, first, {parts.FRAMES: np.full(2, 10), **arrays})
+
+    write(0, value=np.zeros((2, 3)))
+    write(2, value=np.zeros((2, 4)))
+    assert parts.read_worlds(tmp_path, "kind", case, [0, 1]) is not None
+    with pytest.raises(DenseVSError, match=r"holds value of shape \(2, 4\), unlike the files beside it"):
+        parts.read_worlds(tmp_path, "kind", case, [0, 2])
+    write(2, value=np.zeros((3, 3)))
+    with pytest.raises(DenseVSError, match=r"holds value of shape \(3, 3\), unlike"):
+        parts.read_worlds(tmp_path, "kind", case, [2, 3])
+    path = tmp_path / "kind" / "0000002-0000004.npz"
+    path.rename(path.with_name("0000001-0000004.npz"))
+    with pytest.raises(DenseVSError, match=r"of shape \(2,\); expected \(3,\)"):
+        parts.read_worlds(tmp_path, "kind", case, [2])
+
+
+@pytest.mark.parametrize("order", [1, 2])
+def test_a_process_makes_its_own_worlds(monkeypatch, order):
+    made = []
+
+    def servo(world, **options):
+        made.append(options)
+        return "batch"
+
+    monkeypatch.setattr(case_module, "SimWorld", lambda robot, **options: made.append({"robot": robot, **options}))
+    monkeypatch.setattr(case_module, "BatchServo", servo)
+    case = BatchCase(worlds=6, order=order, seed=4, targets=3, height=60, width=80)
+    assert case.batch(Rank(1, 2), "cpu", threads=5) == "batch"
+    world, options = made
+    assert (world["worlds"], world["first_world"]) == (3, 3)
+    assert (world["robot"], world["height"], world["width"], world["seed"], world["threads"]) == ("arm", 60, 80, 4, 5)
+    assert world["physics_on_device"] is True
+    assert (world["device"], world["randomization"]) == ("cpu", case.randomization)
+    expected = {"point": "tip", "targets": 3, "seed": 4, "flow": case.flow, "estimator": {"order": order}}
+    assert options == {**expected, "episode": case.episode}
+
+
 def test_results_come_back_from_their_arrays():
     arrays = parts.result_arrays(results(), 77)
     assert arrays[parts.FRAMES].tolist() == [77] * 3
@@ -62,6 +121,24 @@ def test_courses_that_say_nothing(options):
     with pytest.raises(DenseVSError, match=next(iter(options))):
         EpisodeOptions(**options)
     assert EpisodeOptions(settle_frames=1, max_frames=1)
+
+
+def test_a_course_is_that_of_the_loop_unless_told():
+    """As one robot babbles and reaches: ten seconds, a pixel for five frames, five seconds of tries."""
+    course = EpisodeOptions()
+    assert (course.babble_seconds, course.tolerance, course.settle_frames, course.max_frames) == (10.0, 1.0, 5, 150)
+    case = BatchCase()
+    assert (case.worlds, case.targets, case.order, case.height, case.width) == (1024, 1, 1, 240, 320)
+    assert (case.robot, case.point, case.seed, case.flow) == ("arm", "tip", 0, "farneback-guided-warp")
+    assert case.randomization == DomainRandomization()
+    assert vars(RANDOMIZED) == {
+        "link_size": 0.1,
+        "texture_sets": 4,
+        "light": 0.3,
+        "light_angle": 0.3,
+        "camera_position": 0.03,
+        "camera_angle": 0.03,
+    }
 
 
 class Batch:

@@ -1,3 +1,5 @@
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
@@ -5,6 +7,7 @@ from dense_vs.errors import DenseVSError
 from dense_vs.generative import GenerativeModel
 from dense_vs.generative.prediction import predict
 from dense_vs.generative.report import FitReport
+from dense_vs.sims.marked_arm import cramer_rao as module
 from dense_vs.sims.marked_arm.cramer_rao import cramer_rao, perfect_inference, true_parameters
 from dense_vs.sims.marked_arm.evidence import act_cartesian
 from dense_vs.sims.marked_arm.noise import NoisyController
@@ -46,6 +49,43 @@ def test_more_samples_and_known_lenses_lower_it_and_noisy_joints_raise_it():
     assert bound(many, state="noisy", sigma=0.01) > 2 * bound(many)
     assert bound(few, camera=1) < bound(few)
     assert bound(many, state="actions", sigma=0.01) > bound(many)
+
+
+@pytest.mark.parametrize("state", ["noisy", "actions"])
+def test_the_offset_that_actions_leave_open_is_taken_out(monkeypatch, state):
+    """The first sample is learned 0.01 rad off in every joint, the second 0.03 rad, and nothing else is off."""
+    trial = Trial("ur5", 2, 2, "normal")
+    two, test = trial.evidence(2), trial.evidence(3, 1)
+    learned = np.repeat([0.01, 0.03], 6) / 0.5  # half a pixel of noise is taken for one
+
+    def root(information):
+        return np.concatenate([np.zeros(len(information) - 12), learned])[:, None]
+
+    asked = []
+
+    def predicted(parameters, joints):
+        asked.append(joints - test.truth.joints)
+        return test.truth.pixels + np.array([3.0, 4.0])
+
+    monkeypatch.setattr(module, "inverse_root", root)
+    monkeypatch.setattr(module, "predict", predicted)
+    ones = SimpleNamespace(normal=lambda *_, size=None: np.zeros(()) if size is None else np.ones(size))
+    bound = cramer_rao(two, test, ones, state=state, sigma=0.01, draws=2)
+    np.testing.assert_allclose(asked, np.full((2, 3, 6), 0.02 if state == "actions" else 0.0), atol=1e-12)
+    assert bound.exact.tolist() == bound.noisy.tolist() == [5.0, 5.0]
+
+
+@pytest.mark.parametrize("camera", [0, 1])
+def test_only_the_camera_that_is_asked_for_is_open(monkeypatch, camera):
+    trial = Trial("ur5", 2, 2, "normal")
+    few, test = trial.evidence(6), trial.evidence(3, 1)
+    asked = []
+    monkeypatch.setattr(module, "predict", lambda p, joints: asked.append(p) or predict(p, joints))
+    cramer_rao(few, test, trial.rng(4), camera=camera, draws=1)
+    true = true_parameters(few.truth.arm, few.truth.joints.mean(axis=0))
+    moved = np.abs(asked[0].camera_translation - true.camera_translation).max(axis=1) > 0
+    assert moved.tolist() == [camera == 0, camera == 1]
+    np.testing.assert_array_equal(asked[0].features, true.features)
 
 
 def test_inference_with_the_true_model_is_perfect():

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from dense_vs.errors import DenseVSError
-from dense_vs.sims.marked_arm.observed_arm import make_observed_arm
+from dense_vs.sims.marked_arm.observed_arm import PinholeCamera, _placed_camera, _seen_by, make_observed_arm
 
 
 @pytest.fixture(scope="module")
@@ -47,3 +47,79 @@ def test_too_little_to_see_is_refused():
         make_observed_arm("ur5", seed=0, cameras=0)
     with pytest.raises(DenseVSError, match="features is 3"):
         make_observed_arm("ur5", seed=0, features=3)
+
+
+class Middle:
+    """Draws the middle of every range, or a share of it; a turn about the optical axis as told."""
+
+    def __init__(self, roll=0.0, share=0.5):
+        self.roll, self.share = roll, share
+
+    def uniform(self, low, high, size=None):
+        return np.full(() if size is None else size, low + self.share * (high - low))
+
+    def normal(self, mean, sigma, size=None):
+        return mean + self.roll if size is None else np.full(size, mean)
+
+
+@pytest.mark.parametrize("azimuth", [0.0, 0.7, -2.0])
+def test_a_camera_stands_upright_and_looks_at_the_hand(azimuth):
+    center = np.array([0.5, 0.1, 0.3])
+    camera = _placed_camera(Middle(), center, azimuth)
+    way = camera.center - center
+    assert np.linalg.norm(way) == pytest.approx(1.7)
+    assert np.arctan2(way[1], way[0]) == pytest.approx(azimuth)
+    assert np.arcsin(way[2] / 1.7) == pytest.approx(0.425)  # between 0.25 and 0.6
+    np.testing.assert_allclose(camera.project(center), [319.5, 239.5], atol=1e-9)
+    # A point above the hand is above it in the image, one on the camera's right to the right.
+    beside = np.array([-np.sin(azimuth), np.cos(azimuth), 0.0])
+    above = camera.project(center + np.array([0.0, 0.0, 0.1]))
+    assert above[0] == pytest.approx(319.5)
+    assert above[1] < 220
+    right = camera.project(center + 0.1 * beside)
+    np.testing.assert_allclose(right, [319.5 + 620 * 0.1 / 1.7, 239.5], atol=1e-9)
+    np.testing.assert_allclose(np.linalg.det(camera.T_camera_world[:3, :3]), 1.0)
+
+
+@pytest.mark.parametrize(
+    ("share", "distance", "elevation", "focal", "off"),
+    [(0.0, 1.53, 0.25, 620 * 0.95 * 0.998, -6.0), (1.0, 1.87, 0.6, 620 * 1.05 * 1.002, 6.0)],
+)
+def test_the_ends_of_what_is_drawn_of_a_camera(share, distance, elevation, focal, off):
+    center = np.array([0.5, 0.1, 0.3])
+    camera = _placed_camera(Middle(share=share), center, 0.0)
+    way = camera.center - center
+    assert np.linalg.norm(way) == pytest.approx(distance)
+    assert np.arcsin(way[2] / distance) == pytest.approx(elevation)
+    np.testing.assert_allclose(camera.intrinsics, [focal, focal, 319.5 + off, 239.5 + off])
+
+
+def test_a_camera_is_turned_about_its_axis():
+    center = np.array([0.5, 0.1, 0.3])
+    turned = _placed_camera(Middle(0.1), center, 0.0)
+    np.testing.assert_allclose(turned.project(center), [319.5, 239.5], atol=1e-9)
+    x, y = turned.project(center + np.array([0.0, 0.1, 0.0])) - [319.5, 239.5]
+    assert np.arctan2(y, x) == pytest.approx(0.1)
+
+
+@pytest.mark.parametrize(
+    ("pixel", "seen"),
+    [
+        ((0, 0), True),
+        ((639, 479), True),
+        ((-0.5, 0), False),
+        ((639.5, 0), False),
+        ((0, -0.5), False),
+        ((0, 479.5), False),
+    ],
+)
+def test_the_outermost_pixels_belong_to_the_image(pixel, seen):
+    camera = PinholeCamera(np.array([512.0, 512.0, 320.0, 240.0]), np.eye(4))
+    point = np.array([[*(np.array(pixel) - [320.0, 240.0]) / 512.0, 1.0]])
+    assert np.isfinite(_seen_by(camera, point, -point)).all() == seen
+
+
+def test_a_point_in_the_plane_of_the_lens_has_no_pixel():
+    camera = PinholeCamera(np.array([512.0, 512.0, 320.0, 240.0]), np.eye(4))
+    pixels = camera.project(np.array([[0.5, 0.25, 0.5], [0.5, 0.25, 0.0], [0.5, 0.25, -0.5]]))
+    np.testing.assert_allclose(pixels, [[832.0, 496.0], [np.nan, np.nan], [np.nan, np.nan]])

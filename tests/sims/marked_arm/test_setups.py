@@ -206,6 +206,7 @@ def test_cartesian_actions_lead_from_pose_to_pose():
     assert seen.truth.joints is None
     noise = seen.observations.pixels - seen.truth.pixels
     assert np.nanstd(noise) == pytest.approx(0.5, rel=0.15)
+    assert abs(np.nanmean(noise)) < 0.1
     some = act(arm, 12, exact, np.random.default_rng(0)).first(5)
     assert len(some.truth.joints) == len(some.truth.poses) == len(some.truth.pixels) == 5
     assert len(some.observations.pixels) == 5

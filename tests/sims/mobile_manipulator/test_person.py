@@ -1,4 +1,4 @@
-"""The person: limbs that reach what they can, a thing in the hand that comes along, a walk that arrives."""
+"""The person: limbs that reach what they can, a thing in the hand that comes along."""
 
 import numpy as np
 import pytest
@@ -21,7 +21,6 @@ from dense_vs.sims.mobile_manipulator.person_annotations import annotate_clothin
 from dense_vs.sims.mobile_manipulator.postures import posture
 from dense_vs.sims.mobile_manipulator.room import add_room
 from dense_vs.sims.mobile_manipulator.world import MobileWorld
-from dense_vs.sims.papers.vosvs.walking_person import Stroll, WalkingPerson
 
 
 @pytest.fixture(scope="module")
@@ -125,52 +124,3 @@ def test_annotations_show_the_shirt_from_near_and_far(world):
     assert max(areas) > 3 * min(areas)
     shirt = np.concatenate([image[mask] for image, mask in zip(seen.images, seen.masks, strict=True)]).mean(axis=0)
     assert shirt[0] > 1.5 * shirt[2]  # red and gold
-
-
-class Shown:
-    def show(self, pose):
-        self.pose = pose
-
-
-def test_a_walk_arrives_and_stops():
-    walker = WalkingPerson(Shown(), (0.0, 0.0), np.pi)
-    walker.goal, walker.speed = np.array([1.5, 1.0]), 0.8
-    places = [walker.place]
-    for _ in range(200):
-        walker()
-        places.append(walker.place)
-    assert walker.there
-    assert np.hypot(*(walker.place - [1.5, 1.0])) < 0.15
-    steps = np.hypot(*np.diff(np.array(places), axis=0).T)
-    assert steps.max() <= 0.8 / 30 + 1e-9
-    assert steps[-20:].max() == 0.0
-    assert walker.traveled == pytest.approx(steps.sum())
-    assert walker.person.pose.stride == 0.0
-    while not walker.face(np.array([1.5, -5.0])):
-        pass
-    walker.show()
-    assert walker.heading == pytest.approx(-np.pi / 2, abs=0.1)
-
-
-def test_a_hand_stays_before_the_walker():
-    walker = WalkingPerson(Shown(), (2.0, 1.0), np.pi / 2)
-    walker.hand = np.array([0.4, -0.2, 1.1])
-    walker.show()
-    np.testing.assert_allclose(walker.person.pose.right_hand, (2.2, 1.4, 1.1))
-
-
-def test_a_stroll_goes_on():
-    walker = WalkingPerson(Shown(), (0.0, 0.0), 0.0)
-    goals = [np.array([0.5, 0.0]), np.array([0.5, 0.6]), np.array([0.0, 0.0])]
-    drawn = []
-
-    def draw(rng):
-        drawn.append(goals[len(drawn) % 3])
-        return drawn[-1]
-
-    stroll = Stroll(walker, draw, np.random.default_rng(1), (0.4, 0.9))
-    for _ in range(400):
-        stroll()
-        assert 0.4 <= walker.speed <= 0.9
-    assert len(drawn) >= 3
-    assert walker.traveled > 1.0

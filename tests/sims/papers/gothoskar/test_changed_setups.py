@@ -8,6 +8,7 @@ import pytest
 
 from dense_vs.errors import DenseVSError
 from dense_vs.generative import GenerativeModel
+from dense_vs.sims.marked_arm.observed_arm import make_observed_arm
 from dense_vs.sims.papers.gothoskar import drift, relearning, stages
 from dense_vs.sims.papers.gothoskar.arm_trials import Trial
 
@@ -35,10 +36,11 @@ def test_rows_of_a_drift():
 
 
 def test_drifts_are_run_with_and_without_a_change(monkeypatch, tmp_path):
-    asked = []
+    asked, drawn = [], []
 
     def follow(trial, model, what, size, samples, rng):
         asked.append((trial, what, size, samples))
+        drawn.append(rng.normal())
         return np.full((2, 11), 10.0 * trial + size), 3 if size else 1, size > 0 and trial == 2
 
     monkeypatch.setattr(drift, "trials", lambda _: [Number(1), Number(2)])
@@ -50,10 +52,15 @@ def test_drifts_are_run_with_and_without_a_change(monkeypatch, tmp_path):
     assert asked[:4] == [(1, "structure", 0.0, 40), (1, "structure", 0.005, 40), (2, "structure", 0.0, 40),
                          (2, "structure", 0.005, 40)]  # fmt: skip
     assert asked[4:] == [(trial, "camera:1", 2 * size, samples) for trial, _, size, samples in asked[:4]]
+    # Each drift is of its own numbers, the one without a change of the same.
+    first, second = (np.random.default_rng(purpose).normal(size=2).tolist() for purpose in (80, 81))
+    assert drawn == [*first, *first, *second, *second]
     assert found["structure drifts by 0.005 m: error before, mean"] == pytest.approx(15.005)
     assert found["structure drifts by 0.005 m: steps in 80 observations"] == 6
     assert found["structure: steps in 80 observations without a drift"] == 2
     assert found["camera:1 drifts by 0.01 of its lens: of 2 drifts, taken for a moved camera"] == 1
+    for border in ({"slip": 0.1, "warm": 0.2, "samples": 10}, {"slip": 0.0, "warm": 0.0}):
+        assert len(drift.run(Namespace(**{**options, **border}))) == 16
     for wrong in ({"cameras": 1}, {"samples": 9}, {"slip": -0.1}, {"slip": 0.2}, {"warm": 0.3}):
         with pytest.raises(DenseVSError, match=next(iter(wrong))):
             drift.run(Namespace(**{**options, **wrong}))
@@ -131,10 +138,16 @@ def test_changes_of_a_setup_change_one_part(trial):
     moved = relearning._changed(trial, "moved camera", np.random.default_rng(0))
     assert moved.cameras[0].T_camera_world.tolist() == before.cameras[0].T_camera_world.tolist()
     assert not np.allclose(moved.cameras[1].T_camera_world, before.cameras[1].T_camera_world)
+    knock = moved.cameras[1].T_camera_world @ np.linalg.inv(before.cameras[1].T_camera_world)
+    assert np.linalg.norm(knock[:3, 3]) == pytest.approx(0.1)
+    assert np.arccos((np.trace(knock[:3, :3]) - 1) / 2) == pytest.approx(0.15)
     added = relearning._changed(trial, "added camera", np.random.default_rng(0))
     assert len(added.cameras) == 3
+    elsewhere = make_observed_arm("ur5", seed=1002, cameras=1).cameras[0]  # drawn from a seed that no trial has
+    assert added.cameras[2].T_camera_world.tolist() == elsewhere.T_camera_world.tolist()
     np.testing.assert_array_equal(added.features, before.features)
     other = relearning._changed(trial, "structure", np.random.default_rng(0))
+    assert other.features.tolist() == make_observed_arm("ur5", seed=2, feature_seed=1002).features.tolist()
     assert not np.allclose(other.features, before.features)
     assert len(other.cameras) == 2
     angles, shifts = [], []
@@ -171,7 +184,7 @@ def test_rows_of_relearning(monkeypatch, tmp_path):
 
     monkeypatch.setattr(relearning, "trials", lambda _: [one(0), one(1)])
     monkeypatch.setattr(relearning, "new_setup", lambda trial, part, intrinsics, samples: (evidence, evidence))
-    found = iter([[np.inf, 1.0], [5.0, 3.0], [np.inf, 3.0], [7.0, 1.0]])
+    found = iter([[np.inf, 1.0], [5.0, 3.0], [np.inf, 3.0], [np.inf, 1.0]])
     monkeypatch.setattr(relearning, "relearned_errors", lambda *_: next(found))
     options = {"samples": 50, "relearn_from": [3, 10], "seeds": SEEDS, "out": tmp_path}
     rows = {row.name: row.ours for row in relearning.run(Namespace(cameras=2, **options))}
@@ -180,9 +193,10 @@ def test_rows_of_relearning(monkeypatch, tmp_path):
     assert rows["moved camera, 10 samples: mean"] == 2.0
     assert rows["moved camera, 10 samples: share below 2 px"] == 0.5
     assert rows["moved camera, 10 samples: bound (Cramer-Rao), mean"] == 2.25
-    assert rows["base, 3 samples: mean"] == 6.0
+    assert rows["base, 3 samples: share refused"] == 0.5
+    assert rows["base, 3 samples: mean"] == 5.0  # of the other
     assert rows["base, 10 samples: worst"] == 3.0
-    assert "base, 3 samples: share refused" not in rows
+    assert "base, 10 samples: share refused" not in rows
     assert not any(name.startswith("base") and "bound" in name for name in rows)
     assert bounds == [(3, 1), (10, 1)] * 2
     with pytest.raises(DenseVSError, match="--cameras is 3"):

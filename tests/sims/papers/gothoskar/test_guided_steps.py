@@ -107,6 +107,10 @@ def test_a_hand_that_is_near_enough_moves_no_further():
 
 
 def test_a_step_that_no_motion_makes_is_refused():
+    cell = Cell()
+    cell.q = np.zeros(3)
+    approach(guide_of(cell), np.array([1.5, 0.0, 0.0]), 1)  # just as far as may be
+    assert len(cell.sent) == 1
     for size, good in ((1.49, True), (1.51, False)):
         cell = Cell()
         if good:
@@ -316,7 +320,10 @@ def test_an_insertion_comes_down_along_the_sides(tried):
     part = np.arange(24.0).reshape(8, 3)
     assert insert(guide, part, part, np.random.default_rng(0)) == 0.04
     motions = [one for one in asked if len(one) == 3 and isinstance(one[1], int)]
-    assert motions == [(factor, attempts, 0.1) for factor, attempts in (*ABOVE, *INSIDE)]
+    above = [(1.4, 4), (1.32, 8), (1.295, 8), (1.289, 6)]
+    level = [(1.284, 4), (1.279, 4), (1.274, 3), (1.267, 3), (1.255, 2)]
+    down = [(factor, 2) for factor in (1.24, 1.2, 1.15, 1.1, 1.05, 1.0)]
+    assert motions == [(factor, attempts, 0.1) for factor, attempts in (*above, *level, *down)]
     stood = [one for one in asked if len(one) == 3 and not isinstance(one[1], int)]
     for _, target, axis in stood:
         np.testing.assert_allclose(target, part + 0.5)  # where the part lies in the hand this time

@@ -62,6 +62,36 @@ def test_rows_of_noisy_control():
     assert other[0].paper is None
 
 
+def test_rows_of_noisy_control_are_of_the_last_move():
+    """Three moves: near at once, near in between, near in the end, near at the start and not counted as moved."""
+    errors = np.array([[50.0, 0.9, 2.0, 3.0], [50.0, 8.0, 0.9, 5.0], [50.0, 8.0, 4.0, 0.9], [0.9, 8.0, 4.0, 7.0]])
+    found = values(noisy_control._rows("cartesian", "proportional", 0.02, [noisy_control._Servo(errors, 2.0)], (3,)))
+    start = "cartesian, proportional noise 0.02:"
+    assert found == {
+        f"{start} error after the last move, median": 4.0,
+        f"{start} share ever below 1 px": 1.0,
+        f"{start} moves to below 1 px, median": 1.5,
+    }
+
+
+@pytest.mark.parametrize(
+    ("controller", "law", "sigma", "paper"),
+    [
+        ("cartesian", "independent", 0.02, 5.0),
+        ("cartesian", "proportional", 0.02, None),
+        ("cartesian", "independent", 0.01, None),
+        ("joint", "independent", 0.02, None),
+    ],
+)
+def test_the_paper_tells_one_error_of_one_law(controller, law, sigma, paper):
+    done = [noisy_control._Servo(np.array([[50.0, 4.0]]), 2.0)]
+    rows = noisy_control._rows(controller, law, sigma, done, (3, 4))
+    assert rows[0].paper == paper
+    assert all(row.paper is None for row in rows[1:])
+    assert all(row.seeds == (3, 4) for row in rows)
+    assert not any("error of the model" in row.name for row in rows)  # what is not known has no row
+
+
 def test_error_of_tasks_counts_what_is_behind_a_camera_as_far_off():
     exact = np.array([[[[10.0, 20.0], [np.nan, np.nan]]], [[[10.0, 20.0], [30.0, 40.0]]]])
     shown = np.array([[[[13.0, 24.0], [0.0, 0.0]]], [[[10.0, 20.0], [np.nan, np.nan]]]])
@@ -174,17 +204,21 @@ def test_insertions_are_counted_by_their_depth(cells, monkeypatch):
 
 
 def test_alarms_and_wrongly_named_cameras_are_counted(monkeypatch, tmp_path):
-    """Two false alarms before the shift; the camera is named at the third sample after it, another one at two."""
+    """Two false alarms of the first before the shift, one of the second, which takes everything to have moved.
+
+    The shifted camera is named at the third and at the fifth sample after it, another one at two samples.
+    """
     from dense_vs.sims.marked_arm import evidence
 
     said, shifted = [], 1
     named = [(0,) if s in (4, 9) else () for s in range(camera_shift.BUFFER)]
     named += [(), (0,), (shifted,), (0, shifted), *[(shifted,)] * 6]
+    named += [()] * (camera_shift.BUFFER + 4) + [(shifted,)] * 6
 
     def add(*_):
         said.append(1)
         return SimpleNamespace(
-            moved_cameras=named[len(said) - 1], everything_moved=False, gradient_norm=float(len(said))
+            moved_cameras=named[len(said) - 1], everything_moved=len(said) == 70, gradient_norm=float(len(said))
         )
 
     camera = SimpleNamespace(shifted=lambda *_: camera)
@@ -205,17 +239,18 @@ def test_alarms_and_wrongly_named_cameras_are_counted(monkeypatch, tmp_path):
         rng=lambda _: rng,
         evidence=lambda count: SimpleNamespace(observations=None),
     )
-    monkeypatch.setattr(camera_shift, "trials", lambda _: [trial])
+    monkeypatch.setattr(camera_shift, "trials", lambda _: [trial, trial])
     monkeypatch.setattr(camera_shift, "draw_lines", lambda *_, **__: None)
     model = SimpleNamespace(online=lambda capacity: SimpleNamespace(add=add))
     monkeypatch.setattr(GenerativeModel, "fit", lambda observations, seed: model)
     arguments = Namespace(cameras=2, metres=0.02, radians=0.02, seeds=[0], arm=["ur5"], out=tmp_path)
     found = values(camera_shift.run(arguments))
-    assert found["alarms in 50 samples before any shift"] == 2
-    assert found["other cameras named in 10 samples after it"] == 2
-    assert found["samples until the shifted camera is named, worst"] == 3
-    assert found["50/0: gradient norm"] == 50.0
-    assert found["40/10: gradient norm"] == 60.0
+    assert found["alarms in 100 samples before any shift"] == 3
+    assert found["other cameras named in 20 samples after it"] == 2
+    assert found["samples until the shifted camera is named, median"] == 4
+    assert found["samples until the shifted camera is named, worst"] == 5
+    assert found["50/0: gradient norm"] == 80.0  # 50 and, with the first run's 60 samples, 110
+    assert found["40/10: gradient norm"] == 90.0
 
 
 def test_a_query_of_a_hundred_is_timed_by_the_piece(monkeypatch, tmp_path):
@@ -226,6 +261,20 @@ def test_a_query_of_a_hundred_is_timed_by_the_piece(monkeypatch, tmp_path):
     assert found["Forward Kinematics"] == 200.0
     assert found["Infer Joints from Image, each of 100"] == 2.0
     assert found["Learning from 50 samples"] == 201.0  # five times are enough of it
+
+
+def test_the_median_of_repeats_counts_and_the_first_call_does_not(monkeypatch):
+    """A clock that each query moves on by what it takes [s]."""
+    clock, calls = [0.0], []
+    takes = [9.0, 0.25, 0.5, 4.0]
+
+    def query():
+        clock[0] += takes[len(calls)]
+        calls.append(clock[0])
+
+    monkeypatch.setattr(speed, "time", SimpleNamespace(perf_counter=lambda: clock[0]))
+    assert speed._median_ms(query, 3) == 500.0
+    assert len(calls) == 4
 
 
 def test_medians_and_worst_of_stages(monkeypatch, tmp_path):

@@ -72,7 +72,7 @@ def ask(monkeypatch, world, results):
 
     def picked(world, name, support, segmenter, high, low, *, others, aside, policy, on_look, on_attempt):
         asked.append((name, support, segmenter, high, low, tuple(others), aside))
-        assert policy._attempts == clutter.ATTEMPTS
+        assert policy._attempts == 5
         on_look(0, IMAGE, MASK)
         on_attempt(attempt(WRONG))
         on_attempt(attempt(HELD))

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from dense_vs.mask_servo.loop import ServoEnd
+from dense_vs.sims.mobile_manipulator.model import JOINTS
 from dense_vs.sims.mobile_manipulator.person import Person, add_person
 from dense_vs.sims.mobile_manipulator.world import MobileWorld
 from dense_vs.sims.papers.vosvs import collaboration
@@ -101,9 +102,9 @@ def searched(monkeypatch, found, end):
 
 def test_the_head_looks_around_and_centers(monkeypatch):
     place, made, tiles = searched(monkeypatch, True, ServoEnd.CONVERGED)
-    assert place == ("q", collaboration.MIDDLE)
+    assert place == ("q", 0.06)
     assert made["searched"] == made["joints"] == ("head_pan", "head_tilt")
-    assert made["reach"] == collaboration.AROUND
+    assert made["reach"] == (0.45, 0.35)
     assert made["pinv"] == "J+"
     assert [label for label, _ in tiles] == ["Softscrub: found with the head"]
 
@@ -146,10 +147,10 @@ def test_the_person_is_followed_until_done(monkeypatch):
 
 
 def errand(monkeypatch, place, placed=True):
-    sent, picked = [], []
+    sent, picked, waiting = [], [], {}
     robot = SimpleNamespace(joints=lambda: (np.zeros(10), 0.0), command=sent.append)
     world = SimpleNamespace(
-        set_posture=lambda q: None,
+        set_posture=lambda q: waiting.update(zip(JOINTS, q, strict=True)),
         object_center=lambda name: np.array([0.6, 2.0, 0.1]),
         image=lambda camera: IMAGE,
     )
@@ -170,6 +171,7 @@ def errand(monkeypatch, place, placed=True):
     pinvs, tiles = {"head": "h", "base": "high", "base grasp": "low"}, []
     rng = np.random.default_rng(3)
     one = collaboration.run_errand(world, "person", "Softscrub", "shirt", "masks", pinvs, rng, tiles)
+    assert (waiting["base_forward"], waiting["base_lateral"], waiting["head_tilt"]) == (-1.5, 2.5, -0.1)
     return one, sent, picked, tiles, made
 
 
@@ -182,8 +184,9 @@ def test_the_robot_drives_to_where_the_head_looked(monkeypatch):
     assert picked == [("Softscrub", 0.0, "masks", "high", "low")]
     labels = [label for label, _ in tiles]
     assert labels == ["Softscrub: centered by the base", "Softscrub: held", "Softscrub: in the bin"]
-    goal = made[0][4]
-    assert all(low <= value <= high for value, (low, high) in zip(goal, collaboration.FLOOR, strict=True))
+    *_, start, goal, toward = made[0]
+    assert (start, toward) == ((1.9, 3.6), (-1.5, 2.5))
+    assert all(low <= value <= high for value, (low, high) in zip(goal, ((0.3, 0.9), (1.7, 3.3)), strict=True))
     near = errand(monkeypatch, np.array([0.7, 2.2]), placed=False)[0]
     assert near.found
     assert not near.placed

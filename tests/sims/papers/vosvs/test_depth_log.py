@@ -1,6 +1,7 @@
 """The experiment on the recorded approach: its table, its picture, and files that are no log."""
 
 import json
+from argparse import Namespace
 
 import numpy as np
 import pytest
@@ -10,6 +11,7 @@ pytest.importorskip("mujoco", reason="commands of the simulator need MuJoCo")
 from shared_data import SHARED_DATA
 
 from dense_vs.cli.main import main
+from dense_vs.sims.papers.vosvs import depth_log
 from dense_vs.sims.papers.vosvs.depth_log import COLUMNS, PUBLISHED_Z, read_log
 
 LOG = SHARED_DATA / "sugar_box_approach.csv"
@@ -50,6 +52,25 @@ def test_a_log_of_one_s_own(tmp_path):
     areas, camera_z = read_log(log)
     np.testing.assert_allclose(camera_z, z)
     assert len(areas) == 9
+
+
+def test_an_estimate_is_made_after_each_view(tmp_path, monkeypatch):
+    """Up to the fifth of nine views the object is at 0.2 m; then the masks shrink, and it seems to be elsewhere."""
+    drawn = []
+    monkeypatch.setattr(depth_log, "_draw", lambda areas, camera_z, estimates, path: drawn.extend(estimates))
+    z = np.linspace(0.7, 0.4, 9)
+    areas = (25 / (z - 0.2)) ** 2
+    areas[5:] *= 0.5
+    log = tmp_path / "mine.csv"
+    np.savetxt(log, np.stack([areas, z], axis=1), delimiter=",", header=",".join(COLUMNS), comments="")
+    rows = {row.name: row for row in depth_log.run(Namespace(log=log, out=tmp_path))}
+    assert len(drawn) == 9
+    assert drawn[0] is None  # one view tells nothing
+    np.testing.assert_allclose([one.z_object for one in drawn[1:5]], 0.2)
+    assert rows["z_object after half of the views"].ours == pytest.approx(0.2)
+    assert drawn[8].z_object == rows["z_object"].ours != pytest.approx(0.2, abs=0.01)
+    assert rows["standard error of z_object"].ours > 0.001
+    assert "difference from the published z_object" not in rows
 
 
 @pytest.mark.parametrize("content", [None, "a,b\n1,2\n", "mask_area_px,camera_z_m\n1,two\n"])

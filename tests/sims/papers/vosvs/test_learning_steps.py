@@ -38,7 +38,7 @@ class Taught:
 
 @pytest.fixture
 def learned(monkeypatch):
-    def run(runs, responses=2, looks=30, keep=False, update=Update.GUARDED):
+    def run(runs, responses=2, looks=30, **options):
         one = configuration("base")
         learner = SimpleNamespace(pinv=np.zeros((2, 2)))
         put, postures = [], []
@@ -51,16 +51,14 @@ def learned(monkeypatch):
         monkeypatch.setattr(jacobian_learning, "forget_images", lambda _: None)
         for name in ("ManipulatorCamera", "ManipulatorRobot"):
             monkeypatch.setattr(jacobian_learning, name, lambda *_: None)
+        told = {"responses": responses, "looks": looks, **options}
         result = learn_configuration(
             world,
             one,
             "Mug",
             None,
             np.random.default_rng(0),
-            responses=responses,
-            looks=looks,
-            keep_images=keep,
-            update=update,
+            **{name: value for name, value in told.items() if value is not None},
         )
         return result, put, postures
 
@@ -79,7 +77,7 @@ def test_j_is_learned_until_enough_responses_have_converged(learned):
             (DONE, [0, 0], True),
             (DONE, [9], True),
         ],
-        keep=True,
+        keep_images=True,
     )
     assert result.converged
     assert (result.updates, result.looks) == (3, 7)  # changes and images until it first converged
@@ -116,12 +114,62 @@ def test_the_last_image_ends_it(learned):
     assert result.episodes[0].images == []  # not asked for
 
 
+def test_five_responses_of_at_most_150_images_are_learned_from(learned):
+    result, put, _ = learned([(DONE, [1], True)] * 9, responses=None, looks=None)
+    assert len(result.episodes) == 5
+    assert Taught.left == [150, 149, 148, 147, 146]
+    assert put == [0, 1, 2, 3, 4]
+
+
 def test_updates_learn_from_a_thousandth_of_h():
     one = configuration("arm both")
     for update in Update:
         learner = jacobian_learning._learner(one, update)
         np.testing.assert_allclose(learner.pinv, 0.001 * one.coupling)
     assert type(jacobian_learning._learner(one, Update.FEATUREWISE)).__name__ == "FeaturewiseBroyden"
+
+
+def test_a_tenth_of_what_a_motion_showed_is_learned():
+    """The base moved 0.1 m ahead and 0.05 m aside, and each feature by 10 px: J+ is to become 0.01 and 0.005."""
+    one = configuration("base")
+    for update, expected in (
+        # One at a time, an element goes a tenth of the way from 0.001 to what was seen.
+        (Update.FEATUREWISE, [[0.0019, 0.0], [0.0, 0.0014]]),
+        # By (11) dq - J+ de is (0.09, 0.04), dq^T J+ is (1, 0.5) / 10^4 and the denominator 15 / 10^4.
+        (Update.PRINTED, [[0.001 + 0.1 * 0.09 / 15, 0.0], [0.0, 0.001 + 0.1 * 0.02 / 15]]),
+        (Update.GUARDED, [[0.001 + 0.1 * 0.09 / 15, 0.0], [0.0, 0.001 + 0.1 * 0.02 / 15]]),
+        (
+            Update.ORIGINAL,
+            [[0.001 + 0.1 * 0.09 / 15, 0.1 * 0.045 / 15], [0.1 * 0.04 / 15, 0.001 + 0.1 * 0.02 / 15]],
+        ),
+    ):
+        learner = jacobian_learning._learner(one, update)
+        assert not learner.observe(np.zeros(2), np.zeros(2))
+        learner.observe(np.array([0.1, 0.05]), np.array([10.0, 10.0]))
+        np.testing.assert_allclose(learner.pinv, expected, rtol=1e-9, atol=1e-15)
+
+
+@pytest.mark.parametrize(("moved", "learned"), [(0.0079, False), (0.0081, True)])
+def test_motions_below_eight_millimeters_teach_nothing(moved, learned):
+    one = configuration("base")
+    for update in (Update.PRINTED, Update.GUARDED, Update.ORIGINAL):
+        learner = jacobian_learning._learner(one, update)
+        learner.observe(np.zeros(2), np.zeros(2))
+        learner.observe(np.array([moved, 0.0]), np.array([10.0, 0.0]))
+        assert (learner.pinv[0, 0] != 0.001) == learned
+
+
+def test_the_printed_update_has_no_guard_and_ours_has():
+    """A motion that is nearly at a right angle to what J+ says of it: (11) leaps, the guarded one does not."""
+    one = configuration("base")
+    after = {}
+    for update in (Update.PRINTED, Update.GUARDED):
+        learner = jacobian_learning._learner(one, update)
+        learner.observe(np.zeros(2), np.zeros(2))
+        learner.observe(np.array([0.1, 0.1]), np.array([10.0, -9.9]))
+        after[update] = np.abs(learner.pinv).max()
+    assert after[Update.PRINTED] > 0.05  # 0.1 * 0.09 / (dq^T J+ de = 10^-5) * 10^-4 = 0.09
+    assert after[Update.GUARDED] < 0.02
 
 
 class Dragged:

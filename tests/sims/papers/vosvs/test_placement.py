@@ -184,7 +184,7 @@ def test_a_chain_is_laid(monkeypatch):
     assert place[2] == 0.0
 
 
-@pytest.mark.parametrize(("depth", "hidden"), [(0.86, False), (0.84, True)])
+@pytest.mark.parametrize(("depth", "hidden"), [(0.86, False), (0.85, False), (0.84, True)])
 def test_an_object_is_hidden_by_what_stands_before_any_part_of_it(depth, hidden):
     """Its parts are 1 m from the camera; the surface of a part is at most 0.15 m before its middle."""
     world = World()

@@ -8,7 +8,7 @@ import pytest
 
 from dense_vs.depth import DepthUnobservableError
 from dense_vs.errors import DenseVSError
-from dense_vs.sims.mobile_manipulator.postures import above
+from dense_vs.sims.mobile_manipulator.postures import GRIPPER_BEHIND, above
 from dense_vs.sims.papers.vosvs import gripper_geometry, learn, object_pick, pick_place, trial
 from dense_vs.sims.papers.vosvs.configurations import CONFIGURATIONS
 from dense_vs.sims.papers.vosvs.difficulty import DIFFICULTIES
@@ -118,7 +118,7 @@ def trials(monkeypatch):
             on_view(1, np.ones((8, 8, 3), np.uint8), np.zeros((8, 8), bool))
         z_object = {"Mug": 0.2, "Dice": None}.get(name, 0.0)
         approach = (
-            None if name == "Washer" else SimpleNamespace(nearest=-1 if name == "Knife" else 3, z_object=z_object)
+            None if name == "Washer" else SimpleNamespace(nearest=-1 if name == "Knife" else 0, z_object=z_object)
         )
         return ObjectTrial(name, support, ServoScore(name == "Mug"), approach=approach)
 
@@ -188,7 +188,7 @@ def test_depth_is_done_by_both_from_one_place(trials):
     assert not of["Mug"].printed_reach.closed
     names = [one[0] for one in seen.reached]
     assert not {"Washer", "Knife", "Dice"} & set(names)  # never approached, no view of it, no depth
-    assert of["Dice"].printed_reach.cause == "depth: no depth"
+    assert of["Dice"].printed_reach == ReachScore(closed=False, lifted=False, cause="depth: no depth")
     assert names.count("Plate") == 2
 
 
@@ -274,10 +274,10 @@ def test_what_is_held_is_carried_above_the_bin():
     with unittest.mock.patch.object(object_pick, "above", lambda *place: asked.append(place) or goal):
         object_pick.carry_to_bin(SimpleNamespace(wait=waited.append), robot)
     np.testing.assert_allclose(robot.q, [0.3, 5.0, 6.0, 0.5, 0.7])
-    np.testing.assert_allclose(robot.sent[0], [0, 0, 0, object_pick.CARRY - 0.2, 0])  # up first
+    np.testing.assert_allclose(robot.sent[0], [0, 0, 0, 0.72 - 0.2, 0])  # up first
     np.testing.assert_allclose(robot.sent[1], [0, 6.0, 4.0, 0, 0])
-    np.testing.assert_allclose(robot.sent[2], [0, 0, 0, 0.5 - object_pick.CARRY, 0])
-    assert asked[0][0] > object_pick.DROP[0]
+    np.testing.assert_allclose(robot.sent[2], [0, 0, 0, 0.5 - 0.72, 0])
+    assert asked == [(0.92 + GRIPPER_BEHIND, -1.4, 0.5)]  # the bin's front, behind which the gripper is
     assert waited == [10]
 
 

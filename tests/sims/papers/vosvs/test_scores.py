@@ -130,6 +130,7 @@ def test_the_bin_is_the_one_of_the_model():
     text = resources.files("dense_vs.sims").joinpath("models", "mobile_manipulator.xml").read_text(encoding="utf-8")
     model = mujoco.MjModel.from_xml_string(text)
     np.testing.assert_allclose(model.body("drop_bin").pos[:2], BIN)
+    assert lies_in_bin(np.array([*model.body("drop_bin").pos[:2], 0.05]))
     np.testing.assert_allclose([model.geom("drop_bin_back").pos[0], model.geom("drop_bin_left").pos[1]], BIN_HALF)
     bottom = model.geom("drop_bin_bottom")
     assert bottom.pos[2] + bottom.size[2] == pytest.approx(BIN_FLOOR)

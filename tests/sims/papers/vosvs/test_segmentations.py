@@ -60,6 +60,33 @@ def test_a_small_object_is_enlarged_and_its_overlap_stays(corner):
     assert large.iou == pytest.approx(one.iou, abs=0.05)
 
 
+@pytest.mark.parametrize(
+    ("box", "columns", "rows"),
+    [
+        ((60, 40, 64, 104), 160 * 64 / 94.5, 120 * 4 / 70.875),  # one and a half times as wide as the object
+        ((20, 60, 85, 64), 160 * 4 / 128, 120 * 65 / 96),  # one and a half times as high
+        ((50, 70, 54, 74), 160 * 4 / 80, 120 * 4 / 60),  # of 60 rows at least
+    ],
+)
+def test_a_view_is_enlarged_to_half_as_much_again_as_the_object(box, columns, rows):
+    large = segmentations.enlarged(view(box, box))
+    assert large.mask.any(axis=0).sum() == pytest.approx(columns, abs=2.1)
+    assert large.mask.any(axis=1).sum() == pytest.approx(rows, abs=2.1)
+    y, x = np.nonzero(large.mask)
+    assert (x.mean(), y.mean()) == pytest.approx((79.5, 59.5), abs=3)  # in the middle
+
+
+@pytest.mark.parametrize(("corner", "middle"), [((4, 6), (15.5, 11.5)), ((112, 146), (135.5, 107.5))])
+def test_an_object_at_the_border_is_enlarged_inside_the_view(corner, middle):
+    """60 x 80 pixels from the border on, each twice as large."""
+    top, left = corner
+    box = (top, left, top + 4, left + 4)
+    large = segmentations.enlarged(view(box, box))
+    y, x = np.nonzero(large.mask)
+    assert (x.mean(), y.mean()) == middle
+    assert large.mask.sum() == 4 * 16
+
+
 def test_what_fills_the_view_stays_as_it_is():
     one = view((0, 0, 120, 160), (0, 0, 120, 150))
     np.testing.assert_array_equal(segmentations.enlarged(one).true, one.true)

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from dense_vs.mask_servo.loop import ServoEnd
+from dense_vs.sims.mobile_manipulator.model import JOINTS
 from dense_vs.sims.papers.vosvs import track_person, tracking
 from dense_vs.sims.papers.vosvs.configurations import configuration
 from dense_vs.sims.papers.vosvs.tracking import Track, follow, table_rows
@@ -116,7 +117,7 @@ def test_the_person_walks_on_clear_floor_before_the_robot():
 
 def test_person_is_followed_by_what_was_learned(monkeypatch):
     world = World()
-    world.set_posture = lambda q: None
+    world.set_posture = lambda q: asked.update(zip(JOINTS, q, strict=True))
     world.pixels_of = lambda camera, geoms: np.pad(np.ones((1, 1), bool), ((240, 239), (330, 309)))
     world.before_frame = None
     person = SimpleNamespace(show=lambda pose: None, geoms=lambda cloth: np.array([1]))
@@ -124,6 +125,10 @@ def test_person_is_followed_by_what_was_learned(monkeypatch):
 
     def followed(world, one, segmenter, pinv, looks, **options):
         asked.update(options, one=one, looks=looks, pinv=pinv)
+        walker = world.before_frame.walker
+        assert walker.place.tolist() == [0.6, 2.5]
+        assert walker.heading == pytest.approx(np.pi / 2)
+        assert world.before_frame._speeds == (0.4, 0.9)
         for _ in range(30):
             world.before_frame()
         return np.tile(options["true_place"](), (looks, 1)), 2, [("a", IMAGE)]
@@ -132,8 +137,9 @@ def test_person_is_followed_by_what_was_learned(monkeypatch):
     ready = SimpleNamespace(world=world, seed=5)
     one = track_person.follow_person(ready, person, "head", "masks", "J+", 7, 0.2, SimpleNamespace(update=None))
     assert world.before_frame is None
+    assert (asked["base_forward"], asked["base_lateral"], asked["head_tilt"]) == (-1.5, 2.5, -0.1)
     assert asked["mask_seconds"] == 0.2
-    assert asked["max_step"] == track_person.MAX_STEP["head"]
+    assert asked["max_step"] == 0.3
     assert asked["one"].name == "head"
     assert one.lost == 2
     np.testing.assert_array_equal(one.centroids, np.tile([330.0, 240.0], (7, 1)))

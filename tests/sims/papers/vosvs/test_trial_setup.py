@@ -101,11 +101,51 @@ def test_a_clean_trial_is_that_of_before(elsewhere, monkeypatch):
     assert ready.world.time == time
 
 
+@pytest.mark.parametrize("difficulty", ["hard", "clean"])
+def test_masks_take_time_where_the_trials_are_hard(difficulty):
+    """Each object's segmenter is made once; what it has seen before counts."""
+    ready = TrialSetup.__new__(TrialSetup)
+    ready.world, ready.difficulty, ready._timed = "world", DIFFICULTIES[difficulty], {}
+    ready._segmenters = {"Mug": TrueMasks("Mug"), "Tuna": TrueMasks("Tuna")}
+    one, other = ready.segmenter("Mug"), ready.segmenter("Tuna")
+    assert ready.segmenter("Mug") is one
+    assert ready.segmenter("Tuna") is other
+    assert one is not other
+    assert isinstance(one, TimedSegmenter) == (difficulty == "hard")
+    assert (one is ready._segmenters["Mug"]) == (difficulty == "clean")
+
+
+@pytest.mark.parametrize(("difficulty", "fits"), [("hard", True), ("hard", False), ("clean", True)])
+def test_each_support_gets_its_own_clutter(monkeypatch, difficulty, fits):
+    """Two things each, that no other has; on the bins within their rims, on the floor about the object."""
+    scattered, waited = [], []
+
+    def scatter(world, names, region, others, rng, gap):
+        scattered.append(((*region.middle, region.height), region.half, list(names)))
+        assert (others, gap) == (("Mug", "Dice"), 0.04)
+        return list(names) if fits else []
+
+    monkeypatch.setattr(trial_setup, "scatter", scatter)
+    ready = TrialSetup.__new__(TrialSetup)
+    ready.world, ready.difficulty = SimpleNamespace(wait=waited.append), DIFFICULTIES[difficulty]
+    placed = ready.add_clutter(("Mug", "Dice"), np.random.default_rng(0))
+    if difficulty == "clean":
+        assert (scattered, placed, waited) == ([], [], [0])
+        return
+    assert [one[:2] for one in scattered] == [
+        (place, (0.17, 0.22) if place[2] > 0 else (0.2, 0.26)) for place in SUPPORTS
+    ]
+    assert [len(names) for *_, names in scattered] == [2, 2, 2]
+    things = [name for *_, names in scattered for name in names]
+    assert len(set(things)) == 6
+    assert (placed, waited) == (things if fits else [], [15 if fits else 0])
+
+
 def test_the_difficulties():
     hard, clean = DIFFICULTIES["hard"], DIFFICULTIES["clean"]
     assert hard.other_rooms
     assert hard.shadows
-    assert hard.clutter
+    assert hard.clutter == 2
     assert hard.mask_seconds == 0.2
     assert (clean.other_rooms, clean.shadows, clean.clutter, clean.mask_seconds) == (False, False, 0, 0.0)
-    assert hard.settle_frames < clean.settle_frames
+    assert (hard.settle_frames, clean.settle_frames) == (0, 6)

@@ -96,6 +96,14 @@ def test_the_robot_drives_to_about_where_a_support_is(monkeypatch):
     assert off.max() > 0.11
 
 
+def test_what_was_not_tried_has_not_succeeded():
+    one = ObjectTrial("Mug", 0.25)
+    done = (one.servo.centered, one.depth.graspable, one.printed_depth.graspable, one.reach.closed, one.reach.lifted)
+    assert not any((*done, one.printed_reach.closed, one.printed_reach.lifted))
+    assert (one.printed_servo, one.approach, one.looks, one.cause) == (None, None, 0, "")
+    assert np.isnan([*one.iou, one.depth.error, one.depth.surface_error, *one.depth.margins]).all()
+
+
 CENTERED, NOT = ServoScore(True), ServoScore(False, "lost")
 
 
