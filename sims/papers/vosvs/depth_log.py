@@ -36,7 +36,7 @@ def run(arguments: argparse.Namespace) -> list[Row]:
             bar.update()
     final = depth_from_areas(areas, camera_z)
     _draw(areas, camera_z, estimates, arguments.out / "depth_log.png")
-    halfway = estimates[len(areas) // 2]
+    halfway = estimates[(len(areas) - 1) // 2]
     published = PUBLISHED_Z if arguments.log.name == LOG.name else None
     rows = [Row("z_object", published, final.z_object, "m", ())]
     if published is not None:

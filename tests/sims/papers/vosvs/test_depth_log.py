@@ -2,6 +2,7 @@
 
 import json
 from argparse import Namespace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -52,6 +53,18 @@ def test_a_log_of_one_s_own(tmp_path):
     areas, camera_z = read_log(log)
     np.testing.assert_allclose(camera_z, z)
     assert len(areas) == 9
+
+
+@pytest.mark.parametrize(("views", "half"), [(9, 5), (10, 5), (2, 1), (1, 1)])
+def test_half_of_the_views_of_an_even_number_is_half_of_it(tmp_path, monkeypatch, views, half):
+    monkeypatch.setattr(depth_log, "_draw", lambda *given: None)
+    monkeypatch.setattr(depth_log, "_estimate", lambda areas, z: SimpleNamespace(z_object=float(len(z))))
+    monkeypatch.setattr(depth_log, "read_log", lambda path: (np.ones(views), np.ones(views)))
+    monkeypatch.setattr(
+        depth_log, "depth_from_areas", lambda areas, z: SimpleNamespace(z_object=0.0, distance_std=0.0, c_object=0.0)
+    )
+    rows = {row.name: row for row in depth_log.run(Namespace(log=tmp_path / "log", out=tmp_path))}
+    assert rows["z_object after half of the views"].ours == half
 
 
 def test_an_estimate_is_made_after_each_view(tmp_path, monkeypatch):
