@@ -31,7 +31,7 @@ HELD, OTHERS_HELD = 3, 5  # images, in one of which a feature of the point's lin
 KEYFRAME_MOTION = 10.0  # px that a feature moves by between keyframes
 GATE = 2.0  # px from where its link's features are, at which one is given up
 LEAST_SEEN = 3  # features of the link that have to be in sight
-LIKE, ALIKE = 0.8, 0.87  # correlations between which the point's own look comes to count alone
+LIKE, ALIKE = 0.8, 0.87  # correlations between which the point's own look comes to count
 OWN_DRIFT = 0.5  # px, standard deviation of the place by the own look at least
 ASIDE = 1.0  # px, standard deviation of the expected place, the depth aside, while looking back
 ROUNDS = 3  # of looking back for the point itself, each with the depth that the former gave
@@ -311,7 +311,7 @@ class BodyTracker:
         by_depth = depth * float(np.linalg.norm(self.on_link.view(q[None])[2]))
         by_features = OFF_SHARE * float(np.linalg.norm(self._offset)), FEW / max(self._told, 1)
         by_link = float(np.linalg.norm([by_depth, *by_features]))
-        both = (by_link**-2 + self._by_own**-2) ** -0.5
+        both = by_link / float(np.hypot(1.0, by_link / self._by_own))  # two witnesses, by their variances
         return float(np.linalg.norm([both, self._apart, self._aside]))
 
     def _refine(self) -> None:
