@@ -7,6 +7,7 @@ import pytest
 from counting_estimator import HEIGHT, WIDTH, Estimator, Flow, image, pipeline, run, told
 
 from dense_vs.errors import DenseVSError
+from dense_vs.health.faults import Fault, FaultKind
 from dense_vs.pipeline.frame_pipeline import scaled_size
 
 
@@ -112,7 +113,7 @@ def test_far_motion_over_frames_without_use_is_by_j(monkeypatch, per_frame, brid
 
 
 def fault(holds):
-    return SimpleNamespace(holds=holds, kind="late")
+    return Fault(FaultKind.LATE, "late", holds=holds)
 
 
 def test_frames_with_a_fault_that_holds_are_shown_and_not_learned_from():

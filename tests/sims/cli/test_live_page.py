@@ -8,7 +8,6 @@ import os
 import time
 from io import BytesIO
 from pathlib import Path
-from threading import Event, Thread
 
 import numpy as np
 import pytest
@@ -17,7 +16,6 @@ from live_rig import browser, served
 pytest.importorskip("uvicorn", reason="the live extra is not installed")
 pytest.importorskip("starlette", reason="the live extra is not installed")
 
-from dense_vs.live.body_process import BodyState
 from dense_vs.live.followers import BodyFollower
 from dense_vs.live.mode import Mode
 from dense_vs.live.options import LiveOptions
@@ -87,26 +85,30 @@ def picture(page, name):
         page.screenshot(path=Path(PICTURES) / name, type="jpeg", quality=82)
 
 
-def watch(session, frames, over):
-    """Note the number of frames while the body is learned; the page may be too busy to be asked meanwhile."""
-    while not over.wait(0.01):
-        if session.body_state is BodyState.LEARNING:
-            frames.append(session.number)
+def noted(monkeypatch, session):
+    """The number of the frame in which the body begins to be learned, and of that in which it is there."""
+    numbers = []
+    for name in ("learn", "_use"):
+        method = getattr(session.body, name)
+
+        def call(*given, method=method):
+            numbers.append(session.number)
+            return method(*given)
+
+        monkeypatch.setattr(session.body, name, call)
+    return numbers
 
 
-def test_learn_click_reach_by_the_simulators_truth(page, session, world):
-    frames, over = [], Event()
-    watching = Thread(target=watch, args=(session, frames, over), daemon=True)
-    watching.start()
+def test_learn_click_reach_by_the_simulators_truth(page, session, world, monkeypatch):
     assert until(page, lambda: session.mode is Mode.STILL and page.locator("#learn").is_enabled())
+    numbers = noted(monkeypatch, session)
     page.click("#learn")
     assert until(page, lambda: session.mode is Mode.LEARNING)
     assert until(page, lambda: "learned: J explains" in page.inner_text("#log")), session.board.lines()
     assert until(page, lambda: "body learned" in page.inner_text("#log"), seconds=300), session.board.lines()
     assert until(page, lambda: not page.locator("#body").is_visible())
-    over.set()
-    watching.join()
-    assert max(frames) > min(frames) + 2  # frames went on while the body was learned
+    begun, *_, there = numbers
+    assert there > begun + 2  # frames went on while the body was learned
     tip = world.project("tip")
     click(page, tip)
     assert until(page, lambda: page.locator(".point.chosen").count() == 1), session.board.lines()
