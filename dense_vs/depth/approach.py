@@ -176,10 +176,7 @@ class DepthApproach:
         if step < 0.5 * self.steps[0]:
             return False
         self.gate.send([-step], [before], image_time=seen_at, reading_time=read_at)
-        if self.gate.stopped:
-            raise DenseVSError(
-                f"the approach stopped: {self.gate.stopped}; expected new images and readings of one clock"
-            )
+        _stop(self.gate.stopped)
         return before - self._position() > 0.5 * step
 
     def _position(self) -> float:
@@ -198,8 +195,7 @@ class DepthApproach:
         why = why_apart(seen_at, read_at, self.gate.max_age)
         if not why and seen_at <= last:
             why = f"the image is that of the view before, from {last:.3f} s"
-        if why:
-            raise DenseVSError(f"the approach stopped: {why}; expected new images and readings of one clock")
+        _stop(why)
         return float(self.group.take(positions)[0])
 
     def _answer(
@@ -228,6 +224,12 @@ class DepthApproach:
             return Approach(end, None, None, np.inf, camera_z, areas, whole, nearest, str(error))
         distance = float(camera_z[nearest] - z_object)  # VOS-VS (17)
         return Approach(end, float(z_object), distance, float(std), camera_z, areas, whole, nearest)
+
+
+def _stop(why: str) -> None:
+    """Say why an approach cannot go on, where there is a reason."""
+    if why:
+        raise DenseVSError(f"the approach stopped: {why}; expected new images and readings of one clock")
 
 
 def _last(qualities: list[MaskQuality], verdicts: tuple[MaskVerdict, ...], count: int) -> bool:
