@@ -33,6 +33,14 @@ class Metric:
     better: Literal["higher", "lower"]
     tolerance: float = 0.1
 
+    def holds(self, was: float, share: float | None = None) -> bool:
+        """Whether it is no worse than it was by more than a share of that, its tolerance unless given.
+
+        A figure that is no number does not.
+        """
+        margin = (self.tolerance if share is None else share) * abs(was)
+        return self.value >= was - margin if self.better == "higher" else self.value <= was + margin
+
 
 def add_report_arguments(parser: argparse.ArgumentParser) -> None:
     """Give a command the options ``--json FILE`` and ``--gate FILE``."""
@@ -82,9 +90,6 @@ def regressions(metrics: Sequence[Metric], baseline: dict[str, dict[str, Any]]) 
     lines = []
     for metric in compared:
         before = baseline[metric.name]["value"]
-        margin = metric.tolerance * abs(before)
-        # Not "worse than": a figure that is no number fails.
-        good = metric.value >= before - margin if metric.better == "higher" else metric.value <= before + margin
-        if not good:
+        if not metric.holds(before):
             lines.append(f"{metric.name}: {metric.value:.4g}, was {before:.4g}, tolerance {metric.tolerance:.0%}")
     return lines

@@ -44,12 +44,10 @@ def hold_to(
     lines = []
     for metric in compared:
         share = metric.tolerance if metric.unit in OWN_TOLERANCE else LOSS
-        was, now = values[metric.name], metric.value
-        margin = share * abs(was)
-        # Not "worse than": a figure that is no number fails.
-        good = now >= was - margin if metric.better == "higher" else now <= was + margin
-        if not good:
-            lines.append(f"gate failed: {metric.name}: {now:.4g} {metric.unit}, was {was:.4g}, may lose {share:.0%}")
+        was = values[metric.name]
+        if not metric.holds(was, share):
+            lost = f"{metric.value:.4g} {metric.unit}, was {was:.4g}, may lose {share:.0%}"
+            lines.append(f"gate failed: {metric.name}: {lost}")
     return not lines, lines or [f"gate passed: {len(compared)} figures against {name}, measured on {theirs}"]
 
 
