@@ -113,14 +113,16 @@ def recorded_parts(
     (begin, grid), *others = parts
     inputs = [begin, *arguments]
     first: Any = wp.launch(kernel, dim=grid, inputs=inputs, device=device, record_cmd=True, record_tape=False)
-    commands = [first]
-    for begin, grid in others:
-        command = copy(first)
-        command.params, command.fwd_args = list(first.params), list(first.fwd_args)
-        command.set_dim(grid)
-        command.set_param_at_index(0, begin)
-        commands.append(command)
-    return commands
+    return [first, *(part_of(first, begin, grid) for begin, grid in others)]
+
+
+def part_of(command: Any, begin: int, grid: tuple[int, ...]) -> Any:
+    """The same recorded launch of another part: where it begins, the kernel's first argument, and its grid."""
+    part = copy(command)
+    part.params, part.fwd_args = list(command.params), list(command.fwd_args)
+    part.set_dim(grid)
+    part.set_param_at_index(0, begin)
+    return part
 
 
 def share_out(commands: Sequence[Any], threads: int) -> None:

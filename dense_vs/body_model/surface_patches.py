@@ -6,7 +6,7 @@ import numpy as np
 import warp as wp
 
 from dense_vs.device import resolve_threads
-from dense_vs.kernels.tracking.patch_alignment import Patches, align_patches, define_patches
+from dense_vs.kernels.tracking.patch_alignment import PatchAlignment, Patches, define_patches
 from dense_vs.kernels.views import seen_as
 
 
@@ -20,6 +20,7 @@ class SurfacePatches:
     def __init__(self, window: int):
         self.window = window
         self._threads = resolve_threads()
+        self._memory: _AlignmentMemory | None = None
 
     def taken(self, gray: np.ndarray, points: np.ndarray, weights: np.ndarray | None = None) -> np.ndarray:
         """The patches ``(K, window^2, 2)`` float32 around ``points`` ``(K, 2)`` [px].
@@ -46,13 +47,39 @@ class SurfacePatches:
             affine: from a patch to the image.
         """
         count = len(guess)
-        patches = Patches(self.window, wp.array(pixels[None], dtype=wp.vec2, device="cpu"))
-        places = wp.zeros((1, count), dtype=wp.vec2d, device="cpu")
-        maps = wp.zeros((1, count), dtype=wp.mat22, device="cpu")
-        correlation = wp.zeros((1, count), dtype=wp.float32, device="cpu")
-        start = wp.array(np.asarray(affine, np.float32)[None], dtype=wp.mat22, device="cpu")
-        align_patches(patches, _image(gray), _places(guess), start, places, maps, correlation, self._threads)
-        return places.numpy()[0].copy(), maps.numpy()[0].copy(), correlation.numpy()[0].copy()
+        memory = self._memory
+        if memory is None or memory.most < count or memory.size != gray.shape:
+            most = count if memory is None else max(count, 2 * memory.most)
+            self._memory = memory = _AlignmentMemory(self.window, most, gray.shape)
+        memory.image[0], memory.pixels[0, :count] = gray, pixels
+        memory.guess[0, :count], memory.start[0, :count] = guess, affine
+        memory.align(count, self._threads)
+        return memory.places[0, :count].copy(), memory.maps[0, :count].copy(), memory.correlation[0, :count].copy()
+
+
+class _AlignmentMemory:
+    """What up to ``most`` patches are aligned in: packing its arrays takes six times as long as to align one patch."""
+
+    def __init__(self, window: int, most: int, size: tuple[int, ...]):
+        self.most, self.size = most, size
+        self.image = np.zeros((1, *size), np.uint8)
+        self.pixels = np.zeros((1, most, window**2, 2), np.float32)
+        self.guess, self.places = np.zeros((2, 1, most, 2))
+        self.start, self.maps = np.zeros((2, 1, most, 2, 2), np.float32)
+        self.correlation = np.zeros((1, most), np.float32)
+        self._alignment = PatchAlignment(
+            Patches(window, _seen(self.pixels, wp.vec2)), _seen(self.image, wp.uint8), _seen(self.guess, wp.vec2d),
+            _seen(self.start, wp.mat22), _seen(self.places, wp.vec2d), _seen(self.maps, wp.mat22),
+            _seen(self.correlation, wp.float32),
+        )  # fmt: skip
+
+    def align(self, count: int, threads: int) -> None:
+        """Align the first ``count`` patches."""
+        self._alignment(count, threads)
+
+
+def _seen(values: np.ndarray, dtype: Any) -> Any:
+    return wp.array(values, dtype=dtype, device="cpu", copy=False)
 
 
 def _image(gray: np.ndarray) -> Any:

@@ -189,16 +189,18 @@ class BodyPrior:
             span: ``(N,)`` joint displacement of that flow [rad].
         """
         J, body = self._at(positions)
-        predicted = self._motion(J, np.asarray(span, dtype=np.float32))[body]
-        measured = flow[body]
-        counted = (np.linalg.norm(predicted, axis=1) > MOVING) & np.isfinite(measured).all(axis=1)
-        if counted.sum() >= LEAST_PIXELS:
+        at = np.flatnonzero(body)  # ten times as fast as to choose pixels by the mask
+        predicted = self._motion(J, np.asarray(span, dtype=np.float32)).reshape(-1, 2)[at].T
+        measured = np.asarray(flow).reshape(-1, 2)[at].T
+        size = np.hypot(*predicted)
+        off, seen = np.hypot(*(measured - predicted)), np.hypot(*measured)
+        counted = (size > MOVING) & np.isfinite(seen)
+        if np.count_nonzero(counted) >= LEAST_PIXELS:
             # Absolute values, not squares: where the flow fails it fails grossly. Where a chain says that something
             # moves and something else is seen, it may be covered: that explains nothing, but is not worse than that.
-            off = np.linalg.norm(measured[counted] - predicted[counted], axis=1)
-            moved = np.maximum(np.linalg.norm(measured[counted], axis=1), MOVING)
+            off, moved = off[counted], np.maximum(seen[counted], MOVING)
             if self.told is None:
-                moved = np.linalg.norm(predicted[counted], axis=1)
+                moved = size[counted]
                 off = np.minimum(off, moved)
             self.agreement = MEMORY * self.agreement + (1 - MEMORY) * (1 - float(off.sum() / moved.sum()))
         self._draw(estimator, positions, self._left)

@@ -31,11 +31,10 @@ class Vacated:
         """
         self._ago = np.where(body, 0, np.minimum(self._ago + 1, LATELY + 1))
         left = (self._ago <= LATELY) & (cv2.dilate(body.astype(np.uint8), _AROUND) == 0)
-        if not left.any():
-            return left
-        expected = np.linalg.norm(by_estimate[left], axis=1)
-        still = np.linalg.norm(flow[left], axis=1) < STILL * expected  # False where it is not a number
-        left[left] = still & (expected > MOVING)
+        at = np.flatnonzero(left)
+        expected = np.hypot(*by_estimate.reshape(-1, 2)[at].T)
+        still = np.hypot(*flow.reshape(-1, 2)[at].T) < STILL * expected  # False where it is not a number
+        left.flat[at] = still & (expected > MOVING)
         return left
 
 

@@ -162,12 +162,12 @@ class BodyTracker:
                 off = places - expected
                 far = np.einsum("kij,kj->ki", directions, off - np.median(off[on], axis=0))
                 believed &= ~(on & (np.linalg.norm(far, axis=1) > GATE))
-        self._live, self._places = self._live[believed], places[believed]
-        self._correct(q, link, gray)
+        self._live, self._places, directions = self._live[believed], places[believed], directions[believed]
+        self._correct(q, link, gray, directions)
         self._gray, self._positions = gray, q
         self.uncertainty = self._uncertainty(q)
         if self._moved(np.append(self._on_link(link), POINT), q) > KEYFRAME_MOTION:
-            self._keep(gray, q)
+            self._keep(gray, q, directions)
         return self.point
 
     def find_again(self, gray: np.ndarray, positions: np.ndarray) -> bool:
@@ -186,7 +186,7 @@ class BodyTracker:
         self._live = numbers
         self._hold(gray, places, believed, believed.copy())
         self._live, self._places = numbers[believed], places[believed]
-        self._correct(q, self.on_link.link, gray)
+        self._correct(q, self.on_link.link, gray, direction_weights(gray, self._places))
         self._gray, self._positions = gray, q
         self.uncertainty = self._uncertainty(q)
         return self.unseen == 0
@@ -237,7 +237,7 @@ class BodyTracker:
             step[~known] = np.median(step[known][near], axis=1)
         return self._places + step
 
-    def _correct(self, q: np.ndarray, link: int, gray: np.ndarray) -> None:
+    def _correct(self, q: np.ndarray, link: int, gray: np.ndarray, directions: np.ndarray) -> None:
         """The point's place: as the chain says, less what the features of its link are off around it, and its look."""
         features = self.features
         expected = features.project(np.array([POINT]), q)[0]
@@ -246,8 +246,8 @@ class BodyTracker:
         if self.seen >= LEAST_SEEN:
             on = self._trusted(on)
             there = features.project(on, q)
-            places = self._places[np.isin(self._live, on)]
-            mean, spread = mean_about(expected, there, places - there, direction_weights(gray, places))
+            among = np.isin(self._live, on)
+            mean, spread = mean_about(expected, there, self._places[among] - there, directions[among])
             self._offset = mean - self.on_link.astray(q)
             self._aside = BASIC + spread / np.sqrt(len(on))
             self.unseen, self._told = 0, len(on)
@@ -319,14 +319,14 @@ class BodyTracker:
         self.features.refine(np.append(self._live, POINT), self._first[self._first != POINT])
         self.on_link.place(self._first)
 
-    def _keep(self, gray: np.ndarray, q: np.ndarray) -> None:
+    def _keep(self, gray: np.ndarray, q: np.ndarray, directions: np.ndarray) -> None:
         """A keyframe: learn from it, and look for new features.
 
         Of features that are known it holds those alone that look as they did at first: the others may have drifted.
         """
         features = self.features
         kept = np.isin(self._live, self._sure) | (features.states[self._live] != FeatureState.KNOWN)
-        keyframe = Keyframe(q.copy(), self._live[kept], self._places[kept], gray)
+        keyframe = Keyframe(q.copy(), self._live[kept], self._places[kept], gray, directions[kept])
         features.keep(keyframe.with_place(POINT, self._sighting))
         self._kept_at = q
         young = (features.states[self._live] == FeatureState.YOUNG) & (self._live != POINT)
@@ -366,8 +366,9 @@ class BodyTracker:
         self._looks.take(numbers, gray, np.array(found))
         self._live, self._places = np.append(self._live, numbers), np.vstack([self._places, found])
         last = features.keyframes[-1]
+        directions = np.concatenate([last.directions, direction_weights(gray, np.array(found))])
         features.keyframes[-1] = Keyframe(
-            last.positions, np.append(last.features, numbers), np.vstack([last.places, found]), last.image
+            last.positions, np.append(last.features, numbers), np.vstack([last.places, found]), last.image, directions
         )
 
     def _look_back(

@@ -26,7 +26,9 @@ from typing import Any
 import warp as wp
 
 from dense_vs.kernels.image.cubic_spline import sample_spline, spline_weights
-from dense_vs.kernels.launch import BANDS_PER_THREAD, recorded_parts, share_out
+from dense_vs.kernels.image.pixel_runs import run_module
+from dense_vs.kernels.launch import BANDS_PER_THREAD, part_of, share_out
+from dense_vs.kernels.tracking.patch_sums import mat66, patch_sums, patch_sums_on_cpu, vec6
 
 wp.set_module_options({"enable_backward": False})
 
@@ -39,9 +41,6 @@ MIN_VARIANCE = 1e-3  # of gray values; less is no texture
 MIN_VISIBLE = 0.5  # of a patch's weight; with less inside the image there is no alignment
 NEGLIGIBLE = 0.05  # share of a sample that a row or column of pixels may have without being counted
 
-vec6 = wp.types.vector(6, wp.float32)
-vec24 = wp.types.vector(24, wp.float32)
-mat66 = wp.types.matrix((6, 6), wp.float32)
 mat66d = wp.types.matrix((6, 6), wp.float64)
 
 
@@ -79,17 +78,8 @@ def define_patches(patches: Patches, image: wp.array, weights: wp.array, points:
     )
 
 
-def align_patches(
-    patches: Patches,
-    image: wp.array,
-    guess: wp.array,
-    affine: wp.array,
-    points_out: wp.array,
-    affine_out: wp.array,
-    correlation_out: wp.array,
-    threads: int = 1,
-) -> None:
-    """Find the patches in an image.
+class PatchAlignment:
+    """Finds patches in an image: recorded once for its arrays, as to pack them takes longer than to align one patch.
 
     Args:
         patches: defined before.
@@ -99,21 +89,39 @@ def align_patches(
         points_out: vec2d ``(worlds, K)`` [px], p; the guess where there is no alignment.
         affine_out: mat22 ``(worlds, K)``, A; as given where there is no alignment.
         correlation_out: float32 ``(worlds, K)``; -1 where there is no alignment.
-        threads: on a CPU, that share the points out.
     """
-    worlds, points = guess.shape
-    if points == 0:
-        return
-    tiled = not image.device.is_cpu
-    parts = 1 if tiled or threads == 1 else min(BANDS_PER_THREAD * threads, points)
-    lanes, kernel = BLOCK if tiled else 1, align_kernel(tiled)
-    arguments = [image, guess, affine, patches.window, patches.pixels, points_out, affine_out, correlation_out]
-    if parts == 1:
-        wp.launch(kernel, (worlds, points, lanes), inputs=[0, *arguments], device=image.device, block_dim=BLOCK)
-        return
-    edges = [points * part // parts for part in range(parts + 1)]
-    grids = [(first, (worlds, last - first, lanes)) for first, last in pairwise(edges)]
-    share_out(recorded_parts(kernel, grids, arguments, image.device), threads)
+
+    def __init__(
+        self,
+        patches: Patches,
+        image: wp.array,
+        guess: wp.array,
+        affine: wp.array,
+        points_out: wp.array,
+        affine_out: wp.array,
+        correlation_out: wp.array,
+    ):
+        self._worlds, self._points = guess.shape
+        self._on_cpu = image.device.is_cpu
+        inputs = [0, image, guess, affine, patches.window, patches.pixels, points_out, affine_out, correlation_out]
+        kernel, grid = align_kernel(not self._on_cpu), self._grid(self._points)
+        options = {"device": image.device, "block_dim": BLOCK, "record_cmd": True, "record_tape": False}
+        self._kept = inputs  # as long as the recorded pointers
+        self._command: Any = wp.launch(kernel, grid, inputs=inputs, **options) if self._points else None
+
+    def __call__(self, points: int | None = None, threads: int = 1) -> None:
+        """Align the first so many patches of every world, or all; on a CPU by threads that share them out."""
+        count = self._points if points is None else points
+        parts = min(BANDS_PER_THREAD * threads, count) if self._on_cpu and threads > 1 else min(1, count)
+        edges = [count * part // parts for part in range(parts + 1)] if parts else []
+        commands = [part_of(self._command, begin, self._grid(end - begin)) for begin, end in pairwise(edges)]
+        if len(commands) == 1:
+            commands[0].launch()
+        else:
+            share_out(commands, threads)
+
+    def _grid(self, points: int) -> tuple[int, int, int]:
+        return self._worlds, points, 1 if self._on_cpu else BLOCK
 
 
 @wp.func
@@ -135,68 +143,6 @@ def least_weight(weights: wp.array3d(dtype=float), world: int, left: int, top: i
                 else:
                     least = 0.0
     return wp.max(least, 0.0)
-
-
-@wp.func
-def patch_sums(
-    image: wp.array3d(dtype=wp.uint8),
-    pixels: wp.array3d(dtype=wp.vec2),
-    world: int,
-    point: int,
-    lane: int,
-    stride: int,
-    window: int,
-    base_x: int,
-    base_y: int,
-    p: wp.vec2,
-    affine: wp.mat22,
-):
-    """Weighted sums over every ``stride``-th pixel of a patch seen at base + p through ``affine``.
-
-    Of 1, i, t, i^2, t^2, i t, G, G i and G t; of G G'; and of the weight of what is outside of the image.
-    """
-    sums = vec24()
-    products = mat66()
-    hidden = float(0.0)
-    last_x = float(image.shape[2] - 1 - base_x)
-    last_y = float(image.shape[1] - 1 - base_y)
-    half = window // 2
-    unit = 1.0 / float(half)  # D is sought in px at the patch's edge, as d is in px
-    for k in range(lane, window * window, stride):
-        pixel = pixels[world, point, k]
-        w = pixel[1]
-        if w > 0.0:
-            t = pixel[0]
-            x = float(k % window - half)
-            y = float(k // window - half)
-            at = p + affine * wp.vec2(x, y)
-            if at[0] >= float(-base_x) and at[1] >= float(-base_y) and at[0] <= last_x and at[1] <= last_y:
-                floor_x = wp.floor(at[0])
-                floor_y = wp.floor(at[1])
-                left = base_x + int(floor_x)
-                top = base_y + int(floor_y)
-                seen = sample_spline(image, world, left, top, at[0] - floor_x, at[1] - floor_y)
-                i = seen[0]
-                gx = affine[0, 0] * seen[1] + affine[1, 0] * seen[2]
-                gy = affine[0, 1] * seen[1] + affine[1, 1] * seen[2]
-                x *= unit
-                y *= unit
-                g = vec6(gx * x, gy * x, gx * y, gy * y, gx, gy)
-                gw = g * w
-                sums[0] = sums[0] + w
-                sums[1] = sums[1] + w * i
-                sums[2] = sums[2] + w * t
-                sums[3] = sums[3] + w * i * i
-                sums[4] = sums[4] + w * t * t
-                sums[5] = sums[5] + w * i * t
-                for j in range(6):
-                    sums[6 + j] = sums[6 + j] + gw[j]
-                    sums[12 + j] = sums[12 + j] + gw[j] * i
-                    sums[18 + j] = sums[18 + j] + gw[j] * t
-                products += wp.outer(gw, g)
-            else:
-                hidden += w
-    return sums, products, hidden
 
 
 @wp.func
@@ -283,7 +229,7 @@ def align_kernel(tiled: bool) -> Any:
     """A block a patch with ``tiled``; else a thread a patch, and launches may run at once: Warp's tiles on a CPU share
     memory among all threads.
     """
-    kernel = wp.kernel(module=f"{__name__}_{'tiled' if tiled else 'alone'}", enable_backward=False)
+    kernel = wp.kernel(module=run_module(f"{__name__}_{'tiled' if tiled else 'alone'}"), enable_backward=False)
 
     @kernel
     def align(
@@ -302,9 +248,6 @@ def align_kernel(tiled: bool) -> Any:
         """Iterate until the patch's corners stand still. All threads of a block take every branch together."""
         world, row, lane = wp.tid()
         point = first + row
-        stride = int(1)
-        if wp.static(tiled):
-            stride = wp.block_dim()
         guess = guess_in[world, point]
         # Places are kept from the pixel at the guess, which float32 resolves anywhere. Beyond the image every place
         # shows the border; clamping keeps the conversion to int defined.
@@ -321,13 +264,17 @@ def align_kernel(tiled: bool) -> Any:
         shifting = bool(True)
         seeking = bool(True)
         while seeking:
-            sums, products, hidden = patch_sums(
-                image_in, pixels_in, world, point, lane, stride, window, base_x, base_y, p, affine
-            )
             if wp.static(tiled):
+                sums, products, hidden = patch_sums(
+                    image_in, pixels_in, world, point, lane, wp.block_dim(), window, base_x, base_y, p, affine
+                )
                 sums = wp.tile_sum(wp.tile(sums, preserve_type=True))[0]
                 products = wp.tile_sum(wp.tile(products, preserve_type=True))[0]
                 hidden = wp.tile_sum(wp.tile(hidden))[0]
+            else:
+                sums, products, hidden = patch_sums_on_cpu(
+                    image_in, pixels_in, world, point, window, base_x, base_y, p, affine
+                )
 
             weight = wp.max(sums[0], 1.0e-6)
             image_image = sums[3] - sums[1] * sums[1] / weight

@@ -14,7 +14,7 @@ from typing import Any
 
 import warp as wp
 
-from dense_vs.kernels.tracking.patch_alignment import Patches, align_patches, define_patches
+from dense_vs.kernels.tracking.patch_alignment import PatchAlignment, Patches, define_patches
 
 wp.set_module_options({"enable_backward": False})
 
@@ -103,7 +103,7 @@ def locate_tracks(
     """
     aligns = tracks.patches is not None
     if aligns:
-        align_patches(
+        PatchAlignment(
             tracks.patches,
             image,
             tracks.carried,
@@ -111,7 +111,7 @@ def locate_tracks(
             tracks.aligned,
             tracks.aligned_affine,
             tracks.correlation,
-        )
+        )()
     limits = wp.vec2d(image.shape[2] - 1, image.shape[1] - 1)
     wp.launch(
         accept_points_kernel,

@@ -4,6 +4,7 @@ from types import SimpleNamespace
 
 import numpy as np
 
+from dense_vs.body_model.image_directions import direction_weights
 from dense_vs.point_servo.body_features import FeatureState
 from dense_vs.point_servo.body_tracker import BodyTracker
 
@@ -86,3 +87,8 @@ def bare(features, live=(), places=(), **given):
     )  # fmt: skip
     tracker.__dict__.update(given)
     return tracker
+
+
+def directions_of(tracker):
+    """What errors of the places of a tracker's features in sight are multiplied by in :data:`GRAY`."""
+    return direction_weights(GRAY, tracker._places)

@@ -4,7 +4,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from counted_features import DROPPED, GRAY, KNOWN, YOUNG, Features, Looks, bare, link_of
+from counted_features import DROPPED, GRAY, KNOWN, YOUNG, Features, Looks, bare, directions_of, link_of
 
 from dense_vs.point_servo import body_tracker
 from dense_vs.point_servo.body_features import Keyframe
@@ -36,7 +36,7 @@ def test_a_feature_that_leaves_its_link_is_given_up(monkeypatch, away, kept):
     asked = carrying(monkeypatch, off, [True] * 4 + [False] + [True] * 3)
     tracker = bare(features, range(1, 9), at[1:], _kept_at=np.array([1.0]))
     corrected = []
-    tracker._correct = lambda q, link, gray: corrected.append((q[0], link))
+    tracker._correct = lambda q, link, gray, directions: corrected.append((q[0], link))
     later = GRAY + 1
     tracker.update(later, [1.0])
     ((before, now, places, expected),) = asked
@@ -61,7 +61,7 @@ def test_features_are_held_to_their_first_looks(monkeypatch):
     carrying(monkeypatch, 0.0, [True] * 8)
     tracker = bare(features, range(1, 9), at[1:], _looks=looks, _sure=np.array([2, 3, 5]))
     seen = []
-    tracker._correct = lambda q, link, gray: seen.append((tracker._live.tolist(), tracker._sure.tolist()))
+    tracker._correct = lambda q, link, gray, directions: seen.append((tracker._live.tolist(), tracker._sure.tolist()))
     tracker.update(GRAY, np.zeros(1))
     assert looks.asked == [[1, 3, 5, 8]]
     assert seen == [([1, 2, 4, 5, 6, 7, 8], [1, 2, 3, 5, 8])]  # the third is not in sight any more
@@ -82,7 +82,7 @@ def test_a_keyframe_is_taken_when_a_feature_of_the_link_has_moved_by_ten_pixels(
     carrying(monkeypatch, 0.0, [True] * 4)
     tracker = bare(features, range(1, 5), at[1:])
     keyframes = []
-    tracker._keep = lambda gray, q: keyframes.append(q[0])
+    tracker._keep = lambda gray, q, directions: keyframes.append(q[0])
     tracker.update(GRAY, np.array([1.0]))
     assert keyframes == [1.0] * kept
     features.links[1:4] = 0  # none of its link is in sight
@@ -159,7 +159,7 @@ def test_a_keyframe_holds_known_features_that_look_as_they_did_alone():
     features.keyframes = [Keyframe(np.zeros(1), np.array([1]), np.zeros((1, 2)), GRAY)] * 2
     tracker = bare(features, [1, 2, 4, 5], np.arange(8.0), _sure=np.array([2, 3, 4]), _next=0)
     tracker._find_in = tracker._look_for_more = tracker.on_link.place = lambda one: None
-    tracker._keep(GRAY, np.zeros(1))
+    tracker._keep(GRAY, np.zeros(1), directions_of(tracker))
     assert features.keyframes[-1].features.tolist() == [2, 4]
     np.testing.assert_array_equal(features.keyframes[-1].places, [[2.0, 3.0], [4.0, 5.0]])
     assert tracker._live.tolist() == [1, 2, 4, 5]  # all are followed on
@@ -177,7 +177,7 @@ def test_a_keyframe_is_kept_with_the_sighting_and_young_features_are_decided(mon
     tracker._look_for_more = lambda gray: calls.append("more")
     tracker.on_link.place = lambda first: calls.append(list(first))
     q = np.array([0.5])
-    tracker._keep(GRAY, q)
+    tracker._keep(GRAY, q, directions_of(tracker))
     kept = features.keyframes[-1]
     assert kept.features.tolist() == [1, 2, 3, 4, 0]
     np.testing.assert_array_equal(kept.places[-1], [3.0, 4.0])
@@ -192,7 +192,7 @@ def test_a_keyframe_is_kept_with_the_sighting_and_young_features_are_decided(mon
     assert tracker._live.tolist() == [0, 1, 2, 4]  # without what no link explains
     np.testing.assert_array_equal(tracker._places, np.arange(10.0).reshape(5, 2)[[0, 1, 2, 4]])
     features.states[:] = KNOWN
-    tracker._keep(GRAY, q)
+    tracker._keep(GRAY, q, directions_of(tracker))
     assert calls[3] == sorted(k % 11 for k in range(12, 16))
 
 
@@ -204,7 +204,7 @@ def test_of_many_features_those_that_no_keyframe_holds_are_forgotten(many, forgo
     features.forget_unseen = lambda others: asked.append(list(others)) or np.arange(many)[::-1]
     tracker = bare(features, [3, 4], np.zeros((2, 2)), _first=np.array([0, 7]), _next=0, _sure=np.array([4, 5]))
     tracker._find_in = tracker._look_for_more = tracker.on_link.place = lambda one: None
-    tracker._keep(GRAY, np.zeros(1))
+    tracker._keep(GRAY, np.zeros(1), directions_of(tracker))
     assert asked == ([[3, 4, 0, 7]] if forgotten else [])
     assert tracker._live.tolist() == ([many - 4, many - 5] if forgotten else [3, 4])
     assert tracker._first.tolist() == ([many - 1, many - 8] if forgotten else [0, 7])
@@ -284,9 +284,9 @@ def test_a_keyframe_is_due_as_the_point_moves_where_nothing_else_of_its_link_is_
     features = Features(np.array([[40.0, 30.0]]), np.array([[3.0, 0.0]]), links=[1])
     carrying(monkeypatch, 0.0, np.zeros(0, bool))
     tracker = bare(features, [], np.zeros((0, 2)), _kept_at=np.array([0.0]))
-    tracker._correct = lambda q, link, gray: None
+    tracker._correct = lambda q, link, gray, directions: None
     kept = []
-    tracker._keep = lambda gray, q: kept.append(q[0])
+    tracker._keep = lambda gray, q, directions: kept.append(q[0])
     for q in (1.0, 3.3, 3.4):
         tracker.update(GRAY, [q])
     assert kept == [3.4]  # 10.2 px

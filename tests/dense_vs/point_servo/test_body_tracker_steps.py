@@ -4,7 +4,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from counted_features import DROPPED, GRAY, KNOWN, YOUNG, Features, bare, link_of
+from counted_features import DROPPED, GRAY, KNOWN, YOUNG, Features, bare, directions_of, link_of
 
 from dense_vs.point_servo.point_depth import PointDepth
 
@@ -56,7 +56,7 @@ def test_the_point_is_off_by_what_features_around_it_are_off(count):
     tracker = bare(features, live, there + off, unseen=4, _offset=np.array([0.5, -0.5]), _aside=9.0, held=True)
     astray = np.array([0.9, -0.4])  # what they were off where the point was defined says nothing of it
     tracker.on_link = link_of(astray=lambda at: astray * (at is q))
-    tracker._correct(q, 1, GRAY)
+    tracker._correct(q, 1, GRAY, directions_of(tracker))
     expected = there[0]
     assert tracker.seen == count
     assert not tracker.held  # neither by too few, nor by features of later images
@@ -87,7 +87,7 @@ def test_features_of_the_first_image_tell_most_then_those_that_look_as_at_first(
     off = rng.normal(0, 2, (6, 2))
     tracker = bare(Features(at, np.zeros_like(at)), range(1, 7), at[1:] + off)
     tracker._sure, tracker._first = np.array(sure, int), np.array(first, int)
-    tracker._correct(np.zeros(1), 1, GRAY)
+    tracker._correct(np.zeros(1), 1, GRAY, directions_of(tracker))
     mean, spread = reference_offset(at[told], at[0], off[np.array(told) - 1])
     np.testing.assert_allclose(tracker._offset, mean)
     assert tracker._aside == pytest.approx(0.3 + spread / np.sqrt(len(told)))
@@ -98,7 +98,7 @@ def test_features_of_the_first_image_tell_most_then_those_that_look_as_at_first(
 def test_a_place_far_outside_leaves_the_point_and_counts_as_unseen(place, taken):
     at = np.array([[40.0, place], [40, 30], [41, 30], [42, 30]])
     tracker = bare(Features(at, np.zeros_like(at)), [1, 2, 3], at[1:])
-    tracker._correct(np.zeros(1), 1, GRAY)
+    tracker._correct(np.zeros(1), 1, GRAY, directions_of(tracker))
     assert tracker.unseen == (0 if taken else 1)
     np.testing.assert_array_equal(tracker.point, [40.0, place] if taken else [7.0, 7.0])
 
@@ -111,7 +111,7 @@ def test_its_own_look_corrects_a_point_whose_depth_is_known():
     tracker = bare(Features(at, np.zeros_like(at)), [1, 2, 3], at[1:] + off)
     tracker.on_link.depth = PointDepth(1.0, 0.1)
     tracker._by_look = lambda q, gray, place, spread: asked.append((place, spread)) or place + np.array([3.0, 4.0])
-    tracker._correct(np.zeros(1), 1, GRAY)
+    tracker._correct(np.zeros(1), 1, GRAY, directions_of(tracker))
     mean, spread = reference_offset(at[1:], at[0], off)
     ((place, aside),) = asked
     np.testing.assert_allclose(place, at[0] + mean)

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 import warp as wp
 
-from dense_vs.kernels.tracking.patch_alignment import Patches, align_patches, define_patches
+from dense_vs.kernels.tracking.patch_alignment import PatchAlignment, Patches, define_patches
 
 COUNT = 60
 HEIGHT, WIDTH = 96, 128
@@ -75,7 +75,7 @@ def run(cases, window, device="cpu"):
     outputs = [wp.empty_like(guess), wp.empty_like(affine), wp.empty((worlds, 1), dtype=float, device=device)]
     for array in outputs:
         array.fill_(float("nan"))
-    align_patches(patches, wp.array(cases.after, device=device), guess, affine, *outputs)
+    PatchAlignment(patches, wp.array(cases.after, device=device), guess, affine, *outputs)()
     return [array.numpy()[:, 0] for array in outputs]
 
 
@@ -262,7 +262,7 @@ def test_points_that_threads_share_out_come_out_the_same():
         for array in outputs:
             array.fill_(float("nan"))
         start = wp.array(affine, dtype=wp.mat22, device="cpu")
-        align_patches(patches, wp.array(image, device="cpu"), places, start, *outputs, threads=threads)
+        PatchAlignment(patches, wp.array(image, device="cpu"), places, start, *outputs)(threads=threads)
         found.append([array.numpy() for array in outputs])
     assert (found[0][2] > 0.5).any()
     for others in found[1:]:
@@ -275,5 +275,5 @@ def test_no_points_are_aligned_to_nothing(threads):
     patches = Patches.empty(1, 0, 15, "cpu")
     outputs = [wp.zeros((1, 0), dtype=kind, device="cpu") for kind in (wp.vec2d, wp.mat22, float)]
     image = wp.zeros((1, HEIGHT, WIDTH), dtype=wp.uint8, device="cpu")
-    align_patches(patches, image, *(wp.zeros_like(one) for one in outputs[:2]), *outputs, threads=threads)
+    PatchAlignment(patches, image, *(wp.zeros_like(one) for one in outputs[:2]), *outputs)(threads=threads)
     assert all(one.shape == (1, 0) for one in outputs)
