@@ -7,7 +7,6 @@ import warp as wp
 
 from dense_vs.device import resolve_threads
 from dense_vs.kernels.tracking.patch_alignment import PatchAlignment, Patches, define_patches
-from dense_vs.kernels.views import seen_as
 
 
 class SurfacePatches:
@@ -28,11 +27,11 @@ class SurfacePatches:
         They hold gray values less 128 and weights. ``weights`` ``(H, W)`` 0..1 says how much each pixel counts.
         """
         count = len(points)
-        mask = np.ones(gray.shape, np.float32) if weights is None else np.ascontiguousarray(weights, np.float32)
+        mask = np.ones(gray.shape, np.float32) if weights is None else np.asarray(weights, np.float32)
         patches = Patches.empty(1, count, self.window, "cpu")
         everywhere = wp.full(1, 1, dtype=int, device="cpu")
-        mask_array = wp.array(mask[None], dtype=wp.float32, device="cpu")
-        define_patches(patches, _image(gray), mask_array, _places(points), everywhere)
+        places = _seen(np.asarray(points, np.float64)[None], wp.vec2d)
+        define_patches(patches, _seen(gray[None], wp.uint8), _seen(mask[None], wp.float32), places, everywhere)
         return patches.pixels.numpy().reshape(count, self.window**2, 2).copy()
 
     def align(
@@ -53,12 +52,12 @@ class SurfacePatches:
             self._memory = memory = _AlignmentMemory(self.window, most, gray.shape)
         memory.image[0], memory.pixels[0, :count] = gray, pixels
         memory.guess[0, :count], memory.start[0, :count] = guess, affine
-        memory.align(count, self._threads)
+        memory.alignment(count, self._threads)
         return memory.places[0, :count].copy(), memory.maps[0, :count].copy(), memory.correlation[0, :count].copy()
 
 
 class _AlignmentMemory:
-    """What up to ``most`` patches are aligned in: packing its arrays takes six times as long as to align one patch."""
+    """What up to ``most`` patches are aligned in: packing its arrays takes ten times as long as to align one patch."""
 
     def __init__(self, window: int, most: int, size: tuple[int, ...]):
         self.most, self.size = most, size
@@ -67,25 +66,13 @@ class _AlignmentMemory:
         self.guess, self.places = np.zeros((2, 1, most, 2))
         self.start, self.maps = np.zeros((2, 1, most, 2, 2), np.float32)
         self.correlation = np.zeros((1, most), np.float32)
-        self._alignment = PatchAlignment(
+        self.alignment = PatchAlignment(
             Patches(window, _seen(self.pixels, wp.vec2)), _seen(self.image, wp.uint8), _seen(self.guess, wp.vec2d),
             _seen(self.start, wp.mat22), _seen(self.places, wp.vec2d), _seen(self.maps, wp.mat22),
             _seen(self.correlation, wp.float32),
         )  # fmt: skip
 
-    def align(self, count: int, threads: int) -> None:
-        """Align the first ``count`` patches."""
-        self._alignment(count, threads)
-
 
 def _seen(values: np.ndarray, dtype: Any) -> Any:
-    return wp.array(values, dtype=dtype, device="cpu", copy=False)
-
-
-def _image(gray: np.ndarray) -> Any:
-    whole = np.ascontiguousarray(gray)
-    return seen_as(wp.array(whole, dtype=wp.uint8, device="cpu", copy=False), wp.uint8, (1, *whole.shape))
-
-
-def _places(points: np.ndarray) -> Any:
-    return wp.array(np.asarray(points, np.float64)[None], dtype=wp.vec2d, device="cpu")
+    """The same memory as a Warp array."""
+    return wp.array(np.ascontiguousarray(values), dtype=dtype, device="cpu", copy=False)

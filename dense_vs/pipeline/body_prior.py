@@ -189,7 +189,7 @@ class BodyPrior:
             span: ``(N,)`` joint displacement of that flow [rad].
         """
         J, body = self._at(positions)
-        at = np.flatnonzero(body)  # ten times as fast as to choose pixels by the mask
+        at = np.flatnonzero(body)  # faster than to choose pixels by the mask every time
         predicted = self._motion(J, np.asarray(span, dtype=np.float32)).reshape(-1, 2)[at].T
         measured = np.asarray(flow).reshape(-1, 2)[at].T
         size = np.hypot(*predicted)

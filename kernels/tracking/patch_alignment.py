@@ -113,12 +113,12 @@ class PatchAlignment:
         """Align the first so many patches of every world, or all; on a CPU by threads that share them out."""
         count = self._points if points is None else points
         parts = min(BANDS_PER_THREAD * threads, count) if self._on_cpu and threads > 1 else min(1, count)
+        if parts == 1 and count == self._points:
+            self._command.launch()
+            return
         edges = [count * part // parts for part in range(parts + 1)] if parts else []
         commands = [part_of(self._command, begin, self._grid(end - begin)) for begin, end in pairwise(edges)]
-        if len(commands) == 1:
-            commands[0].launch()
-        else:
-            share_out(commands, threads)
+        share_out(commands, threads)
 
     def _grid(self, points: int) -> tuple[int, int, int]:
         return self._worlds, points, 1 if self._on_cpu else BLOCK

@@ -112,6 +112,7 @@ _SUM_INSIDE = f"""
     const float *patch = reinterpret_cast<const float*>(pixels.data + first_pixel);
     const float unit = 1.0f / half, side = (float)window, last = (float)half;
     const float xx = affine.data[0][0], xy = affine.data[0][1], yx = affine.data[1][0], yy = affine.data[1][1];
+    // As spline_weights, spline_slopes and sample_spline of cubic_spline.py.
     const auto weights = [](Lanes a, Lanes *of) {{
         const Lanes b = 1.0f - a, aa = a * a, bb = b * b;
         of[0] = b * bb * (1.0f / 6.0f);
