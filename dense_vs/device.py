@@ -3,7 +3,7 @@
 import functools
 import os
 from collections.abc import Iterator
-from contextlib import AbstractContextManager, contextmanager, suppress
+from contextlib import contextmanager, suppress
 from typing import Any
 
 import warp as wp
@@ -111,13 +111,15 @@ def resolve_threads(threads: int | None = None) -> int:
     return number
 
 
-def one_blas_thread() -> AbstractContextManager[Any]:
-    """Keeps linear algebra of NumPy and SciPy to one thread within a block.
+@contextmanager
+def one_blas_thread() -> Iterator[None]:
+    """Keeps linear algebra of NumPy and SciPy to one thread within a block or a function.
 
     The matrices here are small. Threads of OpenBLAS wait for one another by spinning: beside other programs that use
     all cores, a fit of seconds took minutes.
     """
-    return _blas_libraries().limit(limits=1, user_api="blas")
+    with _blas_libraries().limit(limits=1, user_api="blas"):
+        yield
 
 
 @functools.cache

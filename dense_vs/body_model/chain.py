@@ -78,10 +78,8 @@ class Chain:
             joints: ``(T, N)`` [rad, m].
 
         Returns:
-            Those of a single posture are not to be written to: they are kept.
+            Arrays that are not to be written to: they are kept.
         """
-        if len(joints) != 1:
-            return self._link_poses(joints)
         posture = np.asarray(joints, dtype=np.float64).tobytes()
         found = self._poses.get(posture)
         if found is None:

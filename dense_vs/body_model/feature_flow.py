@@ -9,6 +9,8 @@ import numpy as np
 MOST_RETURN = 0.4  # px between a feature and where the way back from its new place ends
 EDGE = 3  # px from the image's border, where a feature is given up
 QUALITY = 0.003  # of the strongest corner, which plain surfaces stay far below
+_BLOCK = 5  # px, side of what a corner is told by
+_CORNER = 8  # px about it, more than that and its slopes reach
 _SEARCH: dict[str, Any] = {
     "winSize": (17, 17),
     "maxLevel": 2,
@@ -62,7 +64,10 @@ def new_features(gray: np.ndarray, where: np.ndarray, taken: Iterable[np.ndarray
     mask = where.astype(np.uint8)
     for x, y in taken:
         cv2.circle(mask, (round(float(x)), round(float(y))), apart, (0,), -1)
+    x, y, width, height = cv2.boundingRect(mask)
+    left, top = max(0, x - _CORNER), max(0, y - _CORNER)  # what is farther away says nothing of a corner
+    part = np.s_[top : y + height + _CORNER, left : x + width + _CORNER]
     found = None
-    if count > 0:
-        found = cv2.goodFeaturesToTrack(gray, count, QUALITY, apart, mask=mask, blockSize=5)
-    return np.zeros((0, 2)) if found is None else found.reshape(-1, 2).astype(np.float64)
+    if count > 0 and width:
+        found = cv2.goodFeaturesToTrack(gray[part], count, QUALITY, apart, mask=mask[part], blockSize=_BLOCK)
+    return np.zeros((0, 2)) if found is None else found.reshape(-1, 2) + np.array([left, top], np.float64)

@@ -32,10 +32,14 @@ def direction_weights(gray: np.ndarray, places: np.ndarray) -> np.ndarray:
     tensor = np.empty((len(places), 2, 2))
     for (i, j), product in {(0, 0): dx * dx, (0, 1): dx * dy, (1, 1): dy * dy}.items():
         tensor[:, i, j] = tensor[:, j, i] = cv2.blur(product, (WINDOW, WINDOW))[row - top, column - left]
-    values, vectors = np.linalg.eigh(tensor)
-    values = np.maximum(values, 0) + NOISE
-    weights = np.maximum(np.sqrt(values / values[:, 1:]), LEAST)
-    return np.einsum("kij,kj,klj->kil", vectors, weights, vectors)
+    middle, half = (tensor[:, 0, 0] + tensor[:, 1, 1]) / 2, (tensor[:, 0, 0] - tensor[:, 1, 1]) / 2
+    apart = np.hypot(half, tensor[:, 0, 1])  # half of what the eigenvalues differ by
+    least, most = (np.maximum(middle + way * apart, 0) + NOISE for way in (-1, 1))
+    along = np.maximum(np.sqrt(least / most), LEAST)
+    # Of a unit vector v across the edge, v v' = (T - smaller eigenvalue) / difference.
+    across = tensor - (middle - apart)[:, None, None] * np.eye(2)
+    across *= np.divide(1 - along, 2 * apart, out=np.zeros_like(apart), where=apart > 0)[:, None, None]
+    return across + along[:, None, None] * np.eye(2)
 
 
 def directed_mean(values: np.ndarray, directions: np.ndarray, weights: np.ndarray) -> tuple[np.ndarray, float]:

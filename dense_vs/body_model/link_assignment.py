@@ -56,9 +56,7 @@ def place_points(
         noise: standard deviation of a pixel [px].
         directions: ``(T, M, 2, 2)``, what errors are multiplied by, see :mod:`.image_directions`; 1 unless given.
     """
-    image, point = np.nonzero(np.isfinite(pixels[..., 0]))
-    order = np.argsort(point, kind="stable")
-    image, point = image[order], point[order]
+    point, image = np.nonzero(np.isfinite(pixels[..., 0]).T)  # point by point
     poses = chain.link_poses(joints)
     turned = None if directions is None else directions[image, point]
     seen = ObservedPlaces(point, image, links % poses[0].shape[1], pixels[image, point] - np.array(center), turned)

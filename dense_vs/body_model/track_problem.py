@@ -71,9 +71,7 @@ class TrackProblem:
         self.joints, self.links, self.center = joints, links, np.asarray(center)
         self.bend_deviation = bend_deviation
         self.information = None if information is None else noise**2 * information
-        self.image, self.point = np.nonzero(np.isfinite(pixels[..., 0]) & (weights > 0))
-        order = np.lexsort((self.image, links[self.point], self.point))
-        self.image, self.point = self.image[order], self.point[order]
+        self.point, self.image = np.nonzero((np.isfinite(pixels[..., 0]) & (weights > 0)).T)  # point by point
         self.target = pixels[self.image, self.point]
         self.root = np.sqrt(weights[self.image, self.point])
         self.directions = None if directions is None else directions[self.image, self.point]

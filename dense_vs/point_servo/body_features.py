@@ -29,6 +29,7 @@ KEYFRAMES_ADJUSTED = 80
 LATEST = 8  # keyframes that are always adjusted
 ITERATIONS = 2
 NEAREST = 1e-3  # depth of what is before the camera, in the chain's unit of length
+BEHIND = -1e6  # px, place of what is behind the camera
 FOCAL_DEVIATION = 0.02  # of its logarithm, from one adjustment to the next
 BEND_DEVIATION = 0.01  # of the lens's bend about none; a webcam has 0.035, which features across half the image tell
 BELIEVED_BEFORE = 0.25  # of the information that the fit has of the chain: it does not know of a lens that bends
@@ -164,8 +165,9 @@ class BodyFeatures:
 
     def pixels(self, positions: np.ndarray) -> np.ndarray:
         """Places ``(K, 2)`` [px] of positions ``(K, 3)`` in the camera frame; far outside behind the camera."""
-        depth = np.where(positions[:, 2:] > NEAREST, positions[:, 2:], np.nan)
-        return np.nan_to_num(self.lens.bent(self.focal * positions[:, :2] / depth + self.center), nan=-1e6)
+        front = positions[:, 2:] > NEAREST
+        straight = self.focal * positions[:, :2] / np.where(front, positions[:, 2:], 1.0) + self.center
+        return np.where(front, self.lens.bent(straight), BEHIND)
 
     def rays(self, places: np.ndarray) -> np.ndarray:
         """Directions ``(K, 3)`` in the camera frame, of depth 1, in which places ``(K, 2)`` [px] are seen."""
@@ -191,11 +193,13 @@ class BodyFeatures:
         column[features] = np.arange(len(features))
         places = np.full((len(self.keyframes), len(features), 2), np.nan)
         directions = np.zeros((*places.shape, 2))
-        for row, keyframe in enumerate(self.keyframes):
-            at = column[keyframe.features]
-            places[row, at[at >= 0]] = keyframe.places[at >= 0]
-            directions[row, at[at >= 0]] = keyframe.directions[at >= 0]
-        return np.array([keyframe.positions for keyframe in self.keyframes]), places, directions
+        row = np.repeat(np.arange(len(self.keyframes)), [len(one.features) for one in self.keyframes])
+        at = column[np.concatenate([one.features for one in self.keyframes])]
+        asked = at >= 0
+        row, at = row[asked], at[asked]
+        places[row, at] = np.concatenate([one.places for one in self.keyframes])[asked]
+        directions[row, at] = np.concatenate([one.directions for one in self.keyframes])[asked]
+        return np.array([one.positions for one in self.keyframes]), places, directions
 
     def assign(self, features: np.ndarray) -> None:
         """Give young features that were seen often enough to the link that explains them; drop what none explains."""
@@ -215,24 +219,26 @@ class BodyFeatures:
 
     def _decide(self, features: np.ndarray, postures: np.ndarray, places: np.ndarray, directions: np.ndarray) -> None:
         count = len(features)
-        last = np.array([np.flatnonzero(np.isfinite(places[:, k, 0]))[-1] for k in range(count)])
-        rotation, translation = self.chain.link_poses(postures[last])
+        last = len(places) - 1 - np.isfinite(places[::-1, :, 0]).argmax(axis=0)
+        rotation, translation = (poses[last] for poses in self.chain.link_poses(postures))
         rays, straight = self.rays(places[last, range(count)]), self.lens.straight(places)
         candidates = np.flatnonzero(self.learned)
-        tried = []
+        starts = []
         for link in candidates:
             here = rays * self._usual_depths(int(link), rotation[:, link], translation[:, link])[:, None]
-            start = np.einsum("kji,kj->ki", rotation[:, link], here - translation[:, link])
-            on_link = np.full(count, link)
-            center = float(self.center[0]), float(self.center[1])
-            tried.append(
-                place_points(self.chain, self.focal, center, postures, straight, on_link, start, NOISE, directions)
-            )
-        costs = np.array([one.cost for one in tried])
+            starts.append(np.einsum("kji,kj->ki", rotation[:, link], here - translation[:, link]))
+        # All of them on every link at once.
+        times = len(candidates)
+        tried = place_points(
+            self.chain, self.focal, (float(self.center[0]), float(self.center[1])), postures,
+            np.tile(straight, (1, times, 1)), np.repeat(candidates, count), np.concatenate(starts), NOISE,
+            np.tile(directions, (1, times, 1, 1)),
+        )  # fmt: skip
+        costs = tried.cost.reshape(times, count)
         best = costs.argmin(axis=0)
         explained = costs.min(axis=0) < BELIEVED
         self.links[features] = candidates[best]
-        self.points[features] = [tried[b].points[k] for k, b in enumerate(best)]
+        self.points[features] = tried.points.reshape(times, count, 3)[best, range(count)]
         self.states[features] = np.where(explained, FeatureState.KNOWN, FeatureState.DROPPED)
 
     def _usual_depths(self, link: int, rotation: np.ndarray, translation: np.ndarray) -> np.ndarray:

@@ -148,12 +148,12 @@ class BodyTracker:
         """
         q = np.asarray(positions, dtype=np.float64)
         features, link = self.features, self.on_link.link
-        places, believed = carried(self._gray, gray, self._places, self._expected(q))
+        expected = features.project(self._live, q)
+        places, believed = carried(self._gray, gray, self._places, self._expected(expected))
         self._images += 1
         often = np.where(features.links[self._live] == link, HELD, OTHERS_HELD)
         due = believed & ((self._live + self._images) % often == 0)
         self._hold(gray, places, believed, due)
-        expected = features.project(self._live, q)
         known = features.states[self._live] == FeatureState.KNOWN
         directions = direction_weights(gray, places)
         for one in np.unique(features.links[self._live[known]]):
@@ -225,15 +225,15 @@ class BodyTracker:
         before, now = self.features.project(features, self._kept_at), self.features.project(features, q)
         return float(np.linalg.norm(now - before, axis=1).max())
 
-    def _expected(self, q: np.ndarray) -> np.ndarray:
-        """Where the features in sight should be by now [px]; young ones move as those around them do."""
+    def _expected(self, there: np.ndarray) -> np.ndarray:
+        """Where features in sight, which the chain has ``there``, should be by now [px]; young ones as those around."""
         features = self.features
-        step = features.project(self._live, q) - features.project(self._live, self._positions)
+        step = there - features.project(self._live, self._positions)
         known = features.states[self._live] == FeatureState.KNOWN
         step[~known | (np.abs(step).max(axis=1, initial=0) > 1e4)] = 0.0
         if known.any():
             apart = np.linalg.norm(self._places[known][None] - self._places[~known][:, None], axis=2)
-            near = np.argsort(apart, axis=1)[:, :AROUND]
+            near = np.argpartition(apart, min(AROUND, apart.shape[1]) - 1, axis=1)[:, :AROUND]
             step[~known] = np.median(step[known][near], axis=1)
         return self._places + step
 

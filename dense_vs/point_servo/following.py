@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from dense_vs.device import one_blas_thread
 from dense_vs.flow.estimator import FlowEstimator
 from dense_vs.pipeline.frame_pipeline import BODY_FLOW, LEARNED_UPDATES, MOST_BRIDGED, FramePipeline, ProcessedFrame
 from dense_vs.point_servo.body_tracker import BodyTracker
@@ -65,6 +66,7 @@ class PointFlow:
         return self._image
 
 
+@one_blas_thread()
 def follow(
     tracker: PointTracker | BodyTracker,
     pipeline: FramePipeline,

@@ -11,6 +11,7 @@ from dense_vs.arrays import number_array, point_array
 from dense_vs.body.self_body import SelfBody
 from dense_vs.body_model import BodyModel
 from dense_vs.checks import check_choice, check_number, check_whole
+from dense_vs.device import one_blas_thread
 from dense_vs.errors import DenseVSError
 from dense_vs.flow.estimator import FlowEstimator
 from dense_vs.health.faults import Fault, FaultKind
@@ -180,14 +181,13 @@ class ServoLoop:
         Raises:
             DenseVSError: not N finite numbers; nothing has been commanded then.
         """
-        stop = "; ".join(str(fault) for fault in self.faults if fault.stops)
         sent = self.gate.send(
             np.where(self.joints.watch.stuck, 0.0, number_array(delta, "delta", (self.estimator.options.joints,))),
             self.joints.reading,
             image_time=self.frame.time if not self._held else None,
             now=self._newest,
             reading_time=self.joints.newest_time,
-            stop=stop or self._waited_long(),
+            stop="; ".join(str(fault) for fault in self.faults if fault.stops) or self._waited_long(),
         )
         self.joints.watch.commanded(sent)
         frame = self._take(*self.camera.read(), read_depth(self.camera, self.estimator))
@@ -367,6 +367,7 @@ class ServoLoop:
             self._process(*self._held.popleft())
         return self._frame
 
+    @one_blas_thread()
     def _process(self, image: np.ndarray, time: float, depth: Any, faults: tuple[Fault, ...]) -> ProcessedFrame:
         self._frame = frame = self.pipeline.process(image, time, self.joints.at(time), faults, depth)
         check = self.pipeline.check

@@ -109,13 +109,14 @@ class PointOnLink:
             around = replace(around, depth=around.depth * float(np.exp(-BULGE)))
         postures, places, directions = features.tracks(np.array([POINT]))
         seen = np.isfinite(places[:, 0, 0])
-        rotation, translation = features.chain.link_poses(postures[seen])
+        rotation, translation = (poses[seen, self.link] for poses in features.chain.link_poses(postures))
         tried = self._at(tried_depths(around))
-        there = np.einsum("tij,dj->dti", rotation[:, self.link], tried) + translation[None, :, self.link]
+        there = tried @ rotation.swapaxes(1, 2) + translation[:, None]  # (T, STEPS, 3)
         expected = features.pixels(there.reshape(-1, 3)).reshape(*there.shape[:2], 2)
-        errors = np.einsum("tij,dtj->dti", directions[seen, 0], expected - places[seen, 0])
+        errors = (expected - places[seen]) @ directions[seen, 0].swapaxes(1, 2)
         relief = 0.0 if self._surface is None else self._surface.relief
-        self.depth = witnessed(point_depth(around, np.linalg.norm(errors, axis=2)), by_features, surface, relief)
+        by_places = point_depth(around, np.hypot(errors[..., 0], errors[..., 1]).T)
+        self.depth = witnessed(by_places, by_features, surface, relief)
         features.points[POINT] = self._at(np.array([self.depth.depth]))[0]
         features.states[POINT] = FeatureState.KNOWN
 

@@ -16,13 +16,13 @@ def test_features_are_expected_where_the_chain_takes_them_and_young_ones_with_th
     features = Features(at, rate, states)
     places = np.array(at[1:]) + 0.25
     tracker = bare(features, range(1, 9), places, _positions=np.array([3.0]))
-    step = tracker._expected(np.array([4.0])) - places
+    step = tracker._expected(features.project(tracker._live, np.array([4.0]))) - places
     np.testing.assert_allclose(step[:5], rate[1:6])
     np.testing.assert_allclose(step[5], [2, -4])  # medians of the three that are nearest: 10, 0 and 20
     np.testing.assert_allclose(step[6], [50, 8])  # 200, 100, 20
     np.testing.assert_array_equal(step[7], 0.0)  # one of the places is behind the camera: 20,000 px say nothing
     features.states[:] = YOUNG
-    np.testing.assert_array_equal(tracker._expected(np.array([4.0])), places)
+    np.testing.assert_array_equal(tracker._expected(features.project(tracker._live, np.array([4.0]))), places)
 
 
 def test_motion_since_the_last_keyframe_is_that_of_the_feature_that_moves_most():
