@@ -23,12 +23,14 @@ class ReachScore:
         true_px: distance of the true point from the target at the end [px].
         astray_px: distance of the tracked from the true point at the end [px].
         frames: that it took.
+        known_px: standard deviation of the tracked point's place, by its tracker [px]; None where that tells none.
     """
 
     end: str
     true_px: float
     astray_px: float
     frames: int
+    known_px: float | None = None
 
     @property
     def good(self) -> bool:
@@ -141,7 +143,9 @@ def view_score(row: dict[str, Any]) -> ViewScore:
     """A view as :func:`dataclasses.asdict` and JSON store it; null is NaN."""
     plain = {name: float("nan") if value is None else value for name, value in row.items()}
     reaches = [
-        ReachScore(**{name: float("nan") if value is None else value for name, value in reach.items()})
+        ReachScore(
+            **{name: float("nan") if value is None and name != "known_px" else value for name, value in reach.items()}
+        )
         for reach in plain.pop("reaches")
     ]
     return ViewScore(**plain, reaches=reaches)

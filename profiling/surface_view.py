@@ -84,6 +84,7 @@ def _measure(view: ViewScore, options: argparse.Namespace, told: Callable[..., N
                     measured.true_error_px,
                     float(np.hypot(*astray)),
                     measured.reach.frames,
+                    measured.reach.uncertainty_px,
                 )
             )
             told(reaches=list(reaches))

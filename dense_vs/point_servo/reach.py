@@ -60,6 +60,8 @@ class Reach:
             image there.
         end: how it ended.
         faults: what was wrong with its frames, each kind as it was seen last.
+        uncertainty_px: standard deviation of the point's place at the end, infinite where it is not known at all; above
+            1 px the reach ends as lost. None where the point's tracker tells none.
     """
 
     target: tuple[float, ...]
@@ -67,6 +69,7 @@ class Reach:
     error_px: float
     end: ReachEnd
     faults: tuple[Fault, ...] = ()
+    uncertainty_px: float | None = None
 
     @property
     def reached(self) -> bool:

@@ -68,7 +68,9 @@ class Reaching:
         end = ReachEnd.REACHED if self._arrival.settled else ReachEnd.MISSED
         if not loop.aim.certain(self._tracker):
             end = ReachEnd.LOST
-        return Reach(tuple(self._target.tolist()), self._frames, self._distance(), end, tuple(self._faults.values()))
+        target, faults = tuple(self._target.tolist()), tuple(self._faults.values())
+        known = float(self._tracker.uncertainty) if isinstance(self._tracker, BodyTracker) else None
+        return Reach(target, self._frames, self._distance(), end, faults, known)
 
     @property
     def _tracker(self) -> PointTracker | BodyTracker:

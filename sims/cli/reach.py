@@ -276,6 +276,7 @@ def _of_target(measured: "MeasuredReach") -> dict[str, Any]:
         "target": list(reach.target),
         "steps": reach.frames,
         "estimated_error_px": reach.error_px,
+        "uncertainty_px": reach.uncertainty_px,
         "true_error_px": measured.true_error_px,
         "true_error_m": measured.true_error_m,
         "reached": reach.reached,
@@ -291,6 +292,7 @@ def _targets_table(measured: "Sequence[MeasuredReach]") -> str:
             *(f"{depth:.3f}" for depth in m.reach.target[2:]),
             str(m.reach.frames),
             f"{m.reach.error_px:.2f}",
+            "" if m.reach.uncertainty_px is None else f"{m.reach.uncertainty_px:.1f}",
             f"{m.true_error_px:.2f}",
             *(f"{1e3 * m.true_error_m:.1f}" for _ in m.reach.target[2:]),
             f"{m.jacobian.median:.3f}",
@@ -300,7 +302,7 @@ def _targets_table(measured: "Sequence[MeasuredReach]") -> str:
     ]
     spatial = any(len(m.reach.target) == 3 for m in measured)
     depth, in_space = (["depth [m]"], ["in space [mm]"]) if spatial else ([], [])
-    errors = ["estimated error [px]", "TRUE error [px]", *in_space, "J error"]
+    errors = ["estimated error [px]", "known to [px]", "TRUE error [px]", *in_space, "J error"]
     return table(["target [px]", *depth, "steps", *errors, "reached"], rows)
 
 

@@ -24,7 +24,7 @@ def error(median, p90=0.0):
 
 
 def measured(end="reached", true_error=0.5, frames=20):
-    reach = SimpleNamespace(end=SimpleNamespace(value=end), frames=frames)
+    reach = SimpleNamespace(end=SimpleNamespace(value=end), frames=frames, uncertainty_px=0.75)
     return SimpleNamespace(reach=reach, true_error_px=true_error)
 
 
@@ -118,8 +118,8 @@ def test_a_view_is_told_when_learned_and_after_every_reach(view):
     assert (learned.overlap, learned.precision, learned.recall) == pytest.approx((0.5, 1.0, 0.5))
     assert learned.delay_frames == pytest.approx(-1.5)
     assert fed == 2  # while it babbles, not while it reaches
-    assert first.reaches == [ReachScore("reached", 2.5, 5.0, 20)]
-    assert second.reaches == done.reaches == [*first.reaches, ReachScore("lost", 0.5, 0.0, 9)]
+    assert first.reaches == [ReachScore("reached", 2.5, 5.0, 20, 0.75)]
+    assert second.reaches == done.reaches == [*first.reaches, ReachScore("lost", 0.5, 0.0, 9, 0.75)]
     assert [one.finished for one in told] == [False, False, False, True]
     assert not done.failure
     assert 0 < learned.seconds <= done.seconds < 60
@@ -158,6 +158,9 @@ def test_a_tip_that_is_covered_gives_way_to_the_nearest_place_that_the_last_join
     # What is hardly moved is no place to click, for one who points at it too.
     np.testing.assert_array_equal(moved_place(true, mask, np.array([8.0, 15.0])), [32, 15])
     assert moved_place(0 * true, mask, np.array([30.0, 10.0])) is None
+    # A place that the last joint moves by just a pixel for a radian is not moved.
+    true[10:20, 30:45, 1, -1] = 1.0
+    assert moved_place(true, mask, np.array([28.0, 15.0])) is None
 
 
 @pytest.mark.parametrize(("images", "realism"), [("clean", False), ("sensor", "sensor")])

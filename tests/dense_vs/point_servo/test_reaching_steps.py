@@ -70,7 +70,7 @@ def point_tracker(lost=False):
 def body_tracker(postures=(), by_chain=((0.0, 0.0), (0.0, 0.0))):
     """One whose planned postures are given, and the point's J [px/rad] by its chain."""
     tracker = object.__new__(BodyTracker)
-    tracker.unseen, asked, postures = 0, [], list(postures)
+    tracker.unseen, tracker.uncertainty, asked, postures = 0, 0.7, [], list(postures)
     tracker.features = SimpleNamespace(jacobian=lambda feature, at: np.array(by_chain))
 
     def posture_for(target, positions, limits, *, held, start):
@@ -85,8 +85,14 @@ def test_a_reach_ends_when_the_point_has_settled():
     loop, arrival = Loop(away=10.0), Arrival()
     reach = Reaching(loop, arrival, 100).run()
     assert (reach.end, reach.frames, reach.target, reach.error_px) == (ReachEnd.REACHED, 10, (0.0, 0.0), 0.0)
+    assert reach.uncertainty_px is None  # a tracker of a patch tells none
     assert loop.steps == ["servo"] * 10
     assert arrival.given[:2] == [(9.0, False), (8.0, False)]
+
+
+def test_a_reach_tells_how_well_the_point_is_known():
+    tracker, _ = body_tracker()
+    assert Reaching(Loop(away=10.0, tracker=tracker), Arrival(), 100).run().uncertainty_px == 0.7
 
 
 @pytest.mark.parametrize(("frames", "end"), [(9, ReachEnd.MISSED), (10, ReachEnd.REACHED)])
