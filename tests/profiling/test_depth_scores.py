@@ -32,7 +32,9 @@ def test_depth_that_is_not_known_counts_as_infinitely_far_off():
     assert score.median == pytest.approx(0.05)
     assert score.p90 == np.inf
     assert score.unknown == pytest.approx(1 / 3)
-    for value in (0.0, np.inf):
+    near = depth_score(np.array([[0.5, 1.0, 4.0, 5.0]]), true, MASK)  # less than a meter is known as well
+    assert (near.median, near.p90, near.unknown) == (0.5, 0.5, 0.0)
+    for value in (0.0, -0.5, np.inf):
         assert depth_score(np.array([[value] * 4]), true, MASK) == DepthScore(np.inf, np.inf, 1.0)
     assert np.isnan(depth_score(true, true, ~MASK & MASK).median)
 

@@ -75,7 +75,8 @@ def test_overlap_of_masks():
 
 def test_every_figure_has_a_metric():
     reaches = [REACH, replace(REACH, where="outside", true_px=5.0), replace(REACH, true_px=7.0, end="lost")]
-    found = {metric.name: metric.value for metric in metrics_of([COVERED], reaches)}
+    metrics = {metric.name: metric for metric in metrics_of([COVERED], reaches)}
+    found = {name: metric.value for name, metric in metrics.items()}
     assert found["covered for 3 s, seed 0: J error after to before"] == pytest.approx(1.2)
     assert found["covered for 3 s, seed 0: label IoU of what is hidden"] == 0.82
     assert found["behind: reaches"] == 2
@@ -83,3 +84,7 @@ def test_every_figure_has_a_metric():
     assert found["behind: not there, and said"] == 1
     assert found["behind: frames unseen, and said"] == 76
     assert found["outside: wrongly said reached"] == 1
+    assert found["behind: frames unseen"] == 80
+    for name, metric in metrics.items():
+        assert metric.unit == ("1" if "covered" in name else "frames" if "unseen" in name else "reaches")
+    assert (metrics["outside: wrongly said reached"].better, metrics["behind: reaches"].better) == ("lower", "higher")

@@ -1,6 +1,5 @@
 """What the humanoid's figures count, on flows, labels and marks made by hand."""
 
-import json
 import sys
 from pathlib import Path
 from types import SimpleNamespace
@@ -13,7 +12,7 @@ sys.path.insert(0, str(Path(__file__).parents[2] / "profiling"))
 
 import g1_episodes
 import real_robot
-from real_robot import SIZE, Judge, Labels
+from real_robot import SIZE, Judge
 
 Y, X = np.mgrid[: SIZE[0], : SIZE[1]].astype(np.float32)
 LEFT = X < 80
@@ -48,6 +47,26 @@ def test_only_pixels_that_move_by_more_than_a_limit_count():
     rest, _, motion = judge.frames[1]
     assert rest == pytest.approx(0.25 * LEFT.sum() + 0.51**2 * (~LEFT).sum())
     assert motion == pytest.approx(4 * LEFT.sum() + 0.71**2 * (~LEFT).sum())
+
+
+def test_motion_of_just_the_limit_does_not_count(monkeypatch):
+    """A limit that single precision holds exactly."""
+    monkeypatch.setattr(real_robot, "MOVING_PX", 0.75)
+    judge = judge_of(along_x(0.5))
+    judge._add(along_x(np.where(LEFT, 0.75, 1.0)))
+    rest, _, motion = judge.frames[0]
+    assert (rest, motion) == (0.25 * (~LEFT).sum(), (~LEFT).sum())
+
+
+def test_motion_beside_the_camera_s_counts_from_the_same_limit():
+    """The image is still but for a part of it, so that the camera's own motion is none."""
+    arm = (X > 120) & (X < 180) & (Y > 60) & (Y < 120)
+    for more, counted in ((0.8, True), (0.6, False)):
+        judge = judge_of(along_x(np.where(arm, 0.5, 0.0)))
+        judge._add(along_x(np.where(arm, more, 0.0)))
+        rest, motion = judge.steady_frames[0]
+        assert motion == pytest.approx(more**2 * arm.sum() * counted, rel=1e-3)
+        assert rest == pytest.approx((more - 0.5) ** 2 * arm.sum() * counted, rel=1e-2)
 
 
 def test_both_components_count():
@@ -86,6 +105,9 @@ def test_shares_lie_between_fractions_of_the_episode():
     assert judge.own_share(0.5, 1) == pytest.approx(0.25)
     assert judge.steady_share(0, 1) == pytest.approx(0.8)
     assert judge.steady_share(0, 0.5) == pytest.approx(1 - 1 / 8)
+    judge.own_frames = [(1.0, 1.0), (0.0, 1.0), (1.0, 2.0), (0.0, 4.0), (3.0, 4.0)]
+    assert judge.own_share(0, 0.25) == pytest.approx(0.5)  # two of five frames, rounded up
+    assert judge.own_share(0.25, 1) == pytest.approx(1 - 4 / 10)
 
 
 def test_the_arm_s_own_pixels_are_those_labeled_that_move():
@@ -145,74 +167,6 @@ def test_motion_is_from_the_image_before_to_this_one(monkeypatch, step, share):
     assert judge.done.options["scale"] == 0.5
     assert not judge.done.options["label"]
     assert len(Judge([step] * 4, most=2).frames) == 2
-
-
-def labels_of(masks, images):
-    labels = Labels.__new__(Labels)
-    labels.masks, labels.images, labels._nearest = masks, images, {}
-    labels.done = SimpleNamespace()
-    return labels
-
-
-def take(labels, time, image, own):
-    labels.done.labels = lambda: own
-    labels.take(SimpleNamespace(time=time, image=np.full((*SIZE, 3), image, np.float32)))
-
-
-def test_a_marked_row_is_compared_with_the_frame_that_shows_its_image():
-    mask = X < 100
-    labels = labels_of({30: mask, 60: X < 50}, {row: np.full((*SIZE, 3), float(row)) for row in (30, 60)})
-    take(labels, 0.87, 30.0, X < 10)  # too early by more than 0.12 s
-    take(labels, 0.95, 33.0, X < 20)
-    take(labels, 1.00, 31.0, X < 50)
-    take(labels, 1.05, 27.0, X < 30)  # darker by more
-    take(labels, 1.13, 30.0, X < 40)  # too late
-    assert labels.quality() == [pytest.approx((0.5, 0.5))]
-    take(labels, 2.0, 60.0, X < 100)
-    assert labels.quality() == [pytest.approx((0.5, 0.5)), pytest.approx((0.5, 1.0))]
-
-
-def test_marked_rows_are_kept_as_the_estimator_sees_them(monkeypatch):
-    monkeypatch.setattr(real_robot, "marked_masks", lambda number: {1: number > X})
-    images = [(np.full((480, 640, 3), value, np.uint8), 0.0) for value in (10, 20, 30)]
-    labels = Labels(SimpleNamespace(number=7, images=lambda: images), None)
-    assert list(labels.images) == [1]
-    assert labels.images[1].shape == (*SIZE, 3)
-    assert (labels.images[1] == 20).all()
-    np.testing.assert_array_equal(labels.masks[1], X < 7)
-
-
-def test_masks_are_the_polygons_at_half_size(tmp_path, monkeypatch):
-    file = tmp_path / "marks.json"
-    square = [[100, 40], [299, 40], [299, 139], [100, 139]]  # px at 640x480
-    marks = {"masks": [{"episode": 5, "frame": 12, "polygon": square}, {"episode": 6, "frame": 1, "polygon": square}]}
-    file.write_text(json.dumps({**marks, "points": [{"episode": 5}]}))
-    monkeypatch.setattr(g1_episodes, "MARKS", file)
-    ((row, mask),) = g1_episodes.marked_masks(5).items()
-    assert row == 12
-    np.testing.assert_array_equal(mask, (X >= 50) & (X < 150) & (Y >= 20) & (Y < 70))
-    assert g1_episodes.marked_masks(9) == {}
-    assert g1_episodes.marked_points() == [{"episode": 5}]
-
-
-def test_the_tracked_point_is_compared_row_by_row_with_the_marks(monkeypatch):
-    """Texture that moves by 3 px an image, every third image repeated; one mark is wrong by (3, 4) px."""
-    texture = np.random.default_rng(1).uniform(0, 255, (120, 175)).astype(np.float32)
-    wide = cv2.resize(texture, (700, 480), interpolation=cv2.INTER_CUBIC).clip(0, 255).astype(np.uint8)
-    shifts = [0, 0, 3, 6, 6, 9, 12, 12, 15]
-    images = [np.ascontiguousarray(np.repeat(wide[:, 30 - s : 670 - s, None], 3, axis=2)) for s in shifts]
-    stream = [(image, row / 30) for row, image in enumerate(images)]
-    monkeypatch.setattr(
-        real_robot,
-        "open_recording",
-        lambda data, episode: SimpleNamespace(episode=lambda: SimpleNamespace(images=lambda: stream)),
-    )
-    rows = [2, 3, 4, 6, 7]
-    places = [[320.0 + shifts[row] - shifts[2], 240.0] for row in rows]
-    places[3] = [places[3][0] + 3, 244.0]
-    errors, lost = real_robot.tracking_errors({"episode": 1, "frames": rows, "positions": places})
-    np.testing.assert_allclose(errors, [0, 0, 5, 0], atol=0.4)
-    assert not lost.any()
 
 
 def test_j_is_carried_through_episodes_in_their_order(tmp_path, monkeypatch):

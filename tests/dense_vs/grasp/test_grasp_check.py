@@ -46,6 +46,13 @@ def test_check_away_from_what_was_left_behind(areas, opening, others, outcome):
     assert check_grasp(*areas, opening=opening, behind=0.0, others=others).outcome is outcome
 
 
+@pytest.mark.parametrize(("others", "outcome"), [((), GraspOutcome.LOST), ((0,), GraspOutcome.LOST),
+                                                 ((1,), GraspOutcome.WRONG)])  # fmt: skip
+def test_what_is_not_among_others_has_no_area(others, outcome):
+    """Where a pixel counts as seen, one of another object is more than none of the object."""
+    assert check_grasp(1000, 0, behind=0.28, min_area=0, others=others).outcome is outcome
+
+
 def test_bad_input():
     for others in ((3, -1), 5, (float("nan"),), "ab", None):
         with pytest.raises(DenseVSError, match="others"):

@@ -54,6 +54,17 @@ def test_error(case):
     assert error.inner_median == pytest.approx(inner, rel=0.02)  # OpenCV's disc is not quite the circle
 
 
+def test_a_pixel_that_is_hardly_moved_counts_as_any_other():
+    """Motions of 0.5 px/rad and less, off by half, by all and not at all; one that no joint moves is left out."""
+    true = np.zeros((1, 4, 2, 1))
+    true[0, :, 0, 0] = [0.5, 0.25, 1e-3, 0.0]
+    estimated = true * np.array([1.5, 0.0, 1.0, 1.0])[None, :, None, None]
+    estimated[0, 3] = 7.0
+    error = jacobian_error(estimated, true, np.ones((1, 4), bool))
+    assert (error.median, error.inner_median, error.pixels) == (0.5, 0.5, 3)
+    assert error.p90 == pytest.approx(0.5 + 0.8 * 0.5)
+
+
 def test_inside_leaves_the_outline_out(case):
     _, true, mask = case
     wrong = true.copy()

@@ -1,10 +1,13 @@
-"""E against its definition, computed pixel by pixel in float64."""
+"""E against its definition, computed pixel by pixel in float64, and its shares over time by hand."""
+
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 from dense_vs import DenseVSError
 from dense_vs.pipeline import ExplainedMotion
+from dense_vs.pipeline.explained_motion import MotionSums, share_of_pixels_known
 
 
 def reference(flow, J, dq):
@@ -103,3 +106,56 @@ def test_refuses_what_is_no_motion(frame):
         with pytest.raises(DenseVSError, match=r"begin .*expected"):
             explained.explained(bound)
     assert np.isfinite(explained.explained(-np.inf, np.inf))
+
+
+def spans(*ones):
+    explained = ExplainedMotion(2)
+    for time, energy, *parts in ones:
+        explained._add(MotionSums(time, energy, np.array(parts, float)))
+    return explained
+
+
+def test_shares_lie_between_times():
+    explained = spans((1.0, 10.0, 4.0, 2.0), (2.0, 0.0, 0.0, 0.0), (3.0, 30.0, 9.0, -3.0), (5.0, 10.0, 10.0, 0.0))
+    assert explained.explained() == pytest.approx(22 / 50)
+    np.testing.assert_allclose(explained.by_joint(), [23 / 50, -1 / 50])
+    assert explained.explained(1.0, 3.0) == pytest.approx(6 / 30)  # after the first time, up to the second
+    assert explained.explained(0.9, 2.9) == pytest.approx(0.6)
+    assert np.isnan(explained.explained(1.0, 2.0))
+    times, shares = explained.over_time()
+    np.testing.assert_allclose(times, [1.0, 3.0, 5.0])
+    np.testing.assert_allclose(shares, [0.6, 0.2, 1.0])
+    assert explained.settled() == pytest.approx(16 / 40)  # after 1 + a quarter of 4 s
+    first, second, third, fourth = explained.quarters()
+    assert first == pytest.approx(0.6)
+    assert (second, fourth) == pytest.approx((0.2, 1.0))
+    assert np.isnan(third)
+    nothing = ExplainedMotion(2)
+    assert np.isnan([nothing.settled(), *nothing.quarters(), nothing.explained()]).all()
+    assert nothing.over_time()[0].size == 0
+
+
+def test_long_recordings_join_their_spans(monkeypatch):
+    monkeypatch.setattr("dense_vs.pipeline.explained_motion.MOST_SPANS", 4)
+    explained = spans(*((float(k), 1.0, k / 10, 0.0) for k in range(9)))
+    assert len(explained.spans) < 4
+    assert explained.explained() == pytest.approx(sum(range(9)) / 90)
+    assert explained.over_time()[0][-1] == 8.0
+
+
+def test_pixels_are_known_that_a_usual_step_moves_by_a_tenth():
+    J = np.zeros((1, 5, 2, 2))
+    J[0, 0, 0, 0] = 9.9  # 0.099 px by the first joint's step
+    J[0, 1, 0, 0] = 10.1
+    J[0, 2, :, 1] = [3.6, 4.8]  # 0.12 px by the second's
+    J[0, 3] = [[9.0, 4.0], [0.0, 0.0]]  # together they would, each by itself not
+    J[0, 4, 0, 0] = np.nan
+    estimator = SimpleNamespace(to_numpy=lambda: J)
+    assert share_of_pixels_known(estimator, np.array([0.01, 0.02])) == pytest.approx(0.4)
+
+
+def test_a_pixel_that_moves_by_just_the_limit_is_not_known(monkeypatch):
+    monkeypatch.setattr("dense_vs.pipeline.explained_motion.KNOWN", 0.25)
+    J = np.array([0.25, 0.5, 0.0, 0.25])[None, :, None, None] * np.array([[1.0], [0.0]])
+    assert share_of_pixels_known(SimpleNamespace(to_numpy=lambda: J), np.array([1.0])) == 0.25
+    assert share_of_pixels_known(SimpleNamespace(to_numpy=lambda: J), np.array([2.0])) == 0.75

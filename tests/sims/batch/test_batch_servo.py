@@ -1,5 +1,7 @@
 """Many robots at once: the loop closes, worlds differ, finish and begin anew alone, and a GPU does as a CPU does."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 import warp as wp
@@ -146,6 +148,24 @@ def test_refuses(arguments, message):
     world = SimWorld("planar", worlds=2, device="cpu", **SIZE)
     with pytest.raises(DenseVSError, match=message):
         BatchServo(world, **arguments)
+
+
+def test_targets_may_be_given_for_every_world():
+    robots = SimpleNamespace(world=SimpleNamespace(shape=(2, 120, 160)), surface_point="tip")
+    places = [[[10, 20], [30, 40], [50, 60]], [[1, 2], [3, 4], [5, 6]]]
+    found = BatchServo._targets(robots, places, 0)
+    assert found.dtype == np.float64
+    np.testing.assert_array_equal(found, places)
+    one_less = np.array(places, float)
+    one_less[1, 2, 1] = np.inf
+    for wrong in (places[0], [places], [places[0]], np.zeros((2, 3, 3)), one_less, True):
+        with pytest.raises(DenseVSError, match=r"expected finite \(2, K, 2\) or a whole number"):
+            BatchServo._targets(robots, wrong, 0)
+
+
+def test_a_robot_has_five_seconds_for_a_reach_and_stays_for_five_frames():
+    usual = EpisodeOptions()
+    assert (usual.babble_seconds, usual.tolerance, usual.settle_frames, usual.max_frames) == (10.0, 1.0, 5, 5 * 30)
 
 
 def test_refuses_a_world_of_the_c_engine():

@@ -98,6 +98,18 @@ def test_of_each_world_the_latest_part_counts(alone, tmp_path):
     np.testing.assert_array_equal(q[1], alone[12]["joint_positions"][1])
 
 
+def test_a_run_goes_on_from_before_its_first_frame(alone):
+    stored = stored_worlds(batch())
+    assert (stored[FRAMES] == 0).all()
+    later = batch()
+    later.run(3)
+    restore_worlds(later, stored)
+    assert later.frames == 0
+    assert_same(stored_worlds(later), stored)
+    later.run(4)
+    assert_same(stored_worlds(later), alone[4])
+
+
 @pytest.mark.slow
 def test_processes_come_to_the_results_of_one(tmp_path):
     one = run_case(CASE, tmp_path / "one", device="cpu", threads=1)

@@ -75,6 +75,20 @@ def test_the_offset_that_actions_leave_open_is_taken_out(monkeypatch, state):
     assert bound.exact.tolist() == bound.noisy.tolist() == [5.0, 5.0]
 
 
+@pytest.mark.parametrize(("state", "prior"), [("noisy", "JointReadings"), ("actions", "JointActions")])
+def test_a_reading_weighs_by_its_variance_beside_that_of_a_pixel(monkeypatch, state, prior):
+    """Half a pixel is as likely as 0.01 rad: their squares are as 2500 to one."""
+    trial, given = Trial("ur5", 2, 2, "normal"), []
+    few, test = trial.evidence(6), trial.evidence(3, 1)
+    kind = getattr(module, prior)
+    monkeypatch.setattr(module, prior, lambda *told: given.append(told) or kind(*told))
+    cramer_rao(few, test, trial.rng(4), state=state, sigma=0.01, draws=1)
+    ((values, weight),) = given
+    assert weight == pytest.approx(2500.0)
+    joints = few.truth.joints
+    np.testing.assert_array_equal(values, joints if state == "noisy" else joints[1:] - joints[:-1])
+
+
 @pytest.mark.parametrize("camera", [0, 1])
 def test_only_the_camera_that_is_asked_for_is_open(monkeypatch, camera):
     trial = Trial("ur5", 2, 2, "normal")

@@ -49,6 +49,37 @@ def test_too_little_to_see_is_refused():
         make_observed_arm("ur5", seed=0, features=3)
 
 
+@pytest.mark.parametrize("name", ["ur5", "baxter"])
+def test_features_face_the_cameras_within_sixty_degrees(name):
+    """At home; the cosine of what is drawn evenly over a cap of a sphere is even between that of 60 degrees and 1."""
+    arm = make_observed_arm(name, seed=3, cameras=3, features=400)
+    home = arm.chain.flange_pose(arm.chain.home)
+    center = home[:3, 3] + 0.06 * home[:3, 2]
+    ways = [camera.center - center for camera in arm.cameras]
+    toward = np.sum([way / np.linalg.norm(way) for way in ways], axis=0)
+    cosines = arm.normals @ home[:3, :3].T @ toward / np.linalg.norm(toward)
+    assert 0.5 < cosines.min() < 0.51
+    assert np.median(cosines) == pytest.approx(0.75, abs=0.03)
+    np.testing.assert_allclose(np.linalg.norm(arm.normals, axis=1), 1.0)
+    size = np.linalg.norm(arm.features - [0.0, 0.0, 0.06], axis=1)
+    assert 0.042 <= size.min() < 0.043
+    assert 0.083 < size.max() <= 0.084
+
+
+@pytest.mark.parametrize(("cameras", "arc"), [(1, [0.0]), (2, [-0.7, 0.7]), (3, [-0.7, 0.0, 0.7])])
+def test_cameras_stand_on_an_arc_within_a_tenth_of_a_radian(cameras, arc):
+    off = []
+    for seed in range(60):
+        arm = make_observed_arm("ur5", seed=seed, cameras=cameras, features=4)
+        home = arm.chain.flange_pose(arm.chain.home)
+        ways = np.array([camera.center for camera in arm.cameras]) - home[:3, 3] - 0.06 * home[:3, 2]
+        off.append(np.arctan2(ways[:, 1], ways[:, 0]) - arc)
+    off = np.array(off)
+    assert np.abs(off).max() <= 0.1 + 1e-9
+    assert (off.max(axis=0) > 0.085).all()
+    assert (off.min(axis=0) < -0.085).all()
+
+
 class Middle:
     """Draws the middle of every range, or a share of it; a turn about the optical axis as told."""
 

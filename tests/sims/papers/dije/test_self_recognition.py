@@ -62,6 +62,56 @@ def test_rows_are_means_over_seeds_and_the_worst_one():
     assert rows["default: leak"].seeds == (3, 4)
 
 
+def test_pixels_and_areas_are_means_over_seeds_and_not_the_largest():
+    runs = []
+    for seed, pixels, moved in ((3, [10, 20], (0.5, 0.125, 0.5)), (4, [40], (0.25, 0.375, 0.25))):
+        labeler = Namespace(iou=[0.5], leak=[0.25], leak_px=pixels)
+        both = {"(13)": moved, "(14)": (0.0, moved[1] / 2, 0.0)}
+        runs.append(LeakRun(seed, dict.fromkeys(("default", "(13)", "(14)"), labeler), both))
+    found = {row.name: row.ours for row in leak_rows(runs)}
+    assert found["default: leak"] == 27.5  # 15 and 40
+    start = "J only transported, (13):"
+    assert found[f"{start} leaked area / arm area at the end"] == 0.375
+    assert found[f"{start} lost area / arm area at the end"] == 0.25
+    assert found[f"{start} leak, share of the walker"] == 0.375
+    assert found["J only transported, (14): lost area / arm area at the end"] == 0.125
+
+
+@pytest.mark.parametrize(
+    ("leaks", "mean", "worst"),
+    [([np.nan, 0.0], 0.0, 0.0), ([0.5, np.nan, 0.25], 0.375, 0.5), ([np.nan, np.nan], np.nan, np.nan)],
+)
+def test_a_seed_whose_walker_was_not_seen_is_not_the_worst(leaks, mean, worst):
+    runs = []
+    for seed, leak in enumerate(leaks):
+        labeler = Namespace(iou=[0.5], leak=[leak], leak_px=[0])
+        moved = dict.fromkeys(("(13)", "(14)"), (0.0, 0.0, 0.0))
+        runs.append(LeakRun(seed, dict.fromkeys(("default", "(13)", "(14)"), labeler), moved))
+    found = {row.name: row.ours for row in leak_rows(runs)}
+    assert found["default: leak, share of the walker"] == pytest.approx(mean, nan_ok=True)
+    assert found["default: leak, worst seed"] == pytest.approx(worst, nan_ok=True)
+
+
+@pytest.mark.parametrize(("pixels", "counted"), [(99, False), (100, True)])
+def test_a_walker_of_a_hundred_pixels_is_seen(pixels, counted):
+    """Columns 0 to 2 are labeled or transported, 60 of the pixels at most."""
+    walker, own = np.zeros((20, 40), bool), columns(0, 3)
+    walker.T.flat[:pixels] = True
+    labeler = Labeler(Namespace(jacobian=None), FixedLabels(own))
+    labeler.score(view(columns(0, 10), walker))
+    assert labeler.leak == [pytest.approx(0.6) if counted else pytest.approx(np.nan, nan_ok=True)]
+    transport = Transport(np.full((20, 40, 2, 1), 50.0, np.float32), own, "model", "cpu", 1)
+    transport.take(view(columns(0, 10), walker))
+    assert transport.leak() == pytest.approx(0.6 if counted else np.nan, nan_ok=True)
+
+
+def test_nothing_but_the_body_has_a_j_to_be_transported():
+    jacobian = np.full((20, 40, 2, 1), 50.0, np.float32)
+    transport = Transport(jacobian, columns(5, 15), "model", "cpu", 1)
+    expected = np.where(columns(5, 15)[..., None, None], jacobian, 0.0)
+    np.testing.assert_array_equal(transport._estimator.to_numpy(), expected)
+
+
 def test_transport_alone_leaks_with_the_measured_flow_only():
     """A body at rest; what passes before it moves on with a J that (13) gives it and (14) does not."""
     jacobian = np.zeros((20, 40, 2, 1), np.float32)

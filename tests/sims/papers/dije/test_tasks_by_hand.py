@@ -218,6 +218,7 @@ def test_pixels_are_those_of_the_loop_s_images(scale, place):
     [
         ([[0.01, 0.0], [0.0, -0.0011], [0.0009, 0.0], [0.0, 0.0011]], 7),  # three still ones after the last
         ([[0.0009, -0.0009]] * 3, 3),
+        ([[0.0, -0.0011]] * 2, 5),  # either way is a motion
         ([None, None], 5),
         ([[0.01, 0.0]] * 99, 45),
     ],

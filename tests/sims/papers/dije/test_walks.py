@@ -122,23 +122,47 @@ def test_every_seed_walks_once(monkeypatch, tmp_path):
     assert leak.run(arguments) == [5, 6] == ran
 
 
-def test_the_picture_is_of_a_late_frame_with_much_to_see(monkeypatch, tmp_path):
+@pytest.fixture
+def pictured(monkeypatch, tmp_path):
+    """Rows of a run of 3 s over views made by hand, its labelers, and which frames were drawn and written."""
+
+    def run(seen):
+        drawn, both = [], {name: Labeler(name) for name in ("default", "paper")}
+        monkeypatch.setattr(labeling, "make_labelers", lambda *_: both)
+        monkeypatch.setattr(labeling, "views", lambda *_: seen)
+        monkeypatch.setattr(labels, "draw_stages", lambda one, labelers: drawn.append(one.index) or one.index)
+        monkeypatch.setattr(label_pictures, "write_image", lambda path, image: drawn.append((path.name, image)))
+        monkeypatch.setattr(labels, "check_labeling_arguments", lambda *_: None)
+        return labels.run(Namespace(seconds=3.0, seeds=[4], device="cpu", threads=None, out=tmp_path)), both, drawn
+
+    return run
+
+
+def test_the_picture_is_of_a_late_frame_with_much_to_see(pictured):
     """Every fifth frame after 0.6 of the time is looked at: 50 is too early, and 71 is none of them."""
     shown = {50: 9.0, 65: 1.0, 70: 3.0, 71: 9.0, 80: 2.0}
-    both = {name: Labeler(name) for name in ("default", "paper")}
     seen = [view(k, k / 30, flow=shown.get(k, 0.1)) for k in range(1, 91)]
     seen[84] = view(85, 85 / 30, walker=(0, 0), flow=0.2)  # the walker is not seen: the robot's motion alone counts
-    drawn = []
-    monkeypatch.setattr(labeling, "make_labelers", lambda *_: both)
-    monkeypatch.setattr(labeling, "views", lambda *_: seen)
-    monkeypatch.setattr(labels, "draw_stages", lambda one, labelers: drawn.append(one.index) or one.index)
-    monkeypatch.setattr(label_pictures, "write_image", lambda path, image: drawn.append((path.name, image)))
-    monkeypatch.setattr(labels, "check_labeling_arguments", lambda *_: None)
-    rows = labels.run(Namespace(seconds=3.0, seeds=[4], device="cpu", threads=None, out=tmp_path))
+    rows, both, drawn = pictured(seen)
     assert drawn == [55, 65, 70, ("seed4.png", 70)]
     assert [row.ours for row in rows] == [5, 0.2, 0.7, 0.7]
     assert [row.paper for row in rows] == [5, 0.2, None, None]
     assert both["default"].taken == list(range(1, 91))
+
+
+def test_the_picture_shows_robot_and_walker_both_moving(pictured):
+    seen = [view(k, k / 30, walker=(30, 40), flow=1.0) for k in range(1, 91)]  # both of one size
+    seen[59].flow[:, :10] = 9.0  # frame 60: the robot alone moves more
+    seen[64].flow[:, 30:] = 9.0  # frame 65: the walker alone
+    seen[69].flow[:] = 1.5  # frame 70: both
+    _, _, drawn = pictured(seen)
+    assert drawn == [55, 70, ("seed4.png", 70)]
+
+
+def test_where_nothing_moves_the_first_late_frame_is_the_picture(pictured):
+    rows, _, drawn = pictured([view(k, k / 30, flow=0.0) for k in range(1, 91)])
+    assert drawn == [55, ("seed4.png", 55)]
+    assert [row.ours for row in rows[2:]] == [0.55, 0.55]
 
 
 def test_how_much_there_is_to_see():

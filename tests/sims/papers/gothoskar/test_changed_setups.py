@@ -166,6 +166,28 @@ def test_changes_of_a_setup_change_one_part(trial):
     np.testing.assert_array_equal(kept.features, before.features)
 
 
+def test_lenses_that_were_known_stay_and_that_of_an_added_camera_is_guessed(monkeypatch, trial):
+    """The guess of a maker for any camera: its own lens, and 0.5 more in every number."""
+    from dense_vs.sims.marked_arm import evidence
+
+    asked, known = [], np.arange(8.0).reshape(2, 4) + 600
+
+    def guess(arm, rng):
+        asked.append(len(arm.cameras))
+        return np.array([camera.intrinsics for camera in arm.cameras]) + 0.5
+
+    monkeypatch.setattr(evidence, "guessed_intrinsics", guess)
+    for part, cameras in (("moved camera", 2), ("structure", 2), ("added camera", 3)):
+        seen, held_out = relearning.new_setup(trial, part, known, 3)
+        for one, samples in ((seen, 3), (held_out, 100)):
+            assert one.observations.pixels.shape[:2] == (samples, cameras)
+            np.testing.assert_array_equal(one.observations.intrinsics[:2, :4], known)
+        assert asked == ([3] if part == "added camera" else [])
+    third = seen.truth.arm.cameras[2].intrinsics + 0.5
+    np.testing.assert_array_equal(seen.observations.intrinsics[2, :4], third)
+    np.testing.assert_array_equal(held_out.observations.intrinsics[2, :4], third)
+
+
 def test_rows_of_relearning(monkeypatch, tmp_path):
     monkeypatch.setattr(relearning, "PARTS", {"moved camera": "camera:1", "base": "base"})
     monkeypatch.setattr(relearning, "draw_lines", lambda *_, **__: None)

@@ -10,7 +10,7 @@ from dense_vs.errors import DenseVSError
 from dense_vs.generative import GenerativeModel
 from dense_vs.sims.marked_arm import evidence as evidences
 from dense_vs.sims.marked_arm.noise import NoisyController, noisy_pose
-from dense_vs.sims.papers.gothoskar import noisy_control, servo, servo_runs
+from dense_vs.sims.papers.gothoskar import noisy_control, noisy_states, servo, servo_runs
 from dense_vs.sims.papers.gothoskar.arm_trials import Trial
 from dense_vs.sims.papers.gothoskar.servo_runs import (
     Tasks,
@@ -298,6 +298,40 @@ def test_a_controller_is_learned_from_its_actions_and_scored_on_others(monkeypat
     assert fits == [(observed, "actions", "cartesian")]
     assert np.isnan([hand.model, hand.unmodeled, hand.perfect]).all()
     assert (hand.errors, hand.floor) == ("errors", 0.25)
+
+
+class Marked(int):
+    """A trial that is its number; evidence and random numbers are what was asked for."""
+
+    def evidence(self, samples, purpose=0, joint_noise=0.0):
+        return SimpleNamespace(asked=(int(self), samples, purpose, joint_noise), truth=int(self))
+
+    def rng(self, purpose):
+        return purpose
+
+
+def test_a_perfect_fit_is_of_the_samples_that_were_learned_from(monkeypatch):
+    """Four draws of each bound, three of which are the trial's number and one six more; readings err likewise."""
+    asked = []
+
+    def bound(noisy, held_out, rng, state, sigma):
+        asked.append((noisy.asked, held_out.asked, rng, state, sigma))
+        return SimpleNamespace(noisy=held_out.truth + 100 * sigma + np.array([0.0, 0.0, 0.0, 6.0]))
+
+    monkeypatch.setattr("dense_vs.sims.marked_arm.cramer_rao.cramer_rao", bound)
+    monkeypatch.setattr(noisy_states, "reading_error", lambda truth, sigma, rng: truth**2 * 100 * sigma + rng)
+    rows = []
+    arguments = Namespace(samples=50, sigma=[0.01, 0.02], seeds=[3, 4])
+    errors = noisy_states._bounds([Marked(1), Marked(3)], arguments, rows)
+    np.testing.assert_allclose(errors, [[3.5, 4.5], [5.5, 6.5]])  # trials, sigmas
+    assert asked == [
+        ((trial, 50, 0, sigma), (trial, 100, 1, 0.0), 4, "noisy", sigma) for sigma in (0.01, 0.02) for trial in (1, 3)
+    ]
+    found = {row.name: row for row in rows}
+    bounds = "test error, 0.02 rad, noise modeled: bound (Cramer-Rao), mean"
+    assert found[bounds].ours == pytest.approx(5.5)
+    raw = found["what readings 0.02 rad off are in pixels, mean"]
+    assert (raw.ours, raw.paper, raw.unit, raw.seeds) == (15.0, None, "px", (3, 4))  # 2 and 18, each 5 more
 
 
 class Seen(SimpleNamespace):

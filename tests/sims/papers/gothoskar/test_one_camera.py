@@ -1,10 +1,12 @@
 """What one camera alone tells, beside both: the same images, the pixels that were used, joints as angles."""
 
+from argparse import Namespace
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
+from dense_vs.generative import GenerativeModel
 from dense_vs.sims.papers.gothoskar import single_camera
 
 
@@ -59,3 +61,74 @@ def test_perfect_inference_is_asked_with_both_and_with_the_first(monkeypatch, ar
     assert asked == [[True, True, True], [True, False, False]]
     np.testing.assert_array_equal(errors["one camera: reprojection, perfect"], [10.0, 11.0, 13.0])
     assert ("both cameras: joints, perfect" in errors) == joints  # seven joints are not unique
+
+
+class Seen(SimpleNamespace):
+    """Observations that can be cut."""
+
+    def __getitem__(self, part):
+        return Seen(pixels=self.pixels[part], image_sizes=[1, 2], intrinsics=np.zeros((2, 4)), joints=None)
+
+
+@pytest.fixture
+def ran(monkeypatch, tmp_path):
+    """Rows and bars of two models whose errors are given, one set a model; models of one camera see that one alone."""
+
+    def run(errors, perfect, **options):
+        fitted, drawn, inferred, bounds = [], {}, iter(errors), iter(perfect)
+        held_out = SimpleNamespace(observations=SimpleNamespace(joints=None, pixels=np.zeros((4, 2, 1, 2))))
+
+        def evidence(count, purpose=0):
+            if purpose:
+                return held_out
+            seen = Seen(pixels=np.zeros((count, 2, 1, 2)), image_sizes=[1, 2], intrinsics=np.zeros((2, 4)), joints=None)
+            return SimpleNamespace(observations=seen)
+
+        def fit(observations, seed):
+            samples, cameras = observations.pixels.shape[:2]
+            fitted.append((seed, samples, cameras))
+            return SimpleNamespace(pixels=lambda _: np.full((4, cameras, 1, 2), 3.0 / np.sqrt(2)))
+
+        trials = [SimpleNamespace(arm="ur5", seed=k, evidence=evidence) for k in (1, 2)]
+        monkeypatch.setattr(single_camera, "trials", lambda _: trials)
+        monkeypatch.setattr(single_camera, "draw_bars", lambda path, names, bars, **_: drawn.update(bars))
+        monkeypatch.setattr(single_camera, "_inferred", lambda *_: dict.fromkeys(single_camera.PAPER, next(inferred)))
+        monkeypatch.setattr(single_camera, "_perfect", lambda *_: next(bounds))
+        monkeypatch.setattr(single_camera, "replace", lambda few, pixels, **_: SimpleNamespace(pixels=pixels))
+        monkeypatch.setattr(GenerativeModel, "fit", fit)
+        rows = single_camera.run(Namespace(arm=["ur5"], seeds=[3, 4], out=tmp_path, **options))
+        return {row.name: row for row in rows}, drawn, fitted
+
+    return run
+
+
+ERRORS = [np.array([1.0, 2.0, 9.0]), np.array([4.0])]
+
+
+def test_means_and_medians_are_over_all_images_of_all_seeds(ran):
+    rows, drawn, _ = ran(ERRORS, [{}, {}], samples=50, learn_from=[20, 50])
+    for name, (mean, _) in single_camera.PAPER.items():
+        assert (rows[f"ur5: {name}: mean"].ours, rows[f"ur5: {name}: median"].ours) == (4.0, 3.0)
+        assert rows[f"ur5: {name}: mean"].paper == mean
+        assert rows[f"ur5: {name}: mean"].unit == ("rad" if "joints" in name else "px")
+    assert rows["learned from one camera, 50 samples: mean"].ours == pytest.approx(3.0)
+    assert rows["learned from one camera, 50 samples: mean"].paper == 1.231
+    assert rows["learned from one camera, 20 samples: mean"].paper is None
+    assert drawn["paper"] == [0.0536, 0.0519, 1.1441, 1.6608]
+    assert drawn["ur5, mean"] == [4.0] * 4
+    assert np.isnan(drawn["ur5, perfect, mean"]).all()
+
+
+def test_perfect_inference_stands_beside_ours_where_it_is_known(ran):
+    name = "one camera: reprojection"
+    bounds = [{f"{name}, perfect": np.array([0.25, 0.5, 3.0])}, {f"{name}, perfect": np.array([0.25])}]
+    rows, drawn, _ = ran(ERRORS, bounds, samples=50, learn_from=[50])
+    assert (rows[f"ur5: {name}, perfect: mean"].ours, rows[f"ur5: {name}, perfect: median"].ours) == (1.0, 0.375)
+    assert rows[f"ur5: {name}, perfect: mean"].paper is None
+    np.testing.assert_array_equal(drawn["ur5, perfect, mean"], [np.nan, np.nan, np.nan, 1.0])
+
+
+@pytest.mark.parametrize(("samples", "learn_from"), [(50, [20, 70]), (50, [20]), (10, [70])])
+def test_every_model_learns_from_as_many_samples_as_told(ran, samples, learn_from):
+    _, _, fitted = ran(ERRORS, [{}, {}], samples=samples, learn_from=learn_from)
+    assert fitted == [one for seed in (1, 2) for one in [(seed, samples, 2), *((seed, few, 1) for few in learn_from)]]

@@ -9,15 +9,10 @@ import pytest
 from dense_vs.generative import GenerativeModel
 from dense_vs.sims.papers.gothoskar import (
     camera_shift,
-    figures,
-    grasp,
-    guided_motion,
-    insertion,
     kfold,
     noisy_control,
     noisy_states,
     servo,
-    single_camera,
     speed,
     stages,
 )
@@ -166,43 +161,6 @@ def test_noisy_readings_are_scored_on_exact_postures(monkeypatch, controller, tr
     assert (told["joint_noise"], told["pose_noise"]) == ((0.02, None) if controller == "joint" else (0.0, 0.02))
 
 
-class Cell(SimpleNamespace):
-    """A cell that takes every call."""
-
-    def __getattr__(self, _):
-        return lambda *_, **__: None
-
-
-@pytest.fixture
-def cells(monkeypatch):
-    """Seeds whose arms are learned at once."""
-    guide = SimpleNamespace(model=SimpleNamespace(report=SimpleNamespace(mean_error_px=0.6)))
-    for module in (grasp, insertion):
-        monkeypatch.setattr(module, "make_cell", lambda *_, **__: Cell())
-    monkeypatch.setattr(guided_motion, "learn_arm", lambda *_: guide)
-    monkeypatch.setattr(guided_motion, "learn_structure", lambda *_, **__: np.zeros((8, 3)))
-    monkeypatch.setattr(figures, "draw_images", lambda *_: None)
-    return Namespace(arm="ur5", tries=3, seeds=SEEDS, samples=50, out=None)
-
-
-def test_grasps_are_counted(cells, monkeypatch):
-    outcomes = iter([True, False, True, False, False, True])
-    monkeypatch.setattr(grasp, "grasp", lambda *_: next(outcomes))
-    rows = grasp.run(cells)
-    assert [(row.ours, row.seeds) for row in rows[:2]] == [(2.0, (3,)), (1.0, (4,))]
-    assert values(rows)["ur5: share grasped"] == 0.5
-    assert values(rows)["error of the learned arm, worst"] == 0.6
-
-
-def test_insertions_are_counted_by_their_depth(cells, monkeypatch):
-    depths = iter([0.0, 0.036, 0.04, 0.034, 0.01, 0.035])
-    monkeypatch.setattr(insertion, "insert", lambda *_: next(depths))
-    rows = insertion.run(cells)
-    assert [(row.ours, row.seeds) for row in rows[:2]] == [(2.0, (3,)), (1.0, (4,))]
-    assert values(rows)["ur5: share inserted"] == 0.5
-    assert values(rows)["depth of 40 mm, median"] == pytest.approx(34.5)
-
-
 def test_alarms_and_wrongly_named_cameras_are_counted(monkeypatch, tmp_path):
     """Two false alarms of the first before the shift, one of the second, which takes everything to have moved.
 
@@ -301,44 +259,3 @@ def test_medians_and_worst_of_stages(monkeypatch, tmp_path):
         assert papers[f"{order}: {worst}"] is None
     assert papers[f"after end-to-end: {of}"] == 0.47
     assert found["after end-to-end: mean distance, worst"] == 0.5
-
-
-def test_single_camera_rows(monkeypatch, tmp_path):
-    """Means and medians over all images of all seeds; models of one camera see that one alone."""
-
-    class Seen(SimpleNamespace):
-        def __getitem__(self, part):
-            return Seen(pixels=self.pixels[part], image_sizes=[1, 2], intrinsics=np.zeros((2, 4)), joints=None)
-
-    def fit(observations, seed):
-        cameras = observations.pixels.shape[1]
-        return SimpleNamespace(pixels=lambda _: np.full((4, cameras, 1, 2), 3.0 / np.sqrt(2)), cameras=cameras)
-
-    seen = Seen(pixels=np.zeros((60, 2, 1, 2)), image_sizes=[1, 2], intrinsics=np.zeros((2, 4)), joints=None)
-    held_out = SimpleNamespace(observations=SimpleNamespace(joints=None, pixels=np.zeros((4, 2, 1, 2))))
-
-    def evidence(count, purpose=0):
-        return held_out if purpose else SimpleNamespace(observations=seen)
-
-    trials = [SimpleNamespace(arm="ur5", seed=k, evidence=evidence) for k in (1, 2)]
-    errors = iter([np.array([1.0, 2.0, 9.0]), np.array([4.0])])
-
-    def inferred(model, _):
-        assert model.cameras == 2
-        return dict.fromkeys(single_camera.PAPER, next(errors))
-
-    monkeypatch.setattr(single_camera, "trials", lambda _: trials)
-    monkeypatch.setattr(single_camera, "draw_bars", lambda *_, **__: None)
-    monkeypatch.setattr(single_camera, "_inferred", inferred)
-    monkeypatch.setattr(single_camera, "_perfect", lambda *_: {})
-    monkeypatch.setattr(single_camera, "replace", lambda few, pixels, **_: SimpleNamespace(pixels=pixels))
-    monkeypatch.setattr(GenerativeModel, "fit", fit)
-    rows = single_camera.run(Namespace(samples=50, learn_from=[20, 50], arm=["ur5"], seeds=SEEDS, out=tmp_path))
-    by = {row.name: row for row in rows}
-    for name, (mean, _) in single_camera.PAPER.items():
-        assert (by[f"ur5: {name}: mean"].ours, by[f"ur5: {name}: median"].ours) == (4.0, 3.0)
-        assert by[f"ur5: {name}: mean"].paper == mean
-        assert by[f"ur5: {name}: mean"].unit == ("rad" if "joints" in name else "px")
-    assert by["learned from one camera, 50 samples: mean"].ours == pytest.approx(3.0)
-    assert by["learned from one camera, 50 samples: mean"].paper == 1.231
-    assert by["learned from one camera, 20 samples: mean"].paper is None

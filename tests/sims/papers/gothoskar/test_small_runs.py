@@ -68,6 +68,7 @@ def test_every_query_takes_time(reproduce):
 
 def test_queries_that_are_timed_answer_what_they_are_named_for():
     queries = speed._queries(2)
+    np.testing.assert_allclose(queries["Forward Camera/Feature"](), queries["Forward End-to-End"]()[0], atol=1e-9)
     assert queries["Loss (Pixel)"]() < 4 * 24 * 0.5  # px^2 of 12 features in 2 cameras at half a pixel of noise
     assert queries["Loss (Cartesian Pose)"]() < 0.15  # one image turns the hand by some hundredths of a radian
     joints, left = queries["Infer Joints from Pose"]()

@@ -100,6 +100,14 @@ def test_what_is_found_in_the_tray_is_not_looked_for_elsewhere(monkeypatch):
     assert [label for label, _ in tiles] == ["Tuna: centered", "Tuna: wrong", "Tuna: held"]
 
 
+def test_things_are_put_aside_beside_the_tray(monkeypatch):
+    monkeypatch.setattr(clutter, "ASIDE", (0.25, -0.5))
+    monkeypatch.setattr(clutter, "TRAY", (1.0, 1.5))
+    _, drove, asked, _ = ask(monkeypatch, Bin(), [False, True])
+    assert drove == [(1.0, 1.5, FLOOR), (1.25, 1.0, FLOOR)]
+    assert asked[1][6] == (0.25, -0.5)
+
+
 def test_what_fails_is_looked_for_where_things_are_put_aside(monkeypatch):
     request, drove, _, _ = ask(monkeypatch, Bin(), [False, True])
     assert request.placed

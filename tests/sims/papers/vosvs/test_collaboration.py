@@ -126,7 +126,7 @@ def watched(monkeypatch, done_after, most=12):
 
     def follow(world, one, shirt, pinv, looks, *, max_step, true_place, mask_seconds):
         assert world.before_frame is walk
-        calls.append((one.name, shirt, pinv, looks, mask_seconds))
+        calls.append((one.name, shirt, pinv, looks, max_step, mask_seconds))
         walk.done = len(calls) >= done_after
         return np.full((looks, 2), float(len(calls))), 1, [("a", IMAGE)]
 
@@ -139,7 +139,7 @@ def watched(monkeypatch, done_after, most=12):
 
 def test_the_person_is_followed_until_done(monkeypatch):
     one, calls, tiles = watched(monkeypatch, 3)
-    assert calls == [("head", "shirt", "J+", collaboration.LOOKS, 0.2)] * 3
+    assert calls == [("head", "shirt", "J+", collaboration.LOOKS, 0.3, 0.2)] * 3
     assert len(one.centroids) == 3 * collaboration.LOOKS
     assert (one.lost, one.traveled) == (3, 3.0)
     assert [label for label, _ in tiles] == ["Softscrub, shown, look 1", "Softscrub, shown, look 17"]
@@ -148,7 +148,7 @@ def test_the_person_is_followed_until_done(monkeypatch):
 
 def errand(monkeypatch, place, placed=True):
     sent, picked, waiting = [], [], {}
-    robot = SimpleNamespace(joints=lambda: (np.zeros(10), 0.0), command=sent.append)
+    robot = SimpleNamespace(joints=lambda: (np.arange(10.0), 0.0), command=sent.append)
     world = SimpleNamespace(
         set_posture=lambda q: waiting.update(zip(JOINTS, q, strict=True)),
         object_center=lambda name: np.array([0.6, 2.0, 0.1]),
@@ -180,7 +180,7 @@ def test_the_robot_drives_to_where_the_head_looked(monkeypatch):
     assert one.off == pytest.approx(0.5)
     assert not one.found
     assert one.placed
-    np.testing.assert_allclose(sent[0][:2], [0.9, 2.4])
+    np.testing.assert_allclose(sent[0] + np.arange(10), [0.9, 2.4, collaboration.HEIGHT, *[0.0] * 7])
     assert picked == [("Softscrub", 0.0, "masks", "high", "low")]
     labels = [label for label, _ in tiles]
     assert labels == ["Softscrub: centered by the base", "Softscrub: held", "Softscrub: in the bin"]

@@ -197,6 +197,16 @@ def test_an_object_is_hidden_by_what_stands_before_any_part_of_it(depth, hidden)
     assert not _hidden(world, "grasp", "Mug")  # what stands beside its parts hides nothing
 
 
+@pytest.mark.parametrize(("depth", "hidden"), [(1.86, False), (1.84, True)])
+def test_an_object_far_from_the_camera_is_hidden_where_it_is_seen(depth, hidden):
+    """A part 2 m before the camera, 0.2 m to its right and below: 50 px from the middle, not 200."""
+    world = World(place=(1.0, 2.0, 2.0))
+    world.state.geom_xpos = np.array([[1.2, 1.8, 0.0]])
+    world.depths = np.full((480, 640), 2.0)
+    world.depths[290, 370] = depth
+    assert _hidden(world, "grasp", "Mug") == hidden
+
+
 @pytest.mark.parametrize(("pixel", "hidden"), [((0, 0), False), ((639, 479), False), ((-1, 0), True), ((0, -1), True),
                                                ((640, 0), True), ((0, 480), True)])  # fmt: skip
 def test_a_part_outside_the_image_is_hidden(pixel, hidden):

@@ -134,8 +134,9 @@ def test_first_and_last_view_of_an_approach_are_kept(monkeypatch):
 
 
 def test_every_object_is_met_in_its_trial(monkeypatch):
-    placed, drove, cluttered, met = [], [], [], []
-    world = SimpleNamespace(set_posture=lambda q: None)
+    placed, drove, cluttered, met, stood = [], [], [], [], []
+    world = SimpleNamespace(set_posture=stood.append)
+    monkeypatch.setattr(segmentations, "above", lambda x, y, height: (x, y, height))
     ready = SimpleNamespace(
         world=world,
         seed=4,
@@ -155,6 +156,7 @@ def test_every_object_is_met_in_its_trial(monkeypatch):
     bar = SimpleNamespace(update=lambda: None, set_description=lambda _: None)
     results = segmentations.approach_all(ready, SimpleNamespace(settle_frames=2), "robust", bar)
     assert results == list(SHOWN)
+    assert stood == [(1.0, 0.0, segmentations.HEIGHT)]  # before the first is driven to
     assert [names[0] for names in placed] == ["Plate", "Power Drill", "Power Drill", "Power Drill"]
     assert placed == cluttered
     assert drove == [0.25, 0.25, 0.125, 0.0]
