@@ -16,7 +16,7 @@ from dense_vs.errors import DenseVSError
 from dense_vs.generative.rotations import rotation_matrices, tangents
 
 BACKGROUND = -1  # link of what no joint moves
-POSES = 8  # postures whose poses are kept: those of an image and of where a point was defined are asked for many times
+POSES = 8  # sets of postures whose poses are kept: those of an image, or of all keyframes, are asked for many times
 
 
 @dataclass(frozen=True)

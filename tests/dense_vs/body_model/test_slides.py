@@ -194,7 +194,11 @@ def test_poses_that_are_kept_are_a_chain_s_own():
     chain = Chain(body.axes, body.anchors, np.zeros(2), body.parents)
     fresh, text = replace(chain), repr(chain)
     q = np.array([[0.4, -0.3]])
-    chain.link_poses(q)
+    both = np.vstack([q, -q])
+    one, several = chain.link_poses(q), chain.link_poses(both)
+    assert chain.link_poses(both) is several
+    assert not any(poses.flags.writeable for poses in (*one, *several))
+    np.testing.assert_array_equal(several[0][0], one[0][0])
     assert repr(chain) == text
     assert chain == fresh
     home = replace(chain, home=q[0])
