@@ -81,7 +81,7 @@ def test_a_stop_ends_the_centering(session, robot):
     assert wait_for(lambda: session.mode is Mode.CENTERING)
     session.stop("the test")
     assert wait_for(lambda: session.objects.known.state == "ready", 40), session.objects.known.state
-    assert session.mode is Mode.STILL
+    assert wait_for(lambda: session.mode is Mode.STILL)  # just after
     do(session, do="drop_object")
     assert wait_for(lambda: session.objects.known is None)
 
