@@ -29,15 +29,32 @@ def adjust(
     Returns:
         The state, its mean robust error (0 to 1) and its median error [px].
     """
-    whole = TrackProblem(
+    problem = TrackProblem(
         joints, pixels, links, center, np.ones(pixels.shape[:2]), focal_prior, noise, bend_deviation, directions,
         information,
     )  # fmt: skip
-    for _ in range(rounds):
-        squared = np.minimum((whole.errors(state) ** 2).sum(axis=1), 1e12)
-        scale = max(noise, float(np.median(np.sqrt(squared))) / 1.1774)
-        weights = 1 / (1 + squared / (_GROSS * scale) ** 2) ** 2
-        state, _ = solve(whole.weighted(weights), state, iterations, 1e-4)
-    squared = np.minimum((whole.errors(state) ** 2).sum(axis=1), 1e12)
+    state = adjusted(problem, state, rounds, iterations)
+    squared = _squared(problem, state)
     robust = float(np.mean(squared / (squared + (_GROSS * noise) ** 2)))
     return state, robust, float(np.median(np.sqrt(squared)))
+
+
+def adjusted(problem: TrackProblem, state: BodyState, rounds: int, iterations: int) -> BodyState:
+    """The state of :func:`adjust`, where its errors are not asked for.
+
+    Args:
+        problem: its observations have equal weights, which are found here.
+        state: where to start.
+        rounds, iterations: as in :func:`adjust`.
+    """
+    for _ in range(rounds):
+        squared = _squared(problem, state)
+        scale = max(problem.noise, float(np.median(np.sqrt(squared))) / 1.1774)
+        weights = 1 / (1 + squared / (_GROSS * scale) ** 2) ** 2
+        state, _ = solve(problem.weighted(weights), state, iterations, 1e-4)
+    return state
+
+
+def _squared(problem: TrackProblem, state: BodyState) -> np.ndarray:
+    """Squares of the distances ``(O,)`` [px^2], bounded."""
+    return np.minimum((problem.errors(state) ** 2).sum(axis=1), 1e12)

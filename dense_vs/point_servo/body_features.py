@@ -10,13 +10,13 @@ from enum import IntEnum
 
 import numpy as np
 
-from dense_vs.body_model.adjustment import adjust
+from dense_vs.body_model.adjustment import adjusted
 from dense_vs.body_model.chain import Chain
 from dense_vs.body_model.image_directions import direction_weights
 from dense_vs.body_model.lens import Lens
 from dense_vs.body_model.link_assignment import place_points
 from dense_vs.body_model.spread import spread
-from dense_vs.body_model.track_problem import BodyState
+from dense_vs.body_model.track_problem import BodyState, TrackProblem
 
 NOISE = 0.5  # px, of a feature's place
 BELIEVED = 0.35  # mean robust error, 0 to 1, up to which a link explains a feature's places
@@ -267,11 +267,12 @@ class BodyFeatures:
         count = len(postures)
         rows = np.unique(np.append(spread(count, KEYFRAMES_ADJUSTED), np.arange(max(0, count - LATEST), count)))
         center = float(self.center[0]), float(self.center[1])
-        state, _, _ = adjust(
-            BodyState(self.chain, self.points[used], self.focal, self.lens.bend, self._moved), postures[rows],
-            places[rows], self.links[used], center, (self.focal, FOCAL_DEVIATION), NOISE, 1, ITERATIONS, BEND_DEVIATION,
-            directions[rows], self._information,
+        problem = TrackProblem(
+            postures[rows], places[rows], self.links[used], center, np.ones((len(rows), len(used))),
+            (self.focal, FOCAL_DEVIATION), NOISE, BEND_DEVIATION, directions[rows], self._information,
         )  # fmt: skip
+        start = BodyState(self.chain, self.points[used], self.focal, self.lens.bend, self._moved)
+        state = adjusted(problem, start, 1, ITERATIONS)
         self.chain, self.focal, self.lens = state.chain, state.focal, replace(self.lens, bend=state.bend)
         self._moved = state.moved
         self.points[used] = state.points

@@ -17,8 +17,10 @@ from dense_vs.body_model.image_directions import direction_weights
 from dense_vs.point_servo.body_features import NOISE, BodyFeatures, FeatureState, Keyframe
 from dense_vs.point_servo.feature_looks import FeatureLooks
 from dense_vs.point_servo.look_back import Trace, followed_back
-from dense_vs.point_servo.point_look import SURE, PointLook
+from dense_vs.point_servo.place_uncertainty import BASIC, OFF_SHARE, UNTIED, OwnLook, place_uncertainty
+from dense_vs.point_servo.point_look import LIKE, SURE, PointLook
 from dense_vs.point_servo.point_on_link import POINT, PointOnLink, mean_about
+from dense_vs.point_servo.regained import regained
 from dense_vs.point_servo.surface_place import SurfacePlace
 
 FIRST_FEATURES = 180  # in the image in which the point is defined
@@ -31,7 +33,7 @@ HELD, OTHERS_HELD = 3, 5  # images, in one of which a feature of the point's lin
 KEYFRAME_MOTION = 10.0  # px that a feature moves by between keyframes
 GATE = 2.0  # px from where its link's features are, at which one is given up
 LEAST_SEEN = 3  # features of the link that have to be in sight
-LIKE, ALIKE = 0.8, 0.87  # correlations between which the point's own look comes to count
+ALIKE = 0.87  # correlation from :data:`LIKE` to which the point's own look comes to count
 OWN_DRIFT = 0.5  # px, standard deviation of the place by the own look at least
 ASIDE = 1.0  # px, standard deviation of the expected place, the depth aside, while looking back
 ROUNDS = 3  # of looking back for the point itself, each with the depth that the former gave
@@ -40,13 +42,7 @@ BELIEVED = 0.72  # correlation from which a place of the point's own look tells 
 LEAST_OPEN = 0.05  # of the logarithm of the depth, left open in a search: places that repeat a guess tell nothing
 MOST_UNCERTAIN = 1.0  # px, standard deviation of the point's place up to which it is certain
 DOUBT = 1.5  # times the depth's standard deviation: places of features around share their errors
-# Shares and terms of the doubt below were fitted to the true errors in 31 views of commercial arms.
-DEPTH_SHARE = 1.2  # of the depth's standard deviation
-HELD_SHARE = 0.8  # of it where features of the point's own first image are in sight, which share most of its error
-SEEN_SHARE = 0.5  # of it where its own look is seen as well
 OWN_SHARE = 0.7  # of :meth:`PointLook.drift`, of a look that is seen; where no such feature is in sight, for SURE
-OFF_SHARE = 0.5  # of how far the own look, or the features, are from where the chain has them: one of two is wrong
-BASIC, FEW = 0.3, 1.5  # px, of any place; by the number of features that tell it, among which wrong ones go unseen
 TRUST = 0.5  # of the way to where the own look is seen: where it is off the rest of the link, both are half wrong
 VOTES = 7  # features around, which say what link the point is on where its own places do not
 
@@ -74,7 +70,6 @@ class BodyTracker:
         unseen: images since at least :data:`LEAST_SEEN` were.
         uncertainty: standard deviation of the point's place [px].
         on_link: the point by what the chain says.
-        correlation: float32 ``(1,)``, of the point's own look with its first one; -1 where it is not found.
     """
 
     def __init__(
@@ -106,11 +101,10 @@ class BodyTracker:
         self.on_link = PointOnLink(self.features, self.point, self._positions, surface)
         self._offset = np.zeros(2)
         self.seen, self.unseen, self._told, self.held, self._aside = 0, 0, 0, False, BASIC + 1.0
-        self._by_own, self._apart, self._next, self._images = np.inf, 0.0, 0, 0
+        self._own, self._next, self._images = OwnLook(1.0), 0, 0
         self._sighting: np.ndarray | None = None
         self._looks, self._sure = FeatureLooks(), np.zeros(0, int)
         self._look = PointLook(self._gray, self.point, same, window)
-        self.correlation = np.ones(1, np.float32)
         self._look_back(history, body, link, trace)
         self.on_link.place(self._first)
         for _ in range(ROUNDS):
@@ -128,6 +122,11 @@ class BodyTracker:
     def points(self) -> np.ndarray:
         """Where the point is, ``(1, 2)`` [px], as :attr:`PointTracker.points`."""
         return self.point[None].copy()
+
+    @property
+    def correlation(self) -> np.ndarray:
+        """Float32 ``(1,)``, of the point's own look with its first one; -1 where it is not found."""
+        return np.array([self._own.correlation], np.float32)
 
     @property
     def lost(self) -> np.ndarray:
@@ -163,6 +162,8 @@ class BodyTracker:
                 far = np.einsum("kij,kj->ki", directions, off - np.median(off[on], axis=0))
                 believed &= ~(on & (np.linalg.norm(far, axis=1) > GATE))
         self._live, self._places, directions = self._live[believed], places[believed], directions[believed]
+        if not self.held:
+            directions = self._regain(gray, q, directions)
         self._correct(q, link, gray, directions)
         self._gray, self._positions = gray, q
         self.uncertainty = self._uncertainty(q)
@@ -204,6 +205,17 @@ class BodyTracker:
         places[due], sure, alike = self._looks.held(numbers, gray, places[due])
         believed[due] &= alike
         self._sure = np.union1d(np.setdiff1d(self._sure, numbers), numbers[sure])
+
+    def _regain(self, gray: np.ndarray, q: np.ndarray, directions: np.ndarray) -> np.ndarray:
+        """Take features of the point's own image that are seen again; what errors of places are multiplied by."""
+        on_link = self.features.seen_on(self.on_link.link, self._first)
+        gone = np.setdiff1d(self._first[on_link], [*self._live, POINT])
+        if not len(gone):
+            return directions
+        numbers, places = regained(self.features, self._looks, gone, self.on_link.defined_at, gray, q, self._offset)
+        self._live, self._places = np.append(self._live, numbers), np.vstack([self._places, places])
+        self._sure = np.union1d(self._sure, numbers)
+        return np.concatenate([directions, direction_weights(gray, places)])
 
     def _on_link(self, link: int) -> np.ndarray:
         """Features in sight that are on a link, the point aside."""
@@ -258,25 +270,20 @@ class BodyTracker:
         if not np.isfinite(place).all() or np.abs(place).max() > 1e5:  # behind the camera, by a chain that is wrong
             self.unseen = max(self.unseen, 1)
             return
-        self._by_own, self._apart, self._sighting = np.inf, 0.0, None
+        self._own, self._sighting = OwnLook(), None
         if self.on_link.depth is not None:
-            place = self._by_look(q, gray, place, self._aside)
+            place = self._by_look(q, gray, place, self._aside if self.held else float(np.hypot(self._aside, UNTIED)))
         self.point = place
 
     def _by_look(self, q: np.ndarray, gray: np.ndarray, place: np.ndarray, spread: float) -> np.ndarray:
         """The place as the point's own look corrects it."""
         _, affine, by_depth = self.on_link.view(q[None])
         covariance = self._covariance(by_depth[0], spread)
-        found, correlation = self._look.found(gray, place, affine[0], covariance)
-        as_expected = correlation >= LIKE
-        if not as_expected:  # a surface that was seen aslant is turned otherwise than one that faced the camera
-            other, alike = self._look.turned(gray, place, affine[0])
-            found, correlation = (other, alike) if alike > 0 else (found, correlation)
-        self.correlation = np.array([correlation], np.float32)
+        found, correlation, as_expected = self._look.seen(gray, place, affine[0], covariance)
         share = float(np.clip((correlation - LIKE) / (ALIKE - LIKE), 0, 1))
-        self._apart = OFF_SHARE * share * float(np.linalg.norm(found - place))
-        if correlation >= (ALIKE if self.held else SURE):
-            self._by_own = max(OWN_SHARE * self._look.drift(correlation), OWN_DRIFT)
+        counts = correlation >= (ALIKE if self.held else SURE)
+        deviation = max(OWN_SHARE * self._look.drift(correlation), OWN_DRIFT) if counts else np.inf
+        self._own = OwnLook(correlation, deviation, OFF_SHARE * share * float(np.linalg.norm(found - place)))
         if share > 0 and as_expected:
             self._sighting = found
         return place + TRUST * share * (found - place)
@@ -300,19 +307,12 @@ class BodyTracker:
             features.keyframes[k] = one.with_place(POINT, found if seen else None, weight)
 
     def _uncertainty(self, q: np.ndarray) -> float:
-        """Standard deviation [px]: by the point's depth and the link's features, and by its own look.
-
-        No term is of the chain: true errors went with the depth's, and not with how far the link had turned.
-        """
-        if self.on_link.depth is None:
+        """Standard deviation of the place [px]; infinite where nothing tells the depth."""
+        depth = self.on_link.depth
+        if depth is None:
             return np.inf
-        held = SEEN_SHARE if np.isfinite(self._by_own) else HELD_SHARE
-        depth = (held if self.held else DEPTH_SHARE) * self.on_link.depth.deviation
-        by_depth = depth * float(np.linalg.norm(self.on_link.view(q[None])[2]))
-        by_features = OFF_SHARE * float(np.linalg.norm(self._offset)), FEW / max(self._told, 1)
-        by_link = float(np.linalg.norm([by_depth, *by_features]))
-        both = by_link / float(np.hypot(1.0, by_link / self._by_own))  # two witnesses, by their variances
-        return float(np.linalg.norm([both, self._apart, self._aside]))
+        off = depth.deviation * self.on_link.view(q[None])[2][0]
+        return place_uncertainty(off, self._offset, self.held, self._told, self._aside, self._own)
 
     def _refine(self) -> None:
         """Chain, features and the point, adjusted to all keyframes."""

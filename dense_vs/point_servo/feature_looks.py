@@ -63,6 +63,24 @@ class FeatureLooks:
         self._maps[numbers[sure]] = turned[sure]
         return np.where(sure[:, None], aligned, places), sure, correlation > UNLIKE
 
+    def sought(
+        self, numbers: np.ndarray, gray: np.ndarray, places: np.ndarray, maps: np.ndarray, least: float, most_off: float
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Places of features that are not in sight, by looks turned by maps ``(K, 2, 2)``; bool ``(K,)``, where sure.
+
+        Args:
+            numbers, gray, places: as of :meth:`held`.
+            maps: from px about a feature where its look was taken to px here.
+            least: correlation from which a feature is seen.
+            most_off: px that it may be from where it is expected.
+        """
+        if not len(numbers):
+            return places.copy(), np.zeros(0, bool)
+        aligned, turned, correlation = self._patches.align(self._pixels[numbers], gray, places, maps)
+        sure = (correlation > least) & (np.linalg.norm(aligned - places, axis=1) < most_off)
+        self._maps[numbers[sure]] = turned[sure]
+        return aligned, sure
+
     def renumber(self, renumbered: np.ndarray) -> None:
         """Take on new numbers ``(M,)``, in the same order, -1 for features that are forgotten."""
         self._pixels, self._maps = self._pixels[renumbered >= 0], self._maps[renumbered >= 0]

@@ -20,6 +20,7 @@ WIDTH = 0.35  # of the window: standard deviation of the weight of the look's pi
 LEAST_PIXELS = 60  # of the same surface, for others to be left out
 LEAST_ALIGNED = 0.85  # correlation from which the chain is right about that
 SHIFT = 2  # px, by which a look is compared with itself
+LIKE = 0.8  # correlation from which the look is seen turned as the chain says
 LEAST_SCALE, MOST_SCALE = 0.4, 2.5  # by which the look may have shrunk or grown in any direction
 
 
@@ -109,6 +110,19 @@ class PointLook:
             return place, float(correlation[best])
         found, alike = self.turned(gray, place, affine, ALIGNED)
         return (found, max(alike, float(correlation[best]))) if alike > 0 else (place, float(correlation[best]))
+
+    def seen(
+        self, gray: np.ndarray, expected: np.ndarray, affine: np.ndarray, covariance: np.ndarray
+    ) -> tuple[np.ndarray, float, bool]:
+        """As :meth:`found`, or else turned otherwise, and whether it is seen as the chain has it turned.
+
+        A surface that was seen aslant is turned otherwise than one that faced the camera.
+        """
+        found, correlation = self.found(gray, expected, affine, covariance)
+        if correlation >= LIKE:
+            return found, correlation, True
+        other, alike = self.turned(gray, expected, affine)
+        return (other, alike, False) if alike > 0 else (found, correlation, False)
 
     def turned(
         self, gray: np.ndarray, place: np.ndarray, affine: np.ndarray, most: float = TURNED

@@ -7,6 +7,7 @@ import numpy as np
 from dense_vs.body_model.image_directions import direction_weights
 from dense_vs.point_servo.body_features import FeatureState
 from dense_vs.point_servo.body_tracker import BodyTracker
+from dense_vs.point_servo.place_uncertainty import OwnLook
 
 KNOWN, YOUNG, DROPPED = FeatureState.KNOWN, FeatureState.YOUNG, FeatureState.DROPPED
 GRAY = np.zeros((60, 80), np.uint8)
@@ -81,9 +82,9 @@ def bare(features, live=(), places=(), **given):
     tracker.__dict__.update(
         features=features, _live=np.array(live, int), _places=np.array(places, float).reshape(-1, 2),
         on_link=link_of(), _offset=np.zeros(2), _aside=1.3, seen=0, unseen=0,
-        point=np.array([7.0, 7.0]), _positions=np.zeros(1), _kept_at=np.zeros(1), _by_own=np.inf, _sighting=None,
-        _gray=GRAY, _lost_after=5, uncertainty=0.0, correlation=np.ones(1, np.float32),
-        _looks=Looks(), _sure=np.zeros(0, int), _first=np.zeros(0, int), _images=0, held=False, _told=0, _apart=0.0,
+        point=np.array([7.0, 7.0]), _positions=np.zeros(1), _kept_at=np.zeros(1), _own=OwnLook(1.0), _sighting=None,
+        _gray=GRAY, _lost_after=5, uncertainty=0.0,
+        _looks=Looks(), _sure=np.zeros(0, int), _first=np.zeros(0, int), _images=0, held=False, _told=0,
     )  # fmt: skip
     tracker.__dict__.update(given)
     return tracker

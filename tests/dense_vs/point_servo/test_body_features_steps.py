@@ -1,5 +1,6 @@
 """Features on a body's links by hand: what keyframes hold, which link explains a feature, what an adjustment takes."""
 
+import inspect
 from dataclasses import replace
 from types import SimpleNamespace
 
@@ -201,20 +202,16 @@ def adjusting(monkeypatch):
     """The arguments of the adjustment, which here moves points by 1 and the focal length by 10."""
     calls = []
 
-    def adjust(state, joints, pixels, links, center, focal_prior, noise, *rounds):
-        calls.append(SimpleNamespace(state=state, joints=joints, pixels=pixels, links=links, center=center,
-                                     focal=focal_prior, noise=noise, rounds=rounds))  # fmt: skip
-        chain = state.chain.scaled(1.0)
-        return (
-            replace(
-                state, chain=chain, focal=state.focal + 10, points=state.points + 1.0, bend=state.bend - 0.01,
-                moved=state.moved + np.arange(9.0),
-            ),
-            None,
-            None,
+    def adjusted(problem, state, rounds, iterations):
+        calls.append(SimpleNamespace(**problem, state=state, rounds=rounds, iterations=iterations))
+        return replace(
+            state, chain=state.chain.scaled(1.0), focal=state.focal + 10, points=state.points + 1.0,
+            bend=state.bend - 0.01, moved=state.moved + np.arange(9.0),
         )  # fmt: skip
 
-    monkeypatch.setattr(body_features, "adjust", adjust)
+    names = inspect.signature(body_features.TrackProblem).parameters
+    monkeypatch.setattr(body_features, "TrackProblem", lambda *given: dict(zip(names, given, strict=True)))
+    monkeypatch.setattr(body_features, "adjusted", adjusted)
     return calls
 
 
@@ -240,8 +237,10 @@ def test_ten_features_that_were_seen_five_times_are_adjusted(adjusting, known, a
         assert call.links.tolist() == [1] * 10
         assert call.joints[:, 0].tolist() == [0, 1, 2, 3, 4, 5]
         assert call.center == (64.0, 48.0)
-        assert call.focal == (FOCAL, 0.02)
-        assert call.noise == 0.5
+        assert call.focal_prior == (FOCAL, 0.02)
+        assert (call.noise, call.bend_deviation) == (0.5, 0.01)
+        assert (call.rounds, call.iterations) == (1, 2)
+        np.testing.assert_array_equal(call.weights, np.ones((6, 10)))
 
 
 def test_what_a_fit_knew_of_the_chain_counts_a_quarter_however_far_it_has_moved_since(adjusting):
@@ -255,9 +254,8 @@ def test_what_a_fit_knew_of_the_chain_counts_a_quarter_however_far_it_has_moved_
             body.refine(np.zeros(0, int), np.zeros(0, int))
             call = adjusting[-1]
             np.testing.assert_array_equal(call.state.moved, turn * np.arange(9.0) if turn else 0.0)
-            directions, information = call.rounds[-2:]
-            assert directions.shape == (5, 10, 2, 2)
-            np.testing.assert_array_equal(information, expected)
+            assert call.directions.shape == (5, 10, 2, 2)
+            np.testing.assert_array_equal(call.information, expected)
 
 
 def test_an_adjustment_takes_what_is_preferred_and_was_seen_most_in_spread_and_latest_keyframes(adjusting):

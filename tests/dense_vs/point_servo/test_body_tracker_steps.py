@@ -1,12 +1,14 @@
 """The body tracker's place of its point, each step by itself, on features whose places follow by plain sums."""
 
-from types import SimpleNamespace
+from types import MethodType, SimpleNamespace
 
 import numpy as np
 import pytest
 from counted_features import DROPPED, GRAY, KNOWN, YOUNG, Features, bare, directions_of, link_of
 
+from dense_vs.point_servo.place_uncertainty import OwnLook, place_uncertainty
 from dense_vs.point_servo.point_depth import PointDepth
+from dense_vs.point_servo.point_look import PointLook
 
 
 def test_features_are_expected_where_the_chain_takes_them_and_young_ones_with_those_around():
@@ -103,19 +105,24 @@ def test_a_place_far_outside_leaves_the_point_and_counts_as_unseen(place, taken)
     np.testing.assert_array_equal(tracker.point, [40.0, place] if taken else [7.0, 7.0])
 
 
-def test_its_own_look_corrects_a_point_whose_depth_is_known():
-    """Three links' features in sight: what else may be off is 0.3 px and their spread over the root of three."""
+@pytest.mark.parametrize("held", [False, True])
+def test_its_own_look_corrects_a_point_whose_depth_is_known(held):
+    """Three links' features in sight: what else may be off is 0.3 px and their spread over the root of three.
+
+    Where they are none of its own image, the chain may be off by 1.2 px as well.
+    """
     at = np.array([[40.0, 30.0], [40, 30], [50, 30], [40, 40]])
     off = np.array([[1.0, 0.0], [1.0, 0.0], [1.0, 3.0]])
     asked = []
     tracker = bare(Features(at, np.zeros_like(at)), [1, 2, 3], at[1:] + off)
+    tracker._first = tracker._sure = np.arange(1, 4) if held else np.zeros(0, int)
     tracker.on_link.depth = PointDepth(1.0, 0.1)
     tracker._by_look = lambda q, gray, place, spread: asked.append((place, spread)) or place + np.array([3.0, 4.0])
     tracker._correct(np.zeros(1), 1, GRAY, directions_of(tracker))
     mean, spread = reference_offset(at[1:], at[0], off)
     ((place, aside),) = asked
     np.testing.assert_allclose(place, at[0] + mean)
-    assert aside == pytest.approx(0.3 + spread / np.sqrt(3))
+    assert aside == pytest.approx(np.hypot(0.3 + spread / np.sqrt(3), 0 if held else 1.2))
     np.testing.assert_allclose(tracker.point, place + np.array([3.0, 4.0]))
 
 
@@ -129,6 +136,7 @@ def looking(found, turned):
         turned=lambda gray, place, affine: (place + np.array([0, 4]), turned),
         drift=lambda correlation: 10 * (1 - correlation),
     )
+    look.seen = MethodType(PointLook.seen, look)
     views = (np.zeros((1, 2)), np.array([[[1.0, 2.0], [3.0, 4.0]]]), np.array([[30.0, 40.0]]))
     on_link = link_of(view=lambda postures: views, depth=PointDepth(1.0, 0.1), link=1, defined_at=np.array([0.5, 0.5]))
     features = Features(np.zeros((1, 2)), np.zeros((1, 2)))
@@ -154,8 +162,8 @@ def test_the_own_look_counts_by_how_alike_it_is(found, turned, place, own, sight
     tracker, asked = looking(found, turned)
     corrected = tracker._by_look(np.zeros(1), GRAY, np.array([10.0, 20.0]), 0.5)
     np.testing.assert_allclose(corrected, place, atol=1e-9)
-    assert tracker._by_own == pytest.approx(own)
-    assert tracker._apart == pytest.approx(np.hypot(*(np.array(place) - [10, 20])))  # half of how far it is off
+    assert tracker._own.deviation == pytest.approx(own)
+    assert tracker._own.apart == pytest.approx(np.hypot(*(np.array(place) - [10, 20])))  # half of how far it is off
     np.testing.assert_equal(tracker._sighting, None if sighting is None else np.array(sighting, float))
     assert tracker.correlation[0] == np.float32(correlation)
     ((affine, covariance),) = asked
@@ -169,7 +177,7 @@ def test_beside_features_of_its_own_image_a_look_that_is_less_alike_counts(found
     tracker, _ = looking(found, 0.0)
     tracker.held = True
     tracker._by_look(np.zeros(1), GRAY, np.array([10.0, 20.0]), 0.5)
-    assert tracker._by_own == pytest.approx(own)
+    assert tracker._own.deviation == pytest.approx(own)
 
 
 @pytest.mark.parametrize(("deviation", "left_open"), [(0.1, 0.15), (0.04, 0.06), (0.02, 0.05), (0.001, 0.05)])
@@ -181,30 +189,19 @@ def test_a_search_leaves_some_depth_open(deviation, left_open):
     np.testing.assert_allclose(covariance, np.outer(off, off) + 4 * np.eye(2))
 
 
-def test_uncertainty_is_of_depth_and_features_and_of_the_own_look():
+def test_uncertainty_is_of_what_the_tracker_knows():
     """The depth's deviation of 0.02 moves the place by 1 px, as its view says; the joints' positions say nothing."""
     tracker, _ = looking(0.0, 0.0)
     tracker.on_link.depth = PointDepth(1.0, 0.02)
-    tracker._aside, tracker._by_own = 0.7, np.inf
-    tracker._offset, tracker._told = np.array([0.9, -1.2]), 3
-    features = (0.5 * 1.5) ** 2 + (1.5 / 3) ** 2
+    tracker._aside, tracker._own = 0.7, OwnLook(0.9, 0.5, 0.2)
+    tracker._offset, tracker._told, tracker.held = np.array([0.9, -1.2]), 3, True
+    expected = place_uncertainty(np.array([0.6, 0.8]), np.array([0.9, -1.2]), True, 3, 0.7, tracker._own)
     for q in ([0.5, 0.5], [3.0, 1.7]):
-        assert tracker._uncertainty(np.array(q)) == pytest.approx(np.sqrt(1.2**2 + features + 0.7**2))
-    q = np.zeros(2)
-    tracker._by_own = 0.5  # two that say the same, each with its own error
-    both = 1 / (1 / (1.2**2 + features) + 1 / 0.5**2)
-    assert tracker._uncertainty(q) == pytest.approx(np.sqrt(both + 0.7**2))
-    tracker._apart = 2.0  # look and chain disagree: neither is sure
-    assert tracker._uncertainty(q) == pytest.approx(np.sqrt(both + 0.7**2 + 2.0**2))
-    tracker._apart = 0.0
-    tracker._by_own, tracker.held = np.inf, True  # features of its first image are in sight: less is open
-    assert tracker._uncertainty(q) == pytest.approx(np.sqrt(0.8**2 + features + 0.7**2))
-    tracker._told = 0
-    assert tracker._uncertainty(q) == pytest.approx(np.sqrt(0.8**2 + (0.5 * 1.5) ** 2 + 1.5**2 + 0.7**2))
-    tracker._by_own, tracker._told = 1e6, 3  # its look is seen, too
-    assert tracker._uncertainty(q) == pytest.approx(np.sqrt(0.5**2 + features + 0.7**2))
+        assert tracker._uncertainty(np.array(q)) == pytest.approx(expected)
+    tracker.held = False
+    assert tracker._uncertainty(np.zeros(2)) > expected
     tracker.on_link.depth = None
-    assert tracker._uncertainty(q) == np.inf
+    assert tracker._uncertainty(np.zeros(2)) == np.inf
 
 
 @pytest.mark.parametrize(

@@ -1,0 +1,44 @@
+"""How well a place is known, by hand."""
+
+import numpy as np
+import pytest
+
+from dense_vs.point_servo.place_uncertainty import OwnLook, place_uncertainty, untied
+
+BY_DEPTH, OFFSET = np.array([0.6, -0.8]), np.array([0.9, -1.2])  # px: 1 and 1.5
+FEATURES = (0.5 * 1.5) ** 2 + (1.5 / 3) ** 2  # half the offset, and three features
+UNSEEN = OwnLook()
+
+
+def known(held=True, told=3, look=UNSEEN, by_depth=BY_DEPTH):
+    return place_uncertainty(by_depth, OFFSET, held, told, 0.7, look)
+
+
+def test_beside_features_of_its_own_image():
+    assert known() == pytest.approx(np.sqrt(0.8**2 + FEATURES + 0.7**2))
+    assert known(by_depth=2 * BY_DEPTH) == pytest.approx(np.sqrt(1.6**2 + FEATURES + 0.7**2))
+    assert known(told=6) == pytest.approx(np.sqrt(0.8**2 + 0.75**2 + 0.25**2 + 0.7**2))
+    assert known(told=0) == pytest.approx(np.sqrt(0.8**2 + 0.75**2 + 1.5**2 + 0.7**2))
+
+
+def test_a_look_that_is_seen_is_a_second_witness():
+    assert known(look=OwnLook(0.9, 1e6)) == pytest.approx(np.sqrt(0.5**2 + FEATURES + 0.7**2))
+    both = 1 / (1 / (0.5**2 + FEATURES) + 1 / 0.5**2)  # each with its own error
+    assert known(look=OwnLook(0.9, 0.5)) == pytest.approx(np.sqrt(both + 0.7**2))
+    assert known(look=OwnLook(0.9, 0.5, 2.0)) == pytest.approx(np.sqrt(both + 2.0**2 + 0.7**2))  # they disagree
+
+
+@pytest.mark.parametrize(
+    ("correlation", "off"),
+    [(-1.0, 1.2), (0.5, 1.2), (0.8, 1.2), (0.83, 0.96), (0.875, 0.6), (0.905, 0.36), (0.95, 0.36), (1.0, 0.36)],
+)
+def test_a_place_that_is_not_tied_to_its_own_image_is_known_less_the_less_it_looks_like_it(correlation, off):
+    assert untied(correlation) == pytest.approx(off)
+    look = OwnLook(correlation)
+    assert known(held=False, look=look) == pytest.approx(np.sqrt(1.2**2 + FEATURES + off**2 + 0.7**2))
+
+
+def test_its_look_is_a_witness_of_what_is_not_tied_too():
+    link = 1.2**2 + FEATURES + 0.36**2
+    both = 1 / (1 / link + 1 / 0.5**2)
+    assert known(held=False, look=OwnLook(0.96, 0.5)) == pytest.approx(np.sqrt(both + 0.7**2))
