@@ -7,16 +7,17 @@ replaced by new ones, each on the link whose motion explains it. The point is kn
 a depth, by the features around it and by where its own look, turned as the chain says, is seen before and on the way.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import numpy as np
 
 from dense_vs.body_model.chain import Chain
-from dense_vs.body_model.feature_flow import about, carried, new_features
+from dense_vs.body_model.feature_flow import carried, new_features
 from dense_vs.body_model.image_directions import direction_weights
 from dense_vs.point_servo.body_features import NOISE, BodyFeatures, FeatureState, Keyframe
 from dense_vs.point_servo.feature_looks import FeatureLooks
 from dense_vs.point_servo.look_back import Trace, followed_back
+from dense_vs.point_servo.more_features import APART, LEAST_SEEN, more_features
 from dense_vs.point_servo.place_uncertainty import BASIC, OFF_SHARE, UNTIED, OwnLook, place_uncertainty
 from dense_vs.point_servo.point_look import LIKE, SURE, PointLook
 from dense_vs.point_servo.point_on_link import POINT, PointOnLink, mean_about
@@ -24,15 +25,11 @@ from dense_vs.point_servo.regained import regained
 from dense_vs.point_servo.surface_place import SurfacePlace
 
 FIRST_FEATURES = 180  # in the image in which the point is defined
-ON_LINK, ON_OTHERS = 70, 25  # features that are kept in sight, of the point's link and of each other one
 MOST_FEATURES = 600  # from which those that no keyframe holds are forgotten
-APART, MARGIN = 4, 9  # px between features; px about those of a link in which new ones are sought
-FEW_MARGIN = 20  # px about the point, where fewer than LEAST_SEEN of its link are in sight
 AROUND = 3  # known features around a young one, which it is taken along with
 HELD, OTHERS_HELD = 3, 5  # images, in one of which a feature of the point's link, or another's, is held to its look
 KEYFRAME_MOTION = 10.0  # px that a feature moves by between keyframes
 GATE = 2.0  # px from where its link's features are, at which one is given up
-LEAST_SEEN = 3  # features of the link that have to be in sight
 ALIKE = 0.87  # correlation from :data:`LIKE` to which the point's own look comes to count
 OWN_DRIFT = 0.5  # px, standard deviation of the place by the own look at least
 ASIDE = 1.0  # px, standard deviation of the expected place, the depth aside, while looking back
@@ -102,6 +99,7 @@ class BodyTracker:
         self._offset = np.zeros(2)
         self.seen, self.unseen, self._told, self.held, self._aside = 0, 0, 0, False, BASIC + 1.0
         self._own, self._next, self._images = OwnLook(1.0), 0, 0
+        self._due: list[Callable[[], None]] = []
         self._sighting: np.ndarray | None = None
         self._looks, self._sure = FeatureLooks(), np.zeros(0, int)
         self._look = PointLook(self._gray, self.point, same, window)
@@ -167,7 +165,9 @@ class BodyTracker:
         self._correct(q, link, gray, directions)
         self._gray, self._positions = gray, q
         self.uncertainty = self._uncertainty(q)
-        if self._moved(np.append(self._on_link(link), POINT), q) > KEYFRAME_MOTION:
+        if self._due:
+            self._due.pop(0)()
+        elif self._moved(np.append(self._on_link(link), POINT), q) > KEYFRAME_MOTION:
             self._keep(gray, q, directions)
         return self.point
 
@@ -320,7 +320,7 @@ class BodyTracker:
         self.on_link.place(self._first)
 
     def _keep(self, gray: np.ndarray, q: np.ndarray, directions: np.ndarray) -> None:
-        """A keyframe: learn from it, and look for new features.
+        """A keyframe: decide what it tells of features, look for new ones, and learn from it in the next two images.
 
         Of features that are known it holds those alone that look as they did at first: the others may have drifted.
         """
@@ -331,13 +331,21 @@ class BodyTracker:
         self._kept_at = q
         young = (features.states[self._live] == FeatureState.YOUNG) & (self._live != POINT)
         features.assign(self._live[young])
-        others = len(features.keyframes) - 1
-        self._find_in(sorted({k % others for k in range(self._next, self._next + AGAIN)}))
-        self._next += AGAIN
-        self._refine()
         kept = features.states[self._live] != FeatureState.DROPPED
         self._live, self._places = self._live[kept], self._places[kept]
         self._look_for_more(gray)
+        self._due = [self._find_before, self._learn]  # all at once would take longer than an image
+
+    def _find_before(self) -> None:
+        """Find the point in some of the keyframes before the last."""
+        others = len(self.features.keyframes) - 1
+        self._find_in(sorted({k % others for k in range(self._next, self._next + AGAIN)}))
+        self._next += AGAIN
+
+    def _learn(self) -> None:
+        """Adjust all to the keyframes, and forget what they no longer hold."""
+        features = self.features
+        self._refine()
         if len(features) > MOST_FEATURES:
             renumbered = features.forget_unseen(np.concatenate([self._live, self._first]))
             self._sure = renumbered[np.intersect1d(self._sure, self._live)]
@@ -346,27 +354,15 @@ class BodyTracker:
 
     def _look_for_more(self, gray: np.ndarray) -> None:
         """New features on and about what is in sight of each link."""
-        features, link = self.features, self.on_link.link
-        taken = [*self._places]
-        found = []
-        for one in [link, *(k for k in np.flatnonzero(features.learned) if k != link)]:
-            on = features.seen_on(int(one), self._live)
-            outline = [*self._places[on], *([self.point] if one == link else [])]
-            wanted = (ON_LINK if one == link else ON_OTHERS) - int(on.sum())
-            few = len(outline) < LEAST_SEEN
-            if wanted <= 0 or (few and one != link):
-                continue
-            where = about(np.array(outline), FEW_MARGIN if few else MARGIN, gray.shape)
-            new = new_features(gray, where, taken, wanted, APART)
-            taken += [*new]
-            found += [*new]
-        if not found:
+        features = self.features
+        found = more_features(features, self._live, self._places, self.on_link.link, self.point, gray)
+        if not len(found):
             return
         numbers = features.added(len(found))
-        self._looks.take(numbers, gray, np.array(found))
+        self._looks.take(numbers, gray, found)
         self._live, self._places = np.append(self._live, numbers), np.vstack([self._places, found])
         last = features.keyframes[-1]
-        directions = np.concatenate([last.directions, direction_weights(gray, np.array(found))])
+        directions = np.concatenate([last.directions, direction_weights(gray, found)])
         features.keyframes[-1] = Keyframe(
             last.positions, np.append(last.features, numbers), np.vstack([last.places, found]), last.image, directions
         )

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from counted_features import DROPPED, GRAY, KNOWN, YOUNG, Features, Looks, bare, directions_of, link_of
 
-from dense_vs.point_servo import body_tracker
+from dense_vs.point_servo import body_tracker, more_features
 from dense_vs.point_servo.body_features import Keyframe
 from dense_vs.point_servo.point_depth import PointDepth
 
@@ -185,15 +185,39 @@ def test_a_keyframe_is_kept_with_the_sighting_and_young_features_are_decided(mon
     assert kept.positions is not q
     assert tracker._kept_at.tolist() == [0.5]
     assert features.assigned == [[2, 4]]  # young, the point aside
-    # Four of the ten former keyframes, from the ninth on and round; then the adjustment, and new features.
-    assert calls == [[0, 1, 8, 9], [0, 1, 5], "more"]
-    assert tracker._next == 12
-    assert features.refined == [([0, 1, 2, 3, 4, 0], [1, 5])]
+    assert calls == ["more"]
     assert tracker._live.tolist() == [0, 1, 2, 4]  # without what no link explains
     np.testing.assert_array_equal(tracker._places, np.arange(10.0).reshape(5, 2)[[0, 1, 2, 4]])
-    features.states[:] = KNOWN
+    # In the next two images: four of the ten former keyframes, from the ninth on and round; then the adjustment.
+    find, learn = tracker._due
+    find()
+    assert calls == ["more", [0, 1, 8, 9]]
+    assert tracker._next == 12
+    assert features.refined == []
+    learn()
+    assert calls == ["more", [0, 1, 8, 9], [0, 1, 5]]
+    assert features.refined == [([0, 1, 2, 4, 0], [1, 5])]
     tracker._keep(GRAY, q, directions_of(tracker))
-    assert calls[3] == sorted(k % 11 for k in range(12, 16))
+    tracker._due[0]()
+    assert calls[4] == sorted(k % 11 for k in range(12, 16))
+
+
+def test_a_part_of_what_a_keyframe_asks_for_is_done_in_each_image(monkeypatch):
+    features = Features(np.array([[40.0, 30.0]]), np.array([[11.0, 0.0]]), links=[1])
+    carrying(monkeypatch, 0.0, np.zeros(0, bool))
+    tracker = bare(features, [], np.zeros((0, 2)), _kept_at=np.array([0.0]))
+    tracker._correct = lambda q, link, gray, directions: None
+    done = []
+
+    def keep(gray, q, directions):
+        done.append(q[0])
+        tracker._due = [lambda: done.append("find"), lambda: done.append("learn")]
+        tracker._kept_at = q
+
+    tracker._keep = keep
+    for q in (1.0, 2.0, 3.0, 4.0, 4.1):
+        tracker.update(GRAY, [q])
+    assert done == [1.0, "find", "learn", 4.0, "find"]
 
 
 @pytest.mark.parametrize(("many", "forgotten"), [(600, False), (601, True)])
@@ -203,8 +227,8 @@ def test_of_many_features_those_that_no_keyframe_holds_are_forgotten(many, forgo
     asked = []
     features.forget_unseen = lambda others: asked.append(list(others)) or np.arange(many)[::-1]
     tracker = bare(features, [3, 4], np.zeros((2, 2)), _first=np.array([0, 7]), _next=0, _sure=np.array([4, 5]))
-    tracker._find_in = tracker._look_for_more = tracker.on_link.place = lambda one: None
-    tracker._keep(GRAY, np.zeros(1), directions_of(tracker))
+    tracker.on_link.place = lambda one: None
+    tracker._learn()
     assert asked == ([[3, 4, 0, 7]] if forgotten else [])
     assert tracker._live.tolist() == ([many - 4, many - 5] if forgotten else [3, 4])
     assert tracker._first.tolist() == ([many - 1, many - 8] if forgotten else [0, 7])
@@ -224,7 +248,7 @@ def test_new_features_are_sought_about_those_of_each_link_in_sight(monkeypatch):
         asked.append((where.copy(), [*taken], count, apart))
         return np.array([[1.0, 2.0]] * len(asked))
 
-    monkeypatch.setattr(body_tracker, "new_features", new_features)
+    monkeypatch.setattr(more_features, "new_features", new_features)
     tracker = bare(features, range(1, 9), at[1:], point=at[0])
     features.keyframes = [Keyframe(np.zeros(1), np.array([1]), at[1:2], GRAY)]
     tracker._look_for_more(GRAY)
@@ -248,7 +272,7 @@ def test_new_features_are_sought_about_those_of_each_link_in_sight(monkeypatch):
 
 def test_no_new_features_on_another_link_where_too_few_are_in_sight_or_enough(monkeypatch):
     asked = []
-    monkeypatch.setattr(body_tracker, "new_features", lambda *given: asked.append(given) or np.zeros((0, 2)))
+    monkeypatch.setattr(more_features, "new_features", lambda *given: asked.append(given) or np.zeros((0, 2)))
     at = np.vstack([[[30, 40], [20, 20]], np.tile([[60.0, 40.0]], (24, 1)), [[60, 40]]])
     features = Features(at, np.zeros_like(at), links=[1, 1] + [0] * 24 + [2])
     tracker = bare(features, range(1, 26), at[1:26], point=at[0])
@@ -267,7 +291,7 @@ def test_no_new_features_on_another_link_where_too_few_are_in_sight_or_enough(mo
 def test_a_link_of_which_hardly_anything_is_seen_gets_features_about_the_point(monkeypatch, seen):
     """Within 20 px of it and of those, where another link's would be forgotten; 9 px from three places on."""
     asked = []
-    monkeypatch.setattr(body_tracker, "new_features", lambda *given: asked.append(given[1]) or np.zeros((0, 2)))
+    monkeypatch.setattr(more_features, "new_features", lambda *given: asked.append(given[1]) or np.zeros((0, 2)))
     at = np.array([[40, 30], [41, 30], [40, 31]], float)
     features = Features(at[: 1 + seen], np.zeros((1 + seen, 2)), links=[1] * (1 + seen))
     tracker = bare(features, range(1, 1 + seen), at[1 : 1 + seen], point=at[0])
