@@ -18,7 +18,7 @@ from dense_vs.health.faults import FaultKind
 from dense_vs.pipeline.body_prior import CHAIN_AGREEMENT, CHAIN_SHARE, BodyPrior
 from dense_vs.pipeline.frame_pipeline import FramePipeline, ProcessedFrame
 from dense_vs.point_servo.body_tracker import BodyTracker
-from dense_vs.point_servo.point_link import link_of_point, on_no_link
+from dense_vs.point_servo.point_link import link_of_point
 from dense_vs.point_servo.same_surface import same_surface
 from dense_vs.point_servo.surface_place import BESIDE, surface_at
 from dense_vs.robot.joint_group import JointGroup
@@ -171,10 +171,7 @@ class LearnedBody:
             history.append((frame.gray, frame.positions))
         seen = model.image(frame.positions)
         surface = surface_at(seen, point, model.precision)
-        told = self._pipeline.estimator.at(point)[0], frame.positions, point, surface
-        if on_no_link(model, *told):
-            return None
-        link = link_of_point(model, *told)
+        link = link_of_point(model, self._pipeline.estimator.at(point)[0], frame.positions, point, surface)
         near = cv2.dilate(seen.body.astype(np.uint8), np.ones((2 * BESIDE + 1,) * 2, np.uint8)) > 0
         known = None if model.precision is None else model.precision.information
         tracker = BodyTracker(

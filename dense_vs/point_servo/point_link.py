@@ -13,7 +13,6 @@ from dense_vs.point_servo.surface_place import SurfacePlace
 LEAST_INVERSE = 1e-3  # of the depth's inverse: what is seen is before the camera
 MOST_LEFT = 0.5  # share of J that the best link may leave, for J to say which it is
 AS_GOOD = 1.25  # times that share, up to which the surface's link is as good
-CONTRADICTED = 1.0  # share that every link leaves, from which on J is that of no link: none explains any of it
 
 
 def link_of_point(
@@ -35,17 +34,6 @@ def link_of_point(
     if surface is not None and left.get(surface.link, np.inf) <= AS_GOOD * left[best]:
         return surface.link
     return best
-
-
-def on_no_link(
-    model: BodyModel, jacobian: np.ndarray, positions: np.ndarray, point: np.ndarray, surface: SurfacePlace | None
-) -> bool:
-    """Whether a point moves as no link does, as a tool that two hands hold: a tree of joints has no such link.
-
-    Arguments as of :func:`link_of_point`. Where the model has a surface, or J says nothing, nothing contradicts it.
-    """
-    left = left_by_links(model, jacobian, positions, point)
-    return surface is None and bool(left) and min(left.values()) > CONTRADICTED
 
 
 def left_by_links(model: BodyModel, jacobian: np.ndarray, positions: np.ndarray, point: np.ndarray) -> dict[int, float]:

@@ -267,8 +267,6 @@ def test_a_point_is_followed_on_the_model_s_outline_and_two_pixels_beside(
     monkeypatch.setattr(learned_body, "BodyTracker", tracker)
     monkeypatch.setattr(learned_body, "same_surface", lambda estimator, point: ("same", tuple(point)))
     monkeypatch.setattr(learned_body, "link_of_point", lambda *given: given)
-    apart = []
-    monkeypatch.setattr(learned_body, "on_no_link", lambda *given: apart.append(given) or len(apart) == 3)
     one = body()
     one._pipeline.estimator.at = lambda place: [("J at", tuple(place))]
     now = frame(gray(9))
@@ -303,9 +301,6 @@ def test_a_point_is_followed_on_the_model_s_outline_and_two_pixels_beside(
     one.forget_images()
     one.tracker(point, now, window=21, lost_after=7)
     assert len(asked[1][0][4]) == 1  # the present image alone
-    assert one.tracker(point, now, window=21, lost_after=7) is None  # it moves as no link does
-    assert len(asked) == 2
-    assert apart[2][:2] == (one.model, ("J at", (12.0, 9.0)))
 
 
 def test_the_share_explained_is_of_absolute_motion_where_the_model_expects_some():

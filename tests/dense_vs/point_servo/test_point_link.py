@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 
 from dense_vs.body_model.chain import Chain
-from dense_vs.point_servo import point_link
-from dense_vs.point_servo.point_link import left_by_links, link_of_point, on_no_link
+from dense_vs.point_servo.point_link import left_by_links, link_of_point
 from dense_vs.point_servo.surface_place import SurfacePlace
 
 FOCAL, CENTER = 280.0, np.array([159.5, 119.5])
@@ -105,22 +104,3 @@ def test_j_and_surface_together(monkeypatch, left, surface, expected):
 def test_where_nothing_moves_j_says_nothing(J):
     model, _ = model_of(0)
     assert left_by_links(model, J, model.chain.home, CENTER) == {}
-
-
-@pytest.mark.parametrize(
-    ("left", "place", "contradicted"),
-    [({0: 1.2, 1: 1.01}, None, True), ({0: 1.2, 1: 0.99}, None, False), ({0: 1.2, 1: 1.01}, "surface", False),
-     ({}, None, False)],
-)  # fmt: skip
-def test_a_point_that_moves_as_no_link_does_is_on_none(monkeypatch, left, place, contradicted):
-    monkeypatch.setattr(point_link, "left_by_links", lambda *given: left)
-    assert on_no_link(None, None, None, None, place) is contradicted
-
-
-def test_j_against_that_of_every_link_is_of_none():
-    model, rng = model_of(1)
-    q = model.chain.home + rng.normal(0, 0.4, 4)
-    point, J = seen(model, 3, np.array([0.1, -0.1, 1.9]), q)
-    assert not on_no_link(model, J, q, point, None)
-    away = J + 0.4 * np.linalg.norm(J) * rng.normal(size=J.shape)  # what is left of a right link stays below all of it
-    assert not on_no_link(model, away, q, point, None)
