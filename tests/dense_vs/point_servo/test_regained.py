@@ -7,6 +7,7 @@ from counted_features import GRAY, YOUNG, Features, bare, directions_of
 
 from dense_vs.body_model.chain import Chain
 from dense_vs.point_servo import body_tracker
+from dense_vs.point_servo import regained as regaining_module
 from dense_vs.point_servo.body_features import BodyFeatures, FeatureState
 from dense_vs.point_servo.feature_looks import FeatureLooks
 from dense_vs.point_servo.regained import regained
@@ -166,3 +167,64 @@ def test_they_are_sought_while_none_is_in_sight(monkeypatch, held):
     tracker._regain = lambda gray, q, directions: sought.append(q) or directions
     tracker.update(GRAY, np.zeros(1))
     assert len(sought) == (0 if held else 1)
+
+
+class Told:
+    """Looks that are seen so far from where they are sought, all for sure but for some, and what was asked of them."""
+
+    def __init__(self, off=(), unsure=()):
+        self.off, self.unsure, self.asked = np.array(off, float), unsure, []
+
+    def sought(self, numbers, gray, places, maps, least, most_off):
+        self.asked.append((numbers.tolist(), places, maps, least, most_off))
+        off = self.off[numbers] if len(self.off) else np.zeros_like(places)
+        return places + off, ~np.isin(numbers, self.unsure)
+
+
+@pytest.fixture
+def equally(monkeypatch):
+    """Places count alike in all directions."""
+    monkeypatch.setattr(
+        regaining_module, "direction_weights", lambda gray, places: np.tile(np.eye(2), (len(places), 1, 1))
+    )
+
+
+@pytest.mark.parametrize(("turned", "asked"), [(0.9, True), (1.2, False), (2.9, False)])
+def test_looks_are_sought_where_half_of_their_width_is_seen_from_the_front(equally, turned, asked):
+    """Turned about a vertical line they are seen by its cosine narrower, and mirrored from behind."""
+    features, _ = known_body(axis=(0.0, 1.0, 0.0))
+    looks = Told()
+    regained(features, looks, NUMBERS, FIRST, seen(0.0)[0], FIRST + turned, np.zeros(2))
+    ((numbers, *_),) = looks.asked
+    assert (len(numbers) > 0) == asked
+
+
+@pytest.mark.parametrize(("nearer", "asked"), [(0.9, True), (1.1, False)])
+def test_looks_are_sought_up_to_twice_their_size(equally, nearer, asked):
+    """A slide brings the plane nearer by so much of its 2 units."""
+    features, _ = known_body()
+    still = np.zeros((1, 3))
+    features.chain = Chain(still, still, np.zeros(1), np.array([-1]), np.array([[0.0, 0.0, -1.0]]))
+    looks = Told()
+    regained(features, looks, NUMBERS, np.zeros(1), seen(0.0)[0], np.array([nearer]), np.zeros(2))
+    ((numbers, places, maps, least, most_off),) = looks.asked
+    assert numbers == (NUMBERS.tolist() if asked else [])
+    assert (least, most_off) == (0.9, 5.0)
+    if asked:
+        size = 2.0 / (2.0 - nearer)
+        np.testing.assert_allclose(places, CENTER + size * (PLACES - CENTER))
+        np.testing.assert_allclose(maps, np.tile(size * np.eye(2), (6, 1, 1)), atol=1e-9)
+
+
+def test_those_that_agree_are_about_the_middle_of_their_own(equally):
+    """The median of all is 0.6 px off, which two more are within 1 px of; that of those is 0 px, which they are not."""
+    features, _ = known_body()
+    numbers = np.append(NUMBERS, features.added(3))
+    features.links[:], features.states[:] = 0, FeatureState.KNOWN
+    features.points = features.rays(np.vstack([PLACES, PLACES[:3] + 2.0])) * 2.0
+    looks = Told([[x, 0.0] for x in (0, 0, 0, 0, 0.6, 1.2, 1.2, 3, 3)])
+    found, places = regained(features, looks, numbers, FIRST, seen(0.0)[0], FIRST, np.zeros(2))
+    assert found.tolist() == [0, 1, 2, 3, 4]
+    np.testing.assert_allclose(places[4] - PLACES[4], [0.6, 0.0], atol=1e-9)
+    looks.unsure = [3]
+    assert not len(regained(features, looks, numbers[:4], FIRST, seen(0.0)[0], FIRST, np.zeros(2))[0])
