@@ -58,28 +58,31 @@ class FeatureLooks:
         """
         if not len(numbers):
             return places.copy(), np.zeros(0, bool), np.zeros(0, bool)
-        aligned, turned, correlation = self._patches.align(self._pixels[numbers], gray, places, self._maps[numbers])
-        sure = (correlation > SURE) & (np.linalg.norm(aligned - places, axis=1) < REALIGNED)
-        self._maps[numbers[sure]] = turned[sure]
+        aligned, sure, correlation = self._aligned(numbers, gray, places, self._maps[numbers], REALIGNED)
         return np.where(sure[:, None], aligned, places), sure, correlation > UNLIKE
 
     def sought(
-        self, numbers: np.ndarray, gray: np.ndarray, places: np.ndarray, maps: np.ndarray, least: float, most_off: float
+        self, numbers: np.ndarray, gray: np.ndarray, places: np.ndarray, maps: np.ndarray, most_off: float
     ) -> tuple[np.ndarray, np.ndarray]:
         """Places of features that are not in sight, by looks turned by maps ``(K, 2, 2)``; bool ``(K,)``, where sure.
 
         Args:
             numbers, gray, places: as of :meth:`held`.
             maps: from px about a feature where its look was taken to px here.
-            least: correlation from which a feature is seen.
             most_off: px that it may be from where it is expected.
         """
         if not len(numbers):
             return places.copy(), np.zeros(0, bool)
+        return self._aligned(numbers, gray, places, maps, most_off)[:2]
+
+    def _aligned(
+        self, numbers: np.ndarray, gray: np.ndarray, places: np.ndarray, maps: np.ndarray, most_off: float
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Places by the looks, where they are sure, and correlations; keeps how those that are sure are turned."""
         aligned, turned, correlation = self._patches.align(self._pixels[numbers], gray, places, maps)
-        sure = (correlation > least) & (np.linalg.norm(aligned - places, axis=1) < most_off)
+        sure = (correlation > SURE) & (np.linalg.norm(aligned - places, axis=1) < most_off)
         self._maps[numbers[sure]] = turned[sure]
-        return aligned, sure
+        return aligned, sure, correlation
 
     def renumber(self, renumbered: np.ndarray) -> None:
         """Take on new numbers ``(M,)``, in the same order, -1 for features that are forgotten."""

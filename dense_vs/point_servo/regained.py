@@ -12,11 +12,11 @@ from dense_vs.body_model.image_directions import direction_weights
 from dense_vs.point_servo.body_features import BodyFeatures
 from dense_vs.point_servo.feature_looks import FeatureLooks
 
-SURE = 0.9  # correlation with the look
 MOST_OFF = 5.0  # px from where it is expected
 AGREED = 1.0  # px from how far the others are off, in the direction in which a place counts
 LEAST_AGREED = 4  # features, and of those that are sure a share
 LEAST_SHARE = 0.5
+ROUNDS = 3  # of taking those that agree with the middle of the ones that did before
 LEAST_SCALE, MOST_SCALE = 0.5, 2.0  # by which a look may have shrunk or grown in any direction
 MARGIN = 8  # px from the image's border
 BESIDE = np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]])  # px, of what tells how a look is turned
@@ -52,18 +52,17 @@ def regained(
     inside = ((expected > MARGIN) & (expected < size - 1 - MARGIN)).all(axis=1)
     ready = inside & (scales[:, 1] > LEAST_SCALE) & (scales[:, 0] < MOST_SCALE) & (np.linalg.det(maps) > 0)
     numbers, expected, maps = numbers[ready], expected[ready], maps[ready]
-    places, sure = looks.sought(numbers, gray, expected, maps, SURE, MOST_OFF)
+    places, sure = looks.sought(numbers, gray, expected, maps, MOST_OFF)
     numbers, places, off = numbers[sure], places[sure], (places - expected)[sure]
     if len(numbers) < LEAST_AGREED:
         return numbers[:0], places[:0]
     directions = direction_weights(gray, places)
     agreed = np.ones(len(off), bool)
-    middle = np.median(off, axis=0)
-    for _ in range(3):
+    for _ in range(ROUNDS):
+        middle = np.median(off[agreed], axis=0)
         agreed = np.linalg.norm(np.einsum("kij,kj->ki", directions, off - middle), axis=1) < AGREED
         if not agreed.any():
             break
-        middle = np.median(off[agreed], axis=0)
     if agreed.sum() < max(LEAST_AGREED, LEAST_SHARE * len(off)):
         return numbers[:0], places[:0]
     return numbers[agreed], places[agreed]

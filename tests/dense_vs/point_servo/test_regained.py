@@ -175,8 +175,8 @@ class Told:
     def __init__(self, off=(), unsure=()):
         self.off, self.unsure, self.asked = np.array(off, float), unsure, []
 
-    def sought(self, numbers, gray, places, maps, least, most_off):
-        self.asked.append((numbers.tolist(), places, maps, least, most_off))
+    def sought(self, numbers, gray, places, maps, most_off):
+        self.asked.append((numbers.tolist(), places, maps, most_off))
         off = self.off[numbers] if len(self.off) else np.zeros_like(places)
         return places + off, ~np.isin(numbers, self.unsure)
 
@@ -207,9 +207,9 @@ def test_looks_are_sought_up_to_twice_their_size(equally, nearer, asked):
     features.chain = Chain(still, still, np.zeros(1), np.array([-1]), np.array([[0.0, 0.0, -1.0]]))
     looks = Told()
     regained(features, looks, NUMBERS, np.zeros(1), seen(0.0)[0], np.array([nearer]), np.zeros(2))
-    ((numbers, places, maps, least, most_off),) = looks.asked
+    ((numbers, places, maps, most_off),) = looks.asked
     assert numbers == (NUMBERS.tolist() if asked else [])
-    assert (least, most_off) == (0.9, 5.0)
+    assert most_off == 5.0
     if asked:
         size = 2.0 / (2.0 - nearer)
         np.testing.assert_allclose(places, CENTER + size * (PLACES - CENTER))
