@@ -202,11 +202,17 @@ def test_a_keyframe_is_kept_with_the_sighting_and_young_features_are_decided(mon
     assert calls[4] == sorted(k % 11 for k in range(12, 16))
 
 
-def test_a_part_of_what_a_keyframe_asks_for_is_done_in_each_image(monkeypatch):
-    features = Features(np.array([[40.0, 30.0]]), np.array([[11.0, 0.0]]), links=[1])
+def alone(monkeypatch, rate):
+    """A tracker of a point that moves by so many px a rad, with nothing else of its link in sight."""
+    features = Features(np.array([[40.0, 30.0]]), np.array([[rate, 0.0]]), links=[1])
     carrying(monkeypatch, 0.0, np.zeros(0, bool))
     tracker = bare(features, [], np.zeros((0, 2)), _kept_at=np.array([0.0]))
     tracker._correct = lambda q, link, gray, directions: None
+    return tracker
+
+
+def test_a_part_of_what_a_keyframe_asks_for_is_done_in_each_image(monkeypatch):
+    tracker = alone(monkeypatch, 11.0)
     done = []
 
     def keep(gray, q, directions):
@@ -305,10 +311,7 @@ def test_a_link_of_which_hardly_anything_is_seen_gets_features_about_the_point(m
 
 
 def test_a_keyframe_is_due_as_the_point_moves_where_nothing_else_of_its_link_is_seen(monkeypatch):
-    features = Features(np.array([[40.0, 30.0]]), np.array([[3.0, 0.0]]), links=[1])
-    carrying(monkeypatch, 0.0, np.zeros(0, bool))
-    tracker = bare(features, [], np.zeros((0, 2)), _kept_at=np.array([0.0]))
-    tracker._correct = lambda q, link, gray, directions: None
+    tracker = alone(monkeypatch, 3.0)
     kept = []
     tracker._keep = lambda gray, q, directions: kept.append(q[0])
     for q in (1.0, 3.3, 3.4):
