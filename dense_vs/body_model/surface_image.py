@@ -1,6 +1,9 @@
 """The image of a body's surface at a posture, on the CPU's cores: what is in front at each pixel, and J there."""
 
+import threading
+from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -17,7 +20,7 @@ from dense_vs.kernels.body.surface_image import (
     surface_jacobian,
     take_front,
 )
-from dense_vs.kernels.launch import launch_pixels
+from dense_vs.kernels.launch import PixelLaunch
 
 
 @dataclass(frozen=True)
@@ -34,7 +37,7 @@ class FrontPoints:
 
 
 class SurfaceImage:
-    """Draws a body's surface.
+    """Draws a body's surface, in memory that stays: to pack a launch's arrays takes as long as some launches.
 
     Args:
         chain: the joints' lines.
@@ -54,14 +57,23 @@ class SurfaceImage:
         lens: Lens,
         size: tuple[int, int],
     ):
-        self._device = wp.get_device("cpu")
-        self._chain = chain
-        self._points = self._array(points, wp.vec3)
+        self._chain, self._size, self._threads = chain, size, resolve_threads()
+        self._drawn = threading.Lock()  # threads may ask for postures at once
+        count, rows = len(points), chain.joint_count + 1
         # Rows of the link poses: a link's number but for the background's, which is the last one.
-        self._links = self._array(np.asarray(links) % (chain.joint_count + 1), wp.int32)
-        self._focal, self._center, self._size = float(focal), wp.vec2(*lens.center), size
-        self._bend = lens.bend, lens.corner
-        self._threads = resolve_threads()
+        self._links = _copied(np.asarray(links) % rows, wp.int32)
+        self._lens = float(focal), wp.vec2(*lens.center), lens.bend, lens.corner
+        self._poses = _memory(wp.mat33, rows), _memory(wp.vec3, rows)
+        self._positions, pixels = _memory(wp.vec3, count), _memory(wp.vec2i, count)
+        self._depth = _memory(wp.float32, *size)
+        self._nearest, between, self._index = (_memory(wp.int32, *size) for _ in range(3))
+        placed = [self._positions, pixels, self._depth]
+        self._launches = [
+            _launch(place_surface, count, [_copied(points, wp.vec3), self._links, *self._poses, *self._lens, *placed]),
+            _launch(take_front, count, [*placed, self._nearest]),
+            self._pixels(fill_between, [self._positions, self._nearest, int(NONE), between]),
+            self._pixels(fill_between, [self._positions, between, -1, self._index]),
+        ]
 
     def front(self, q: np.ndarray) -> FrontPoints:
         """The points that are in front at a posture ``(N,)`` [rad].
@@ -69,22 +81,15 @@ class SurfaceImage:
         A point covers the pixel that it falls on; pixels with points on at least four of eight sides take the nearest
         of these, and so twice. Points at or behind the camera are left out.
         """
-        rotation, translation = self._chain.link_poses(np.asarray(q, dtype=np.float64)[None])
-        positions: Any = wp.empty_like(self._points)
-        vec2i: Any = wp.vec2i
-        pixels = wp.empty(self._points.shape, dtype=vec2i, device=self._device)
-        depth: Any = wp.full(self._size, float(FARTHEST), dtype=wp.float32, device=self._device)
-        front: Any = wp.full(self._size, int(NONE), dtype=wp.int32, device=self._device)
-        if len(self._points):
-            poses = [self._array(rotation[0], wp.mat33), self._array(translation[0], wp.vec3)]
-            inputs = [self._points, self._links, *poses, self._focal, self._center, *self._bend]
-            self._launch(place_surface, inputs, [positions, pixels, depth])
-            self._launch(take_front, [positions, pixels, depth], [front])
-        for none in (int(NONE), -1):
-            filled: Any = wp.empty_like(front)
-            self._pixels(fill_between, [positions, front, none, filled])
-            front = filled
-        return FrontPoints(front.numpy(), positions.numpy())
+        poses = self._chain.link_poses(np.asarray(q, dtype=np.float64)[None])
+        with self._drawn:
+            for memory, pose in zip(self._poses, poses, strict=True):
+                memory.numpy()[...] = pose[0]
+            self._depth.numpy().fill(FARTHEST)
+            self._nearest.numpy().fill(NONE)
+            for launch in self._launches:
+                launch()
+            return FrontPoints(self._index.numpy().copy(), self._positions.numpy().copy())
 
     def jacobian(self, q: np.ndarray, learned: np.ndarray, front: FrontPoints) -> np.ndarray:
         """J, float32 ``(H, W, 2, N)`` [px/rad], 0 off the body.
@@ -94,22 +99,47 @@ class SurfaceImage:
             learned: bool ``(N,)``, joints whose lines are known; J of the others is 0.
             front: of this posture.
         """
-        axes, moments = (np.where(learned[:, None], screw, 0.0) for screw in self._chain.screws(q))
-        moved_by = self._array(self._chain.moved_by, wp.int32)
-        J: Any = wp.empty((*self._size, 2, self._chain.joint_count), dtype=float, device=self._device)
-        arguments = [
-            self._array(front.index, wp.int32), self._array(front.positions, wp.vec3), self._links,
-            self._array(axes, wp.vec3), self._array(moments, wp.vec3), moved_by, self._focal, *self._bend, J,
-        ]  # fmt: skip
-        self._pixels(surface_jacobian, arguments)
-        return J.numpy()
+        screws = self._chain.screws(q)
+        with self._drawn:
+            launch, memory, J = self._jacobian
+            given = (front.index, front.positions, *(np.where(learned[:, None], screw, 0.0) for screw in screws))
+            for array, values in zip(memory, given, strict=True):
+                array.numpy()[...] = values
+            J.numpy().fill(0.0)
+            launch()
+            return J.numpy().copy()
 
-    def _array(self, values: np.ndarray, dtype: Any) -> wp.array:
-        kind = np.int32 if dtype is wp.int32 else np.float32
-        return wp.array(np.ascontiguousarray(values, dtype=kind), dtype=dtype, device=self._device, copy=False)
+    @cached_property
+    def _jacobian(self) -> tuple[PixelLaunch, tuple[wp.array, ...], wp.array]:
+        """The launch that draws J, what it reads and is to be given, and J."""
+        joints = self._chain.joint_count
+        screws = _memory(wp.vec3, joints), _memory(wp.vec3, joints)
+        J, moved_by = _memory(wp.float32, *self._size, 2, joints), _copied(self._chain.moved_by, wp.int32)
+        focal, _, *bend = self._lens
+        arguments = [self._index, self._positions, self._links, *screws, moved_by, focal, *bend, J]
+        return self._pixels(surface_jacobian, arguments), (self._index, self._positions, *screws), J
 
-    def _launch(self, kernel: Any, inputs: list[Any], outputs: list[Any]) -> None:
-        wp.launch(kernel, dim=len(self._points), inputs=inputs, outputs=outputs, device=self._device)
+    def _pixels(self, kernel: Any, arguments: list[Any]) -> PixelLaunch:
+        return PixelLaunch(kernel, (1, *self._size), arguments, "cpu", self._threads)
 
-    def _pixels(self, kernel: Any, arguments: list[Any]) -> None:
-        launch_pixels(kernel, (1, *self._size), arguments, self._device, self._threads)
+
+def _memory(dtype: Any, *shape: int) -> Any:
+    return wp.zeros(shape, dtype=dtype, device="cpu")
+
+
+def _copied(values: np.ndarray, dtype: Any) -> Any:
+    return wp.array(np.asarray(values), dtype=dtype, device="cpu")
+
+
+def _launch(kernel: Any, count: int, arguments: list[Any]) -> Callable[[], None]:
+    """A launch over points, one thread's, as Warp's atomics on a CPU are not; ``arguments`` are kept alive."""
+    if not count:
+        return lambda: None
+    command: Any = wp.launch(kernel, count, inputs=arguments, device="cpu", record_cmd=True, record_tape=False)
+    kept = arguments  # as long as the recorded pointers
+
+    def launch() -> None:
+        assert kept
+        command.launch()
+
+    return launch

@@ -66,7 +66,7 @@ class Occlusion:
         told = self._moved > FAINT
         strange = told & (self._off > STRANGE * self._moved)
         self._since[told & ~strange] = 0
-        self.doubtful = bool((strange & body).sum() > MOST_COVERED * (told & body).sum())
+        self.doubtful = bool(np.count_nonzero(strange & body) > MOST_COVERED * np.count_nonzero(told & body))
         self._doubted = self._doubted + 1 if self.doubtful else 0
         if self._doubted > PATIENCE:
             strange[...] = False

@@ -81,6 +81,38 @@ def take_front(
         wp.atomic_min(front_out, pixel[1], pixel[0], i)
 
 
+@wp.func
+def any_beside(front: wp.array2d(dtype=int), y: int, x: int) -> bool:
+    """Whether any of five neighbors is a point: else there are fewer than four of eight, as in most of an image."""
+    found = int(0)
+    if y > 0 and x > 0 and x < front.shape[1] - 1:
+        found = wp.min(front[y, x - 1], front[y, x + 1])
+        found = wp.min(found, wp.min(front[y - 1, x - 1], wp.min(front[y - 1, x], front[y - 1, x + 1])))
+    return found != NONE
+
+
+@wp.func
+def nearest_beside(position: wp.array(dtype=wp.vec3), front: wp.array2d(dtype=int), y: int, x: int, none: int) -> int:
+    """The nearest of the points beside a pixel, where there are some on enough sides."""
+    sides = int(0)
+    nearest = float(FARTHEST)
+    nearest_point = int(NONE)
+    for k in range(9):
+        v = y + k // 3 - 1
+        u = x + k % 3 - 1
+        if v >= 0 and v < front.shape[0] and u >= 0 and u < front.shape[1]:
+            point = front[v, u]
+            if point != NONE:
+                sides += 1
+                depth = position[point][2]
+                if depth < nearest:
+                    nearest = depth
+                    nearest_point = point
+    if sides < SIDES:
+        nearest_point = none
+    return nearest_point
+
+
 @wp.kernel
 def fill_between(
     row_begin: int,
@@ -99,22 +131,8 @@ def fill_between(
         found = front_in[y, x]
         if found == NONE:
             found = none
-            sides = int(0)
-            nearest = float(FARTHEST)
-            nearest_point = int(NONE)
-            for k in range(9):
-                v = y + k // 3 - 1
-                u = x + k % 3 - 1
-                if v >= 0 and v < front_in.shape[0] and u >= 0 and u < front_in.shape[1]:
-                    point = front_in[v, u]
-                    if point != NONE:
-                        sides += 1
-                        depth = position_in[point][2]
-                        if depth < nearest:
-                            nearest = depth
-                            nearest_point = point
-            if sides >= SIDES:
-                found = nearest_point
+            if any_beside(front_in, y, x):
+                found = nearest_beside(position_in, front_in, y, x, none)
         front_out[y, x] = found
 
 
@@ -133,26 +151,22 @@ def surface_jacobian(
     bend: float,  # of the lens
     corner: float,  # distance of the image's corners from the center [px]
     # Out:
-    jacobian_out: wp.array4d(dtype=float),  # (H, W, 2, N) [px/rad], 0 off the body
+    jacobian_out: wp.array4d(dtype=float),  # (H, W, 2, N) [px/rad], beforehand 0, as it stays off the body
 ):
     """J of what is in front at each pixel."""
     _, row, column = wp.tid()
     y = row_begin + row
     for x in range(column, front_in.shape[1], column_step):
         point = front_in[y, x]
-        p = wp.vec3(0.0, 0.0, 1.0)
-        link = int(0)
-        on_body = int(0)
         if point >= 0:
             p = position_in[point]
             link = link_in[point]
-            on_body = int(1)
-        scale = focal / p[2]
-        for n in range(jacobian_out.shape[3]):
-            v = wp.vec3(0.0, 0.0, 0.0)
-            if on_body * moved_by_in[link, n] != 0:
-                v = wp.cross(axis_in[n], p) + moment_in[n]
-            motion = scale * wp.vec2(v[0] - p[0] / p[2] * v[2], v[1] - p[1] / p[2] * v[2])
-            motion = bent_motion(scale * wp.vec2(p[0], p[1]), motion, bend, corner)
-            jacobian_out[y, x, 0, n] = motion[0]
-            jacobian_out[y, x, 1, n] = motion[1]
+            scale = focal / p[2]
+            for n in range(jacobian_out.shape[3]):
+                v = wp.vec3(0.0, 0.0, 0.0)
+                if moved_by_in[link, n] != 0:
+                    v = wp.cross(axis_in[n], p) + moment_in[n]
+                motion = scale * wp.vec2(v[0] - p[0] / p[2] * v[2], v[1] - p[1] / p[2] * v[2])
+                motion = bent_motion(scale * wp.vec2(p[0], p[1]), motion, bend, corner)
+                jacobian_out[y, x, 0, n] = motion[0]
+                jacobian_out[y, x, 1, n] = motion[1]

@@ -1,5 +1,7 @@
 """The surface's image on the kernels beside the same in float64 NumPy."""
 
+from concurrent.futures import ThreadPoolExecutor
+
 import numpy as np
 import pytest
 from reference_splat import front_points
@@ -71,3 +73,27 @@ def test_a_body_without_points_is_nowhere():
     assert front.index.shape == SIZE
     assert front.positions.shape == (0, 3)
     assert not drawing.jacobian(chain.home, np.ones(3, bool), front).any()
+
+
+def test_a_drawing_stays_as_it_is_while_others_are_drawn():
+    """Also by several threads at once, as they share the memory that it is drawn in."""
+    chain, surface, links = body(0)
+    postures = [chain.home + 0.2 * k for k in range(6)]
+    learned = np.ones(3, bool)
+    alone = []
+    for q in postures:
+        drawing = SurfaceImage(chain, surface, links, FOCAL, LENS, SIZE)
+        front = drawing.front(q)
+        alone.append((front, drawing.jacobian(q, learned, front)))
+    drawing = SurfaceImage(chain, surface, links, FOCAL, LENS, SIZE)
+
+    def drawn(k):
+        front = drawing.front(postures[k])
+        return k, front, drawing.jacobian(postures[k], learned, front)
+
+    with ThreadPoolExecutor(4) as pool:
+        together = list(pool.map(drawn, [*range(6)] * 20))
+    for k, front, J in together:
+        np.testing.assert_array_equal(front.index, alone[k][0].index)
+        np.testing.assert_array_equal(front.positions, alone[k][0].positions)
+        np.testing.assert_array_equal(J, alone[k][1])
