@@ -117,6 +117,10 @@ class BodyModel:
         self.error = content.error
         self.precision = content.precision
 
+    def __getstate__(self) -> dict[str, Any]:
+        """What a copy is made of: without the memory that images are drawn in, which it makes itself."""
+        return {name: value for name, value in vars(self).items() if name != "_drawing"}
+
     @classmethod
     def fit(
         cls,

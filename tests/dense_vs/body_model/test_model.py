@@ -1,5 +1,8 @@
 """A body learned from a simulated arm's images, asked about a posture it has not seen; the truth is the simulator's."""
 
+import copy
+import pickle
+
 import numpy as np
 import pytest
 from drawn_points import front_points
@@ -117,6 +120,14 @@ def test_saving_and_loading_keeps_everything(learned, tmp_path):
     np.savez(tmp_path / "bad.npz", **arrays)
     with pytest.raises(DenseVSError, match="damaged"):
         BodyModel.load(tmp_path / "bad.npz")
+
+
+@pytest.mark.parametrize("copied", [copy.deepcopy, lambda model: pickle.loads(pickle.dumps(model))])
+def test_a_model_that_has_drawn_can_be_copied(copied, learned):
+    model = learned[3]
+    q = model.joint_range.mean(axis=1)
+    J = model.jacobian(q)
+    np.testing.assert_array_equal(copied(model).jacobian(q), J)
 
 
 def test_the_rest_of_a_recording_is_predicted(learned):
