@@ -22,13 +22,12 @@ from dense_vs.point_servo.point_depth import (
     witnessed,
 )
 from dense_vs.point_servo.surface_place import SurfacePlace
+from dense_vs.point_servo.turned_view import turned_view
 
 POINT = 0  # index of the point among the features
 WIDE = 28.0  # px, standard deviation of the weight by which the link's features tell what the point is off
 SMALL = 0.01  # of the logarithm of the depth, for derivatives
 NOWHERE = np.zeros(2)
-_BESIDE = np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0], [0.0, 0.0]])  # px, of what tells how the surroundings are seen
-_FARTHER = np.array([0.0, 0.0, 0.0, 1.0])  # steps of the depth
 
 
 class PointOnLink:
@@ -154,12 +153,10 @@ class PointOnLink:
         asked = postures.tobytes(), depth, self.link, features.focal, id(features.chain), id(features.lens)
         if self._viewed is not None and self._viewed[0] == asked:
             return self._viewed[1]
-        rotation, translation = features.chain.link_poses(postures)
-        home = self._at(depth * np.exp(SMALL * _FARTHER), _BESIDE)
-        there = np.einsum("tij,kj->tki", rotation[:, self.link], home) + translation[:, None, self.link]
-        places = features.pixels(there.reshape(-1, 3)).reshape(len(postures), 4, 2)
-        maps = np.stack([places[:, 1] - places[:, 0], places[:, 2] - places[:, 0]], axis=-1)
-        view = places[:, 0], maps, (places[:, 3] - places[:, 0]) / SMALL
+        pixels, links = np.tile(self._pixel, (2, 1)), np.full(2, self.link)
+        depths = depth * np.exp([0.0, SMALL])  # its own, and a little more
+        places, maps = turned_view(features, pixels, depths, links, self.defined_at, postures)
+        view = places[:, 0], maps[:, 0], (places[:, 1] - places[:, 0]) / SMALL
         self._viewed = asked, view, (features.chain, features.lens)  # kept, so that no others get their numbers
         return view
 
@@ -209,16 +206,11 @@ class PointOnLink:
         views = np.einsum("tji,tj->ti", rotation, there)
         return self._features.pixels(there), views / np.linalg.norm(views, axis=1, keepdims=True)
 
-    def _at(self, depth: np.ndarray, beside: np.ndarray = NOWHERE) -> np.ndarray:
-        """The point, or what is ``(2,)`` or ``(K, 2)`` px beside it, in the home posture ``(K, 3)``.
-
-        Args:
-            depth: ``(K,)`` of it when defined, in the chain's unit.
-            beside: then [px].
-        """
+    def _at(self, depth: np.ndarray) -> np.ndarray:
+        """The point in the home posture ``(K, 3)``, by some depths ``(K,)`` of it when defined, in the chain's unit."""
         features = self._features
         rotation, translation = features.chain.link_poses(self.defined_at[None])
-        here = depth[:, None] * features.rays(np.atleast_2d(self._pixel + beside))
+        here = depth[:, None] * features.rays(self._pixel[None])
         return (here - translation[0, self.link]) @ rotation[0, self.link]
 
 

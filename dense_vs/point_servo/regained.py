@@ -11,6 +11,7 @@ import numpy as np
 from dense_vs.body_model.image_directions import direction_weights
 from dense_vs.point_servo.body_features import BodyFeatures
 from dense_vs.point_servo.feature_looks import FeatureLooks
+from dense_vs.point_servo.turned_view import turned_view
 
 MOST_OFF = 5.0  # px from where it is expected
 AGREED = 1.0  # px from how far the others are off, in the direction in which a place counts
@@ -19,7 +20,6 @@ LEAST_SHARE = 0.5
 ROUNDS = 3  # of taking those that agree with the middle of the ones that did before
 LEAST_SCALE, MOST_SCALE = 0.5, 2.0  # by which a look may have shrunk or grown in any direction
 MARGIN = 8  # px from the image's border
-BESIDE = np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]])  # px, of what tells how a look is turned
 
 
 def regained(
@@ -45,8 +45,9 @@ def regained(
     Returns:
         Their numbers ``(R,)`` and places ``(R, 2)`` [px]; none where they do not agree.
     """
-    expected, maps = _views(features, numbers, seen_at, q)
-    expected = expected + offset
+    first, links = features.positions(numbers, seen_at), features.links[numbers]
+    places, maps = turned_view(features, features.pixels(first), first[:, 2], links, seen_at, q[None])
+    expected, maps = places[0] + offset, maps[0]
     scales = np.linalg.svd(maps, compute_uv=False)
     size = np.array(gray.shape[::-1])
     inside = ((expected > MARGIN) & (expected < size - 1 - MARGIN)).all(axis=1)
@@ -66,18 +67,3 @@ def regained(
     if agreed.sum() < max(LEAST_AGREED, LEAST_SHARE * len(off)):
         return numbers[:0], places[:0]
     return numbers[agreed], places[agreed]
-
-
-def _views(
-    features: BodyFeatures, numbers: np.ndarray, seen_at: np.ndarray, q: np.ndarray
-) -> tuple[np.ndarray, np.ndarray]:
-    """Expected places ``(K, 2)`` [px] and maps ``(K, 2, 2)`` of px about them in the first image to px there."""
-    links = features.links[numbers]
-    rotation, translation = features.chain.link_poses(np.array([seen_at, q]))
-    first = features.positions(numbers, seen_at)  # (K, 3)
-    beside = (features.pixels(first)[:, None] + BESIDE).reshape(-1, 2)
-    there = features.rays(beside).reshape(-1, 3, 3) * first[:, None, 2:]
-    home = np.einsum("kij,kbi->kbj", rotation[0, links], there - translation[0, links][:, None])
-    now = np.einsum("kij,kbj->kbi", rotation[1, links], home) + translation[1, links][:, None]
-    places = features.pixels(now.reshape(-1, 3)).reshape(-1, 3, 2)
-    return places[:, 0], np.stack([places[:, 1] - places[:, 0], places[:, 2] - places[:, 0]], axis=-1)
