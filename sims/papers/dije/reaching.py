@@ -25,6 +25,7 @@ from dense_vs.sims.engine.world import FRAME_SECONDS, SimWorld
 
 STILL = 1e-3  # rad, m, of a joint in a frame: less is noise of its reading
 RESTED, MOST_RESTING = 3, 45  # frames that it stands still, and that it is waited for
+BACK, MOST_BACK = 0.01, 300  # rad, m, from the posture that it began in, and frames that the way there may take
 
 
 @dataclass(frozen=True)
@@ -111,6 +112,7 @@ class ReachingExperiment:
         camera = camera or (SimCamera(world) if injector is None else injector)
         robot = SimRobot(world, command_seconds=command_seconds) if injector is None else injector
         self.loop = ServoLoop(camera, robot, seed=seed, scale=scale, on_frame=self._after_frame, **loop)
+        self._began = self.loop.frame.positions
 
     def learn(self) -> JacobianError:
         """Babble, and return the error of J then."""
@@ -121,7 +123,8 @@ class ReachingExperiment:
         """Define the point to control at its present place, as a click in the image would; that place [px].
 
         The robot comes to rest first, unless the point is given as it is seen now: an image that waits for its joint
-        readings shows where a moving robot was before.
+        readings shows where a moving robot was before. Where a point of the model has left the image meanwhile, the
+        robot goes back to the posture that it began in.
 
         Args:
             point: another one than the constructor's; what has been learned stays.
@@ -131,6 +134,8 @@ class ReachingExperiment:
             self._point = point
         if point is None or isinstance(point, str):
             self._come_to_rest()
+        if isinstance(self._point, str) and not self._in_image(self._point):
+            self._go_back()
         pixel = self.project(self._point) if isinstance(self._point, str) else np.asarray(self._point, float)
         self.surface_point = self.world.track_point((pixel + 0.5) / self.scale - 0.5)
         self.loop.define_point(pixel, **tracker)
@@ -211,6 +216,27 @@ class ReachingExperiment:
             still = 0 if moves else still + 1
             if still == RESTED:
                 break
+
+    def _in_image(self, point: str) -> bool:
+        """Whether a point of the model is inside the loop's image now."""
+        height, width = self.loop.frame.gray.shape
+        place = self.project(point)
+        return bool((place >= 0).all() and (place <= (width - 1, height - 1)).all())
+
+    def _go_back(self) -> None:
+        """Go to the posture that it began in."""
+        loop = self.loop
+
+        def toward() -> np.ndarray:
+            way = self._began - loop.joints.newest
+            share = min(1.0, loop.servo.options.max_step / max(float(np.abs(way).max()), BACK))
+            return loop.group.clip_step(share * way, loop.joints.newest)
+
+        for _ in range(MOST_BACK):
+            loop.step(loop.when_due(toward))
+            if np.abs(self._began - loop.joints.newest).max() < BACK:
+                break
+        self._come_to_rest()
 
     def _after_frame(self, loop: ServoLoop) -> None:
         if self._traced:

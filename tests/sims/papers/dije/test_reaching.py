@@ -1,8 +1,11 @@
 """The reaching experiment's own bookkeeping: its pixels are those of the loop, whose images may be scaled."""
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 
+from dense_vs import sims
 from dense_vs.errors import DenseVSError
 from dense_vs.sims import SimWorld
 from dense_vs.sims.engine.faults import FaultInjector
@@ -56,3 +59,22 @@ def test_targets_near_home_come_from_postures_near_home():
     far = reachable_targets(world, point, 10, 3, least_distance=0.0, border=2.0)
     distances = [np.linalg.norm(targets - start, axis=1).mean() for targets in (near, far)]
     assert distances[0] < 0.4 * distances[1]
+
+
+def test_a_tip_that_has_left_the_image_is_chosen_where_the_robot_began(tmp_path):
+    model = (Path(sims.__path__[0]) / "models" / "planar.xml").read_text(encoding="utf-8")
+    (tmp_path / "wide.xml").write_text(model.replace("-0.6 0.6", "-1.8 1.8"), encoding="utf-8")
+    world = SimWorld(str(tmp_path / "wide.xml"), seed=5, device="cpu", height=60, width=80)
+    experiment = ReachingExperiment(world, seed=5, babble_seconds=0.2)
+    experiment.learn()
+    began = experiment._began
+    for _ in range(60):
+        experiment.loop.step(np.array([0.02, 0.01, 0.0]))
+    assert experiment.project("tip")[1] > 60
+    pixel = experiment.choose()
+    assert np.abs(experiment.loop.frame.positions - began).max() < 0.02
+    np.testing.assert_allclose(experiment.loop.point, pixel, atol=1e-6)
+    np.testing.assert_allclose(pixel, experiment.project("tip"), atol=0.5)
+    for _ in range(5):  # in sight it is chosen where it is
+        experiment.loop.step(np.array([0.02, 0.0, 0.0]))
+    assert np.abs(experiment.choose() - pixel).max() > 1
