@@ -21,7 +21,7 @@ def turn(angle):
 
 
 def test_what_turns_about_the_optical_axis_turns_in_the_image_by_as_much():
-    pixels, seen_at = CENTER + [[40.0, 10.0], [-20.0, 30.0], [0.0, -50.0]], np.array([0.3, 0.0])
+    pixels, seen_at = CENTER + np.array([[40.0, 10.0], [-20.0, 30.0], [0.0, -50.0]]), np.array([0.3, 0.0])
     postures = np.array([[0.3, 0.0], [1.0, 0.0], [-0.4, 0.0]])
     places, maps = turned_view(features(), pixels, np.array([1.0, 2.5, 4.0]), np.zeros(3, int), seen_at, postures)
     for t, posture in enumerate(postures):
@@ -31,7 +31,7 @@ def test_what_turns_about_the_optical_axis_turns_in_the_image_by_as_much():
 
 
 def test_each_place_goes_with_its_link_at_its_depth():
-    pixels, depths = CENTER + [[30.0, 0.0], [30.0, 0.0], [30.0, 0.0]], np.array([2.0, 2.0, 1.5])
+    pixels, depths = CENTER + np.array([[30.0, 0.0], [30.0, 0.0], [30.0, 0.0]]), np.array([2.0, 2.0, 1.5])
     links, angle = np.array([0, 1, 1]), 0.2
     places, maps = turned_view(features(), pixels, depths, links, np.zeros(2), np.array([[0.0, angle]]))
     np.testing.assert_allclose(places[0, 0], pixels[0], atol=1e-9)
@@ -50,7 +50,7 @@ def test_each_place_goes_with_its_link_at_its_depth():
 
 
 def test_where_it_was_seen_it_is_seen_through_any_lens():
-    pixels = CENTER + [[140.0, 90.0], [-130.0, 20.0]]
+    pixels = CENTER + np.array([[140.0, 90.0], [-130.0, 20.0]])
     posture = np.array([0.2, -0.3])
     places, maps = turned_view(features(-0.05), pixels, np.array([2.0, 3.0]), np.array([1, 0]), posture, posture[None])
     np.testing.assert_allclose(places[0], pixels, atol=1e-6)
