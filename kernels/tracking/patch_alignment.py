@@ -20,19 +20,19 @@ A thread block a patch on a GPU, a thread a patch on a CPU, with the same arithm
 
 from dataclasses import dataclass
 from functools import cache
-from itertools import pairwise
 from typing import Any
 
 import warp as wp
 
 from dense_vs.kernels.image.cubic_spline import sample_spline, spline_weights
 from dense_vs.kernels.image.pixel_runs import run_module
-from dense_vs.kernels.launch import BANDS_PER_THREAD, part_of, share_out
+from dense_vs.kernels.launch import part_of, share_out
 from dense_vs.kernels.tracking.patch_sums import mat66, patch_sums, patch_sums_on_cpu, vec6
 
 wp.set_module_options({"enable_backward": False})
 
 BLOCK = 64  # threads a patch on a GPU
+SHARE = 4  # patches that a CPU's thread takes at a time
 MAX_ITERATIONS = 25
 TOLERANCE = 0.01  # px that a patch's corner moves by in the last iteration
 SHIFT_TOLERANCE = 0.3  # px that the patch moves by in the last iteration without D
@@ -108,17 +108,23 @@ class PatchAlignment:
         options = {"device": image.device, "block_dim": BLOCK, "record_cmd": True, "record_tape": False}
         self._kept = inputs  # as long as the recorded pointers
         self._command: Any = wp.launch(kernel, grid, inputs=inputs, **options) if self._points else None
+        self._shares: list[Any] = []  # the same of SHARE points each, as far as they were asked for
 
     def __call__(self, points: int | None = None, threads: int = 1) -> None:
         """Align the first so many patches of every world, or all; on a CPU by threads that share them out."""
         count = self._points if points is None else points
-        parts = min(BANDS_PER_THREAD * threads, count) if self._on_cpu and threads > 1 else min(1, count)
-        if parts == 1 and count == self._points:
-            self._command.launch()
+        if not count:
             return
-        edges = [count * part // parts for part in range(parts + 1)] if parts else []
-        commands = [part_of(self._command, begin, self._grid(end - begin)) for begin, end in pairwise(edges)]
-        share_out(commands, threads)
+        if self._on_cpu and threads > 1:
+            whole = count // SHARE
+            self._shares += [self._part(k * SHARE, SHARE) for k in range(len(self._shares), whole)]
+            rest = [self._part(whole * SHARE, count % SHARE)] if count % SHARE else []
+            share_out([*self._shares[:whole], *rest], threads)
+        else:
+            (self._command if count == self._points else self._part(0, count)).launch()
+
+    def _part(self, first: int, points: int) -> Any:
+        return part_of(self._command, first, self._grid(points))
 
     def _grid(self, points: int) -> tuple[int, int, int]:
         return self._worlds, points, 1 if self._on_cpu else BLOCK
