@@ -1,11 +1,13 @@
 """At what depth a point of a link is: from its own places, the link's features around it, a body model's surface."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
-NEAR = 14.0  # px, standard deviation of the weight by which features around count
+NEAR = 20.0  # px, standard deviation of the weight by which features around count
 LEAST_SPREAD = 0.03  # of the logarithm of the depth by the features around
+SLOPE = 0.003  # of the logarithm by px, standard deviation: surfaces are aslant by some 45 degrees
+LEAST_INVERSE = 0.5  # of the usual inverse depth, to which a plane may go down at the point
 RELIEF = 0.0015  # of the logarithm by px to the next feature: surfaces are aslant by some 25 degrees
 LEAST_NEAR = 3  # features on the link
 SURFACE = 0.02  # of the logarithm of a body model's surface, found on six views of commercial arms
@@ -25,26 +27,41 @@ MOST_DEVIATION = 0.055  # of what features say: others are too far away to be a 
 
 @dataclass(frozen=True)
 class PointDepth:
-    """Depth, in the unit of the chain, and the standard deviation of its logarithm."""
+    """Depth, in the unit of the chain, and the standard deviation of its logarithm.
+
+    Attributes:
+        slope: ``(2,)`` by which the logarithm grows by px to the right and down, as far as it is known.
+    """
 
     depth: float
     deviation: float
+    slope: np.ndarray = field(default_factory=lambda: np.zeros(2), compare=False)
 
 
 def depth_of_features(places: np.ndarray, depths: np.ndarray, point: np.ndarray) -> PointDepth | None:
-    """Robust mean depth of features ``(K, 2)`` [px], ``(K,)`` about a point ``(2,)`` [px]; None for too few."""
+    """Depth at a point ``(2,)`` [px] of a surface through features ``(K, 2)`` [px], ``(K,)``; None for too few.
+
+    Inverse depth is linear across a plane. Features mostly lie to one side of a point, next to a link's end: their mean
+    would be that of the middle of the link.
+    """
     if len(depths) < LEAST_NEAR:
         return None
-    weights = np.exp(-np.sum((places - point) ** 2, axis=1) / (2 * NEAR**2)) + 1e-4
+    away = places - point
+    weights = np.exp(-np.sum(away**2, axis=1) / (2 * NEAR**2)) + 1e-4
     inverse = 1 / depths
-    mean, heavy = float(np.average(inverse, weights=weights)), weights
-    for _ in range(4):
-        spread = np.sqrt(np.average((inverse - mean) ** 2, weights=heavy))
-        heavy = weights / (1 + ((inverse - mean) / max(1.5 * spread, 1e-4 * mean)) ** 2)
-        mean = float(np.average(inverse, weights=heavy))
-    spread = float(np.sqrt(np.average((inverse - mean) ** 2, weights=heavy)))
-    apart = float(np.linalg.norm(places - point, axis=1).min())
-    return PointDepth(1 / mean, float(np.hypot(max(spread / mean, LEAST_SPREAD), RELIEF * apart)))
+    usual = float(np.average(inverse, weights=weights))
+    terms = np.column_stack([np.ones(len(depths)), away])
+    little_slope = np.diag([0.0, 1.0, 1.0]) * (LEAST_SPREAD / SLOPE) ** 2
+    heavy, plane, spread = weights, np.array([usual, 0.0, 0.0]), 0.0
+    for _ in range(5):
+        plane = np.linalg.solve(terms.T @ (heavy[:, None] * terms) + little_slope, terms.T @ (heavy * inverse))
+        off = inverse - terms @ plane
+        spread = float(np.sqrt(np.average(off**2, weights=heavy)))
+        heavy = weights / (1 + (off / max(1.5 * spread, 1e-4 * usual)) ** 2)
+    apart = float(np.linalg.norm(away, axis=1).min())
+    deviation = float(np.hypot(max(spread / usual, LEAST_SPREAD), RELIEF * apart))
+    here = max(float(plane[0]), LEAST_INVERSE * usual)
+    return PointDepth(1 / here, deviation, -plane[1:] / here)
 
 
 def together(one: PointDepth | None, other: PointDepth | None) -> PointDepth | None:

@@ -54,6 +54,7 @@ class PointOnLink:
         self._pixel, self.defined_at = np.array(pixel, dtype=np.float64), np.array(positions, dtype=np.float64)
         self.depth: PointDepth | None = None
         self._surface = surface
+        self._slope = NOWHERE  # of the surface about it, see PointDepth
         self._first_depths: np.ndarray | None = None  # of the features that were seen then, by the chain at first
         self._begun = np.zeros((0, 2)), np.zeros((0, 2, 2))  # their places then and directions
         self._astray = np.zeros(2)
@@ -98,6 +99,7 @@ class PointOnLink:
         there = features.positions(first, self.defined_at)
         front = there[:, 2] > 1e-3
         by_features = depth_of_features(features.pixels(there[front]), there[front, 2], self._pixel)
+        self._slope = NOWHERE if by_features is None else by_features.slope
         around = together(by_features, surface)
         if around is None:
             if features.states[POINT] != FeatureState.KNOWN:
@@ -149,15 +151,16 @@ class PointOnLink:
         """
         assert self.depth is not None
         features, depth = self._features, self.depth.depth
+        chain, lens, slope = features.chain, features.lens, self._slope
         # An image asks three times for the same; chain and lens are replaced, never changed.
-        asked = postures.tobytes(), depth, self.link, features.focal, id(features.chain), id(features.lens)
+        asked = postures.tobytes(), depth, slope.tobytes(), self.link, features.focal, id(chain), id(lens)
         if self._viewed is not None and self._viewed[0] == asked:
             return self._viewed[1]
-        pixels, links = np.tile(self._pixel, (2, 1)), np.full(2, self.link)
+        pixels, links, slopes = np.tile(self._pixel, (2, 1)), np.full(2, self.link), np.tile(slope, (2, 1))
         depths = depth * np.exp([0.0, SMALL])  # its own, and a little more
-        places, maps = turned_view(features, pixels, depths, links, self.defined_at, postures)
+        places, maps = turned_view(features, pixels, depths, links, self.defined_at, postures, slopes)
         view = places[:, 0], maps[:, 0], (places[:, 1] - places[:, 0]) / SMALL
-        self._viewed = asked, view, (features.chain, features.lens)  # kept, so that no others get their numbers
+        self._viewed = asked, view, (chain, lens)  # kept, so that no others get their numbers
         return view
 
     def posture_for(

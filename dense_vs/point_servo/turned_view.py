@@ -14,23 +14,26 @@ def turned_view(
     links: np.ndarray,
     seen_at: np.ndarray,
     postures: np.ndarray,
+    slopes: np.ndarray | None = None,
 ) -> tuple[np.ndarray, np.ndarray]:
     """Places and their surroundings in other postures, by the chain.
 
     Args:
         features: whose chain and camera it is.
-        pixels: ``(K, 2)`` [px], of the places in the one image; what is around each has its depth.
+        pixels: ``(K, 2)`` [px], of the places in the one image.
         depths: ``(K,)``, in the chain's unit of length.
         links: ``(K,)`` that they are on.
         seen_at: ``(N,)`` [rad], the posture of that image.
         postures: ``(T, N)`` [rad], the others.
+        slopes: ``(K, 2)`` by which the logarithm of the depth grows by px about each; unless given, none does.
 
     Returns:
         Places ``(T, K, 2)`` [px], and maps ``(T, K, 2, 2)`` of px about them in the one image to px there.
     """
     rotation, translation = features.chain.link_poses(seen_at[None])
     rays = features.rays((pixels[:, None] + _BESIDE).reshape(-1, 2)).reshape(-1, 3, 3)
-    here = rays * depths[:, None, None] - translation[0, links][:, None]
+    around = depths[:, None] if slopes is None else depths[:, None] * np.exp(slopes @ _BESIDE.T)
+    here = rays * around[..., None] - translation[0, links][:, None]
     home = np.einsum("kji,kbj->kbi", rotation[0, links], here)
     rotation, translation = features.chain.link_poses(postures)
     there = np.einsum("tkij,kbj->tkbi", rotation[:, links], home) + translation[:, links][:, :, None]

@@ -8,17 +8,23 @@ from dense_vs.point_servo.point_depth import PointDepth, depth_of_features, poin
 
 
 def reference(places, values, point):
-    """Four rounds of a weighted mean of inverse depths; weights fall with distance (14 px) and with being unlike."""
-    near = np.exp(-np.sum((places - point) ** 2, axis=1) / (2 * 14.0**2)) + 1e-4
+    """Five rounds of a plane through inverse depths; weights fall with distance (20 px) and with being unlike.
+
+    Slopes are drawn to none: 0.003 a px is as usual as 0.03 of the depth.
+    """
+    away = places - point
+    near = np.exp(-np.sum(away**2, axis=1) / (2 * 20.0**2)) + 1e-4
     inverse = 1 / values
-    mean, weights = np.sum(near * inverse) / near.sum(), near
-    for _ in range(4):
-        spread = np.sqrt(np.sum(weights * (inverse - mean) ** 2) / weights.sum())
-        weights = near / (1 + ((inverse - mean) / max(1.5 * spread, 1e-4 * mean)) ** 2)
-        mean = np.sum(weights * inverse) / weights.sum()
-    spread = np.sqrt(np.sum(weights * (inverse - mean) ** 2) / weights.sum())
-    apart = min(np.hypot(*(place - point)) for place in places)
-    return 1 / mean, np.sqrt(max(spread / mean, 0.03) ** 2 + (0.0015 * apart) ** 2)
+    usual, weights = np.sum(near * inverse) / near.sum(), near
+    for _ in range(5):
+        rows = np.sqrt(weights)[:, None] * np.column_stack([np.ones(len(values)), away])
+        rows = np.vstack([rows, 10.0 * np.eye(3)[1:]])
+        plane = np.linalg.lstsq(rows, np.append(np.sqrt(weights) * inverse, [0.0, 0.0]), rcond=None)[0]
+        off = inverse - plane[0] - away @ plane[1:]
+        spread = np.sqrt(np.sum(weights * off**2) / weights.sum())
+        weights = near / (1 + (off / max(1.5 * spread, 1e-4 * usual)) ** 2)
+    apart = min(np.hypot(*one) for one in away)
+    return 1 / plane[0], np.sqrt(max(spread / usual, 0.03) ** 2 + (0.0015 * apart) ** 2), -plane[1:] / plane[0]
 
 
 @pytest.mark.parametrize("seed", range(5))
@@ -26,10 +32,28 @@ def test_depth_of_features_is_its_formula(seed):
     rng = np.random.default_rng(seed)
     places, values, point = rng.uniform(0, 80, (20, 2)), rng.uniform(0.8, 1.6, 20), rng.uniform(20, 60, 2)
     found = depth_of_features(places, values, point)
-    assert (found.depth, found.deviation) == pytest.approx(reference(places, values, point), rel=1e-12)
+    depth, deviation, slope = reference(places, values, point)
+    assert (found.depth, found.deviation) == pytest.approx((depth, deviation), rel=1e-9)
+    np.testing.assert_allclose(found.slope, slope, atol=1e-9)
     places[7] = point + np.array([6.0, 8.0])
     near = depth_of_features(places[7:8].repeat(3, axis=0), np.full(3, 1.3), point)
     assert (near.depth, near.deviation) == pytest.approx((1.3, np.hypot(0.03, 0.015)))
+
+
+def test_features_to_one_side_of_a_point_tell_its_depth_on_a_plane_that_is_aslant():
+    away = np.random.default_rng(0).uniform([5, -20], [30, 20], (200, 2))  # all to the right
+    point, slope = np.array([100.0, 80.0]), np.array([0.002, -0.001])
+    found = depth_of_features(point + away, 1.5 / (1 - away @ slope), point)
+    assert found.depth == pytest.approx(1.5, rel=0.003)
+    np.testing.assert_allclose(found.slope, slope, rtol=0.1)
+
+
+def test_a_plane_that_would_pass_far_behind_the_features_goes_no_farther():
+    away = np.tile([[10.0, 0.0], [11.0, 0.0], [20.0, 0.0], [21.0, 0.0]], (60, 1))
+    inverse = np.tile([0.5, 0.6, 1.5, 1.6], 60)
+    found = depth_of_features(away, 1 / inverse, np.zeros(2))
+    usual = np.average(inverse, weights=np.exp(-(away[:, 0] ** 2) / 800) + 1e-4)
+    assert found.depth == pytest.approx(2 / usual)
 
 
 def test_two_sources_count_by_their_certainty_and_are_doubted_where_they_disagree():

@@ -55,3 +55,23 @@ def test_where_it_was_seen_it_is_seen_through_any_lens():
     places, maps = turned_view(features(-0.05), pixels, np.array([2.0, 3.0]), np.array([1, 0]), posture, posture[None])
     np.testing.assert_allclose(places[0], pixels, atol=1e-6)
     np.testing.assert_allclose(maps[0], np.tile(np.eye(2), (2, 1, 1)), atol=1e-6)
+
+
+def test_a_surface_that_is_aslant_is_seen_as_it_turns():
+    """Around a pixel the logarithm of the depth grows by its slope; turned about the upright hinge by hand."""
+    pixel, depth, slope, angle = CENTER + np.array([10.0, -20.0]), 2.2, np.array([0.004, -0.002]), 0.5
+
+    def seen(away):
+        z = depth * np.exp(slope @ away)
+        x, y = (pixel + away - CENTER) / FOCAL * z
+        turned = x * np.cos(angle) + (z - 2) * np.sin(angle), y, 2 + (z - 2) * np.cos(angle) - x * np.sin(angle)
+        return CENTER + FOCAL * np.array(turned[:2]) / turned[2]
+
+    postures = np.array([[0.0, angle]])
+    at = pixel[None], np.array([depth]), np.array([1]), np.zeros(2), postures
+    places, maps = turned_view(features(), *at, slope[None])
+    expected = np.transpose([seen(step) - seen(np.zeros(2)) for step in np.eye(2)])
+    np.testing.assert_allclose(places[0, 0], seen(np.zeros(2)), atol=1e-9)
+    np.testing.assert_allclose(maps[0, 0], expected, atol=1e-9)
+    facing = turned_view(features(), *at)[1]
+    assert np.abs(facing[0, 0] - expected).max() > 0.1
