@@ -319,7 +319,7 @@ class ServoLoop:
         Args:
             target: ``(2,)`` [px]; in a loop with depth also ``(3,)`` [px, px, m].
             tolerance: distance that counts as there [px]; a meter of depth counts as one across the image there.
-            settle_frames: frames it has to stay there.
+            settle_frames: frames it has to stay there; it may then come closer for 15 more.
             max_frames: frames after which it gives up.
 
         Raises:

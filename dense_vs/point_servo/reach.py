@@ -3,6 +3,8 @@
 from dataclasses import dataclass
 from enum import Enum
 
+import numpy as np
+
 from dense_vs.health.faults import Fault
 
 
@@ -19,6 +21,9 @@ class ReachEnd(Enum):
     """It is not known where the point is."""
 
 
+CLOSE = 0.3  # of the tolerance
+
+
 class Arrival:
     """Counts the frames that a point has been at its target; reached where that is settled and the place is certain.
 
@@ -31,7 +36,7 @@ class Arrival:
     def __init__(self, tolerance: float, frames: int, leave: float | None = None):
         self._tolerance, self._frames = tolerance, frames
         self._leave = tolerance if leave is None else leave
-        self._there = 0
+        self._there, self._distance = 0, np.inf
 
     def observe(self, distance: float, *, blind: bool = False) -> None:
         """Take a frame.
@@ -41,12 +46,17 @@ class Arrival:
             blind: whether something is wrong with the frame that stops the robot.
         """
         within = distance <= (self._leave if self.settled else self._tolerance)
-        self._there = self._there + 1 if within and not blind else 0
+        self._there, self._distance = self._there + 1 if within and not blind else 0, distance
 
     @property
     def settled(self) -> bool:
         """Whether it has been there long enough."""
         return self._there >= self._frames
+
+    @property
+    def close(self) -> bool:
+        """Whether hardly anything is left of the way by the last frame."""
+        return self._distance <= CLOSE * self._tolerance
 
 
 @dataclass(frozen=True)

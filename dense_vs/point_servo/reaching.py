@@ -25,6 +25,7 @@ RETURNS = 1  # times in a reach that a lost point is looked for where it was def
 BACK = 0.01  # rad from the posture in which it was defined
 LOOKED = 5  # frames there in which it is looked for
 GONE = 45  # frames in which nothing is seen of its link; those of a planned move, which the chain knows, do not count
+CLOSER = 15  # frames at the target, in all, in which it may come closer: what is left adds to what is not known
 WAITED = 45  # frames at the target, in all, after which a place that is not certain will not become so
 
 
@@ -51,7 +52,7 @@ class Reaching:
         loop = self._loop
         returns = waited = 0
         far = self._is_far()
-        while self._left > 0 and waited < WAITED and not (self._arrival.settled and loop.aim.certain(self._tracker)):
+        while self._left > 0 and waited < WAITED and not self._over(waited):
             if self._gone():
                 if returns == RETURNS or not self._find_again():
                     break
@@ -82,6 +83,11 @@ class Reaching:
     def _target(self) -> np.ndarray:
         assert self._loop.target is not None  # a reach has set it
         return self._loop.target
+
+    def _over(self, waited: int) -> bool:
+        """Whether the point is at the target for certain, and as close as it will come."""
+        arrived = self._arrival.settled and (self._arrival.close or waited > CLOSER)
+        return arrived and self._loop.aim.certain(self._tracker)
 
     def _is_far(self) -> bool:
         """Whether a move is to be planned, which is for places in the image: a chain has no meters."""

@@ -136,6 +136,15 @@ def test_a_point_that_has_arrived_may_sway_a_little():
     assert arrived(1.0, 1.0, 1.0, 2.1) == [False, False, True, False]
 
 
+@pytest.mark.parametrize(("distance", "close"), [(0.6, True), (0.61, False)])
+def test_a_point_is_close_within_a_third_of_the_tolerance(distance, close):
+    arrival = Arrival(2.0, 3)
+    assert not arrival.close
+    arrival.observe(0.0)
+    arrival.observe(distance)
+    assert arrival.close is close
+
+
 @pytest.mark.parametrize("end", list(ReachEnd))
 def test_a_reach_says_how_it_ended(end):
     reach = Reach((1.0, 2.0), 10, 0.5, end)

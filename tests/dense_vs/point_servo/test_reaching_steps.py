@@ -51,7 +51,7 @@ class Arrival:
     """Settled after so many frames within a distance."""
 
     def __init__(self, within=2.0, frames=3):
-        self.within, self.frames, self.seen, self.settled = within, frames, 0, False
+        self.within, self.frames, self.seen, self.settled, self.close = within, frames, 0, False, True
         self.given = []
 
     def observe(self, distance, *, blind=False):
@@ -87,6 +87,20 @@ def test_a_reach_ends_when_the_point_has_settled():
     assert (reach.end, reach.frames, reach.target, reach.error_px) == (ReachEnd.REACHED, 10, (0.0, 0.0), 0.0)
     assert loop.steps == ["servo"] * 10
     assert arrival.given[:2] == [(9.0, False), (8.0, False)]
+
+
+def test_a_point_that_has_settled_comes_closer_for_some_frames_more():
+    loop, arrival = Loop(away=10.0), Arrival()
+    arrival.close = False
+    reach = Reaching(loop, arrival, 400).run()
+    assert (reach.end, reach.frames) == (ReachEnd.REACHED, 10 + 15)
+
+    class Nearing(Arrival):
+        def observe(self, distance, *, blind=False):
+            super().observe(distance, blind=blind)
+            self.close = self.seen >= 7
+
+    assert Reaching(Loop(away=10.0), Nearing(), 400).run().frames == 14
 
 
 @pytest.mark.parametrize(("frames", "end"), [(9, ReachEnd.MISSED), (10, ReachEnd.REACHED)])
