@@ -26,7 +26,7 @@ from dense_vs.flow import FlowEstimator, to_gray
 from dense_vs.jacobian.error import jacobian_error
 from dense_vs.robot import Babbling
 from dense_vs.sims import SimWorld
-from dense_vs.sims.engine.built_scenes import ARM_NAMES
+from dense_vs.sims.engine.built_scenes import ARM_NAMES, TUNED_ARMS
 from dense_vs.sims.engine.surface_points import SurfacePoint
 from dense_vs.view.tables import table
 
@@ -236,7 +236,9 @@ def make_world(arm: str, camera: str, seed: int, options: argparse.Namespace) ->
 def main() -> int:
     """Run the command."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--arms", default=",".join(["arm", *ARM_NAMES]), help="by comma (default: our own and all)")
+    parser.add_argument(
+        "--arms", default=",".join(["arm", *TUNED_ARMS]), help="by comma (default: our own and the four of the table)"
+    )
     parser.add_argument("--cameras", default="A,B", help="of the commercial arms, by comma (default: A,B)")
     parser.add_argument("--joints", type=int, default=4, help="of the commercial arms, from the base (default: 4)")
     parser.add_argument("--seconds", type=float, default=20.0, help="of babbling (default: 20)")

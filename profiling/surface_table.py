@@ -8,8 +8,8 @@ from typing import Any
 from results_file import RESULTS, origin
 from surface_scores import OURS, REACHED_PX, Tally, ViewScore, mean_of, over_seeds, view_score
 
-# 4 joints after 10 s, the same on one more seed with features held to their first looks, 7 joints after 20 s
-FILES = ("surfaces", "surfaces_7")
+# 4 joints after 10 s, 7 joints after 20 s, and the first on arms that nothing was tuned on
+FILES = ("surfaces", "surfaces_7", "surfaces_other_arms")
 STOPPED = "the run was stopped early; what it had not come to, more often long ways as of lost points, is left out"
 HEAD = (
     "arm, camera",

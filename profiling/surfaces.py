@@ -3,6 +3,8 @@
     dense-vs arms panda ur5e baxter fetch
     python profiling/surfaces.py --jobs 30 --json profiling/results/surfaces.json
     python profiling/surfaces.py --jobs 30 --joints 7 --seconds 20 --json profiling/results/surfaces_7.json
+    dense-vs arms spot-arm tiago  # nothing was tuned on these
+    python profiling/surfaces.py --arms spot-arm,tiago --json profiling/results/surfaces_other_arms.json
 
 Each arm babbles as ``dense-vs reach`` does, all with the same default settings, then goes to targets over its whole
 range. J by exact flow stands beside the estimate, as what is left is the flow's share. A reach counts where the true
@@ -30,7 +32,7 @@ from surface_scores import OURS, ViewScore, metrics_of
 from surface_table import table_lines
 
 from dense_vs.files import write_json
-from dense_vs.sims.engine.built_scenes import ARM_NAMES, scene_file
+from dense_vs.sims.engine.built_scenes import ARM_NAMES, TUNED_ARMS, scene_file
 from dense_vs.view.provenance import provenance
 
 IMAGES = ("clean", "sensor", "realistic")
@@ -70,7 +72,7 @@ def main() -> int:
 
 def _arguments() -> argparse.Namespace:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    arms = ",".join([*ARM_NAMES, "painted", "arm"])
+    arms = ",".join([*TUNED_ARMS, "painted", "arm"])
     parser.add_argument("--arms", default=arms, help=f"names or MJCF files, by comma (default: {arms})")
     parser.add_argument("--cameras", default="A,B", help="of the commercial arms, by comma (default: A,B)")
     parser.add_argument(

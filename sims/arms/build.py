@@ -122,6 +122,7 @@ def _mount_gripper(spec: mujoco.MjSpec, arm: CommercialArm, package: Path, asset
     _hide_collision(gripper)
     for parts in (gripper.actuators, gripper.sensors, gripper.tendons, gripper.equalities, gripper.joints):
         _delete(gripper, parts)
+    gripper.option.gravity = spec.option.gravity  # it has the arm's; two would be a warning
     spec.attach(gripper, frame=spec.body(arm.hand).add_frame(), prefix="gripper_")
 
 

@@ -98,4 +98,24 @@ ARMS: dict[str, CommercialArm] = {
         origin=(0.2869, 0.2641),
         without=("robot0:mocap", "table0", "floor0", "block_mat"),
     ),
+    "spot-arm": CommercialArm(
+        package=ROBOSUITE,
+        file=f"{ROBOSUITE_ASSETS}/robots/spot_arm/robot.xml",
+        home=_numbered("arm_sh0 arm_sh1 arm_el0 arm_el1 arm_wr0 arm_wr1", (0.2, -1.2, 1.85, 0.0, 0.6, 0.0)),
+        hand="right_hand",
+        gripper=f"{ROBOSUITE_ASSETS}/grippers/bd_gripper.xml",
+    ),
+    "tiago": CommercialArm(
+        package=ROBOSUITE,
+        file=f"{ROBOSUITE_ASSETS}/robots/tiago/robot.xml",
+        home=_numbered(
+            " ".join(f"arm_right_{number}_joint" for number in range(1, 7)), (0.2, -0.2, 1.5, 1.4, 0.3, 0.2)
+        ),
+        hand="right_hand",
+        gripper=f"{ROBOSUITE_ASSETS}/grippers/robotiq_gripper_85.xml",
+        held=_numbered(
+            " ".join(f"arm_left_{number}_joint" for number in range(1, 7)), (0.2, -0.9, 1.5, 1.7, -1.5, 0.5)
+        ),
+        floor=0.0,
+    ),
 }

@@ -19,7 +19,7 @@ def add_world_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="NAME|FILE",
         help="arm (4 joints in 3D), painted (the same in plain painted links, in a room), planar (3 joints), "
         "upper-body (two arms of 7 joints), upper-body-rake, "
-        "upper-body-vacuum (with a tool), panda, ur5e, baxter, fetch (built by dense-vs arms), or the path of an MJCF "
+        "upper-body-vacuum (with a tool), an arm that dense-vs arms has built, or the path of an MJCF "
         "file (default: arm)",
     )
     parser.add_argument("--joints", metavar="A,B,C", help="joints to use (default: all with a position actuator)")

@@ -8,7 +8,9 @@ from pathlib import Path
 
 from dense_vs.errors import DenseVSError
 
-ARM_NAMES = ("panda", "ur5e", "baxter", "fetch")
+TUNED_ARMS = ("panda", "ur5e", "baxter", "fetch")  # constants were found on some of their views
+OTHER_ARMS = ("spot-arm", "tiago")  # nothing was found on them
+ARM_NAMES = TUNED_ARMS + OTHER_ARMS
 FOLDER_VARIABLE = "DENSE_VS_ARMS"
 
 

@@ -47,9 +47,8 @@ class SimWorld:
         robot: ``"arm"`` (4 joints in 3D), ``"painted"`` (the same joints in plain painted links, in a room with
             shadows), ``"planar"`` (3 joints, a plane that faces the camera),
             ``"upper-body"`` (two arms of 7 joints before the robot's own eyes), ``"upper-body-rake"`` and
-            ``"upper-body-vacuum"`` (holding a tool, which counts as part of the robot), ``"panda"``, ``"ur5e"``,
-            ``"baxter"`` or ``"fetch"`` once ``dense-vs arms`` has built their scenes, or the path of an MJCF file with
-            a camera and position actuators.
+            ``"upper-body-vacuum"`` (holding a tool, which counts as part of the robot), ``"panda"`` and others once
+            ``dense-vs arms`` has built their scenes, or the path of an MJCF file with a camera and position actuators.
         joints: names of the joints that are commanded and that Jacobians have columns for, in this order;
             all joints that a position actuator drives when None. Others keep their position.
         camera: name of the camera; the first one when None.
