@@ -37,7 +37,7 @@ ROUNDS = 3  # of looking back for the point itself, each with the depth that the
 AGAIN = 4  # keyframes in which it is sought again whenever there is a new one, as the chain is known better by then
 BELIEVED = 0.72  # correlation from which a place of the point's own look tells its depth
 LEAST_OPEN = 0.05  # of the logarithm of the depth, left open in a search: places that repeat a guess tell nothing
-MOST_UNCERTAIN = 1.0  # px, standard deviation of the point's place up to which it is certain
+MOST_UNCERTAIN = 1.2  # px, standard deviation of the place up to which it is certain, to about 2 px
 DOUBT = 1.5  # times the depth's standard deviation: places of features around share their errors
 OWN_SHARE = 0.7  # of :meth:`PointLook.drift`, of a look that is seen; where no such feature is in sight, for SURE
 TRUST = 0.5  # of the way to where the own look is seen: where it is off the rest of the link, both are half wrong
@@ -259,9 +259,9 @@ class BodyTracker:
             on = self._trusted(on)
             there = features.project(on, q)
             among = np.isin(self._live, on)
-            mean, spread = mean_about(expected, there, self._places[among] - there, directions[among])
+            mean, error = mean_about(expected, there, self._places[among] - there, directions[among])
             self._offset = mean - self.on_link.astray(q)
-            self._aside = BASIC + spread / np.sqrt(len(on))
+            self._aside = BASIC + error
             self.unseen, self._told = 0, len(on)
         else:
             self.unseen += 1

@@ -220,7 +220,10 @@ class PointOnLink:
 def mean_about(
     point: np.ndarray, places: np.ndarray, off: np.ndarray, directions: np.ndarray
 ) -> tuple[np.ndarray, float]:
-    """What features of a link are off about a point ``(2,)`` [px], the near ones most, and the spread about that [px].
+    """What features of a link are off about a point ``(2,)`` [px], the near ones most, and its standard error [px].
+
+    Features that are all to one side of the point tell less of it: that of a turn that they leave open grows with the
+    distance from their middle, as where a line is extended beyond what it was fitted to.
 
     Args:
         point: where the chain has it.
@@ -229,4 +232,8 @@ def mean_about(
         directions: as :func:`.directed_mean` has them.
     """
     weights = np.exp(-np.sum((places - point) ** 2, axis=1) / (2 * WIDE**2)) + 1e-3
-    return directed_mean(off, directions, weights)
+    mean, spread = directed_mean(off, directions, weights)
+    middle = np.average(places, axis=0, weights=weights)
+    extent = float(np.average(np.sum((places - middle) ** 2, axis=1), weights=weights))
+    lever = float(np.sum((point - middle) ** 2)) / max(extent, 1.0)
+    return mean, spread * float(np.sqrt((1 + lever) / len(places)))

@@ -35,13 +35,19 @@ def test_motion_since_the_last_keyframe_is_that_of_the_feature_that_moves_most()
 
 
 def reference_offset(there, expected, off):
-    """A weighted mean, then once more with weights that fall for features unlike it; and the spread about that."""
+    """A weighted mean, then once more with weights that fall for features unlike it; and its standard error.
+
+    That is the spread over the root of their number, and more by how far their middle is off in units of their extent.
+    """
     weights = np.array([np.exp(-(np.hypot(*(place - expected)) ** 2) / (2 * 28.0**2)) + 1e-3 for place in there])
+    middle = sum(w * place for w, place in zip(weights, there, strict=True)) / weights.sum()
+    extent = sum(w * np.hypot(*(place - middle)) ** 2 for w, place in zip(weights, there, strict=True)) / weights.sum()
+    lever = np.hypot(*(expected - middle)) ** 2 / max(extent, 1.0)
     mean = sum(w * o for w, o in zip(weights, off, strict=True)) / weights.sum()
     weights = np.array([w / (1 + np.hypot(*(o - mean)) ** 2) for w, o in zip(weights, off, strict=True)])
     mean = sum(w * o for w, o in zip(weights, off, strict=True)) / weights.sum()
     squared = sum(w * np.hypot(*(o - mean)) ** 2 for w, o in zip(weights, off, strict=True))
-    return mean, np.sqrt(squared / weights.sum())
+    return mean, np.sqrt(squared / weights.sum() * (1 + lever) / len(there))
 
 
 @pytest.mark.parametrize("count", [2, 3, 6])
@@ -66,10 +72,10 @@ def test_the_point_is_off_by_what_features_around_it_are_off(count):
         assert (tracker.unseen, tracker._aside) == (5, 9.0)
         np.testing.assert_allclose(tracker.point, expected + np.array([0.5, -0.5]))
         return
-    mean, spread = reference_offset(there[1 : count + 1], expected, off[1 : count + 1])
+    mean, error = reference_offset(there[1 : count + 1], expected, off[1 : count + 1])
     assert tracker.unseen == 0
     np.testing.assert_allclose(tracker._offset, mean - astray)
-    assert tracker._aside == pytest.approx(0.3 + spread / np.sqrt(count))
+    assert tracker._aside == pytest.approx(0.3 + error)
     np.testing.assert_allclose(tracker.point, expected + mean - astray)
 
 
@@ -90,9 +96,9 @@ def test_features_of_the_first_image_tell_most_then_those_that_look_as_at_first(
     tracker = bare(Features(at, np.zeros_like(at)), range(1, 7), at[1:] + off)
     tracker._sure, tracker._first = np.array(sure, int), np.array(first, int)
     tracker._correct(np.zeros(1), 1, GRAY, directions_of(tracker))
-    mean, spread = reference_offset(at[told], at[0], off[np.array(told) - 1])
+    mean, error = reference_offset(at[told], at[0], off[np.array(told) - 1])
     np.testing.assert_allclose(tracker._offset, mean)
-    assert tracker._aside == pytest.approx(0.3 + spread / np.sqrt(len(told)))
+    assert tracker._aside == pytest.approx(0.3 + error)
     assert (tracker.seen, tracker.held) == (6, held)
 
 
@@ -119,10 +125,10 @@ def test_its_own_look_corrects_a_point_whose_depth_is_known(held):
     tracker.on_link.depth = PointDepth(1.0, 0.1)
     tracker._by_look = lambda q, gray, place, spread: asked.append((place, spread)) or place + np.array([3.0, 4.0])
     tracker._correct(np.zeros(1), 1, GRAY, directions_of(tracker))
-    mean, spread = reference_offset(at[1:], at[0], off)
+    mean, error = reference_offset(at[1:], at[0], off)
     ((place, aside),) = asked
     np.testing.assert_allclose(place, at[0] + mean)
-    assert aside == pytest.approx(np.hypot(0.3 + spread / np.sqrt(3), 0 if held else 1.2))
+    assert aside == pytest.approx(np.hypot(0.3 + error, 0 if held else 1.2))
     np.testing.assert_allclose(tracker.point, place + np.array([3.0, 4.0]))
 
 
@@ -206,7 +212,7 @@ def test_uncertainty_is_of_what_the_tracker_knows():
 
 @pytest.mark.parametrize(
     ("unseen", "uncertainty", "certain", "lost"),
-    [(0, 1.0, True, False), (0, 1.01, False, False), (1, 0.1, False, False), (4, 0.1, False, False),
+    [(0, 1.2, True, False), (0, 1.21, False, False), (1, 0.1, False, False), (4, 0.1, False, False),
      (5, 0.1, False, True), (6, 9.0, False, True)],
 )  # fmt: skip
 def test_certain_and_lost(unseen, uncertainty, certain, lost):

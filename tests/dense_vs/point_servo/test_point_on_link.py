@@ -1,4 +1,4 @@
-"""A point's depth by a body model's surface, on a link that slides along the optical axis."""
+"""A point by its link: its depth by a body model's surface, what features about it are off, postures for it."""
 
 import numpy as np
 import pytest
@@ -6,7 +6,7 @@ import pytest
 from dense_vs.body_model.chain import Chain
 from dense_vs.point_servo.body_features import BodyFeatures, FeatureState, Keyframe
 from dense_vs.point_servo.point_depth import PointDepth, witnessed
-from dense_vs.point_servo.point_on_link import POINT, PointOnLink
+from dense_vs.point_servo.point_on_link import POINT, PointOnLink, mean_about
 from dense_vs.point_servo.surface_place import SurfacePlace
 
 FOCAL, CENTER = 300.0, np.array([159.5, 119.5])
@@ -154,3 +154,17 @@ def test_features_about_the_point_tell_most_of_what_it_is_off():
     point.begin(places + off, np.tile(np.eye(2), (31, 1, 1)))
     point.place(numbers)
     assert point.astray(np.zeros(1))[0] > 0.25
+
+
+def test_features_to_one_side_of_the_point_tell_less_of_it():
+    """Beside their middle a mean is known as a line is beyond what it was fitted to: by the root of 1 + d^2 / r^2."""
+    places = np.array([[100.0, 50.0], [104.0, 50.0], [100.0, 54.0], [104.0, 54.0]])
+    off = np.array([[0.5, 0.0], [-0.5, 0.0], [0.5, 0.0], [-0.5, 0.0]])
+    directions = np.tile(np.eye(2), (4, 1, 1))
+    mean, error = mean_about(np.array([102.0, 52.0]), places, off, directions)
+    np.testing.assert_allclose(mean, 0.0, atol=1e-12)
+    assert error == pytest.approx(0.5 / np.sqrt(4))
+    beside = mean_about(np.array([102.0, 60.0]), places, off, directions)[1]
+    assert beside == pytest.approx(0.25 * np.sqrt(1 + 8.0**2 / 8.0), rel=0.05)  # weights differ a little
+    alike = mean_about(np.array([102.0, 60.0]), places[:1].repeat(4, axis=0), off, directions)[1]
+    assert alike == pytest.approx(0.25 * np.sqrt(1 + 10.0**2 + 2.0**2))  # an extent of at least 1 px
