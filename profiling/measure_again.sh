@@ -78,7 +78,8 @@ surfaces)
     # A view that fails is a result too, so its exit code ends nothing.
     measure surfaces surfaces --jobs "$(nproc)" --seeds 0,1,2 || true
     measure surfaces surfaces_7 --jobs "$(nproc)" --joints 7 --seconds 20 --arms panda,ur5e,baxter,fetch || true
-    cp "$out"/{surfaces,surfaces_7}.json "$results"
+    measure surfaces surfaces_other_arms --jobs "$(nproc)" --arms spot-arm,tiago --no-exact || true
+    cp "$out"/{surfaces,surfaces_7,surfaces_other_arms}.json "$results"
     ;;
 visp)
     measure visp_peer ibvs_peer --out "$out/visp_peer"
