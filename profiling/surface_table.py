@@ -8,8 +8,9 @@ from typing import Any
 from results_file import RESULTS, origin
 from surface_scores import OURS, REACHED_PX, Tally, ViewScore, mean_of, over_seeds, view_score
 
-# 4 joints after 10 s, 7 joints after 20 s, and the first on arms that nothing was tuned on
+# 4 joints after 10 s, 7 joints after 20 s, and the first on other arms
 FILES = ("surfaces", "surfaces_7", "surfaces_other_arms")
+ARMS = {"surfaces_other_arms": "Commercial arms that nothing was tuned on"}
 STOPPED = "the run was stopped early; what it had not come to, more often long ways as of lost points, is left out"
 HEAD = (
     "arm, camera",
@@ -75,7 +76,7 @@ def surface_lines() -> list[str]:
         views, told = list(map(view_score, content["rows"])), content["arguments"]
         seeds = told["seeds"].replace(",", ", ")
         lines += [
-            f"Commercial arms as they come and our own, first {told['joints']} joints, {told['seconds']:g} s of "
+            f"{ARMS.get(name, 'Commercial arms as they come and our own')}, first {told['joints']} joints, {told['seconds']:g} s of "
             f"babbling, targets over the whole range, seeds {seeds} (`profiling/surfaces.py`; {origin(content)})"
             + ("" if all(view.ended for view in views) else f"; {STOPPED}")
             + ":",
