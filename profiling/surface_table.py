@@ -75,8 +75,9 @@ def surface_lines() -> list[str]:
             continue
         views, told = list(map(view_score, content["rows"])), content["arguments"]
         seeds = told["seeds"].replace(",", ", ")
+        arms = ARMS.get(name, "Commercial arms as they come and our own")
         lines += [
-            f"{ARMS.get(name, 'Commercial arms as they come and our own')}, first {told['joints']} joints, {told['seconds']:g} s of "
+            f"{arms}, first {told['joints']} joints, {told['seconds']:g} s of "
             f"babbling, targets over the whole range, seeds {seeds} (`profiling/surfaces.py`; {origin(content)})"
             + ("" if all(view.ended for view in views) else f"; {STOPPED}")
             + ":",
