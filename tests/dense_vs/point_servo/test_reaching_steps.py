@@ -50,14 +50,14 @@ class Loop:
 class Arrival:
     """Settled after so many frames within a distance."""
 
-    def __init__(self, within=2.0, frames=3):
-        self.within, self.frames, self.seen, self.settled, self.close = within, frames, 0, False, True
-        self.given = []
+    def __init__(self, within=2.0, frames=3, close_from=0):
+        self.within, self.frames, self.close_from, self.given = within, frames, close_from, []
+        self.seen, self.settled, self.close = 0, False, True
 
     def observe(self, distance, *, blind=False):
         self.given.append((distance, blind))
         self.seen = self.seen + 1 if distance <= self.within and not blind else 0
-        self.settled = self.seen >= self.frames
+        self.settled, self.close = self.seen >= self.frames, self.seen >= self.close_from
 
 
 def point_tracker(lost=False):
@@ -89,33 +89,23 @@ def test_a_reach_ends_when_the_point_has_settled():
     assert arrival.given[:2] == [(9.0, False), (8.0, False)]
 
 
-def test_a_point_that_has_settled_comes_closer_for_some_frames_more():
-    loop, arrival = Loop(away=10.0), Arrival()
-    arrival.close = False
-    reach = Reaching(loop, arrival, 400).run()
-    assert (reach.end, reach.frames) == (ReachEnd.REACHED, 10 + 15)
-
-    class Nearing(Arrival):
-        def observe(self, distance, *, blind=False):
-            super().observe(distance, blind=blind)
-            self.close = self.seen >= 7
-
-    assert Reaching(Loop(away=10.0), Nearing(), 400).run().frames == 14
+@pytest.mark.parametrize(("close_from", "frames"), [(0, 10), (7, 14), (99, 10 + 15)])
+def test_a_point_that_has_settled_comes_closer_for_some_frames_more(close_from, frames):
+    reach = Reaching(Loop(away=10.0), Arrival(close_from=close_from), 400).run()
+    assert (reach.end, reach.frames) == (ReachEnd.REACHED, frames)
 
 
 @pytest.mark.parametrize(("frames", "end"), [(9, ReachEnd.MISSED), (10, ReachEnd.REACHED)])
 def test_a_reach_has_so_many_frames(frames, end):
     reach = Reaching(Loop(away=10.0), Arrival(), frames).run()
-    assert (reach.end, reach.frames, reach.uncertainty_px) == (end, frames, None)
-    assert reach.error_px == 10 - frames
+    assert (reach.end, reach.frames, reach.uncertainty_px, reach.error_px) == (end, frames, None, 10 - frames)
 
 
 def test_a_place_that_is_not_certain_is_waited_for_and_then_called_lost():
     loop = Loop(away=10.0)
     loop.certain = False
     reach = Reaching(loop, Arrival(), 400).run()
-    assert reach.end is ReachEnd.LOST
-    assert reach.frames == 9 + 45  # settled with the tenth, and then waited for
+    assert (reach.end, reach.frames) == (ReachEnd.LOST, 9 + 45)  # settled with the tenth, and then waited for
 
 
 def test_frames_at_the_target_count_though_it_is_left_between_them():

@@ -192,10 +192,11 @@ def experiment_of(scale=1.0):
         np.testing.assert_array_equal(delta, np.zeros(2))
         return SimpleNamespace(dq=next(one.steps, np.zeros(2)))
 
-    group = SimpleNamespace(names=("a", "b"))
+    group, frame = SimpleNamespace(names=("a", "b")), SimpleNamespace(gray=np.zeros((60, 110)))
     one.loop = SimpleNamespace(
-        define_point=lambda pixel, **options: one.events.append(("define", *pixel, options)), step=step, group=group
-    )
+        define_point=lambda pixel, **options: one.events.append(("define", *pixel, options)),
+        step=step, group=group, frame=frame,
+    )  # fmt: skip
     return one
 
 
