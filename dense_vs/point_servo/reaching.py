@@ -140,12 +140,12 @@ class Reaching:
     def _toward(self, posture: np.ndarray) -> np.ndarray:
         """Joint step ``(N,)`` straight to a posture, as long as the servo's longest and as the point may move by."""
         loop, tracker = self._loop, self._tracker
-        way = posture - loop.joints.newest
-        share = min(1.0, loop.servo.options.max_step / max(float(np.abs(way).max()), 1e-12))
+        way, longest = posture - loop.joints.newest, loop.servo.options.max_step
         if isinstance(tracker, BodyTracker) and not tracker.unseen:
             motion = float(np.linalg.norm(tracker.features.jacobian(POINT, loop.joints.newest) @ way))
-            share = min(share, FASTEST * loop.estimator.options.width / max(motion, 1e-12))
-        return loop.group.clip_step(way * share, loop.joints.newest)
+            share = FASTEST * loop.estimator.options.width / max(motion, 1e-12)
+            longest = min(longest, share * float(np.abs(way).max()))
+        return loop.group.step_toward(posture, loop.joints.newest, longest)
 
     def _find_again(self) -> bool:
         """Go back to the posture in which the point was defined, and look for it there; whether it is seen."""

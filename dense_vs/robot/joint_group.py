@@ -150,6 +150,11 @@ class JointGroup:
         vector[self.indices] = delta
         return vector
 
+    def step_toward(self, posture: np.ndarray, positions: np.ndarray, longest: float) -> np.ndarray:
+        """The step ``(n,)`` from ``positions`` straight toward a posture, in no joint longer than so much [rad, m]."""
+        way = posture - positions
+        return self.clip_step(way * min(1.0, longest / max(float(np.abs(way).max()), 1e-12)), positions)
+
     def clip_step(self, delta: np.ndarray, positions: np.ndarray) -> np.ndarray:
         """The step ``(n,)`` from ``positions``, cut at the limits; a joint beyond its limit is brought back."""
         if not self.limited:

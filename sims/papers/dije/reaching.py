@@ -228,9 +228,7 @@ class ReachingExperiment:
         loop = self.loop
 
         def toward() -> np.ndarray:
-            way = self._began - loop.joints.newest
-            share = min(1.0, loop.servo.options.max_step / max(float(np.abs(way).max()), BACK))
-            return loop.group.clip_step(share * way, loop.joints.newest)
+            return loop.group.step_toward(self._began, loop.joints.newest, loop.servo.options.max_step)
 
         for _ in range(MOST_BACK):
             loop.step(loop.when_due(toward))

@@ -10,6 +10,7 @@ from dense_vs.point_servo.body_tracker import BodyTracker
 from dense_vs.point_servo.reach import ReachEnd
 from dense_vs.point_servo.reaching import Reaching
 from dense_vs.point_servo.tracker import PointTracker
+from dense_vs.robot.joint_group import JointGroup
 
 WIDTH = 200
 
@@ -19,15 +20,14 @@ class Loop:
 
     def __init__(self, away=50.0, speed=1.0, tracker=None):
         self.estimator = SimpleNamespace(options=SimpleNamespace(width=WIDTH))
-        self.target, self.point = np.array([0.0, 0.0]), np.array([away, 0.0])
-        self.speed, self.tracker = speed, tracker or point_tracker()
-        self.certain = True
+        self.target, self.point, self.steps, self.found = np.zeros(2), np.array([away, 0.0]), [], []
+        self.speed, self.tracker, self.certain = speed, tracker or point_tracker(), True
         self.aim = SimpleNamespace(distance=lambda point: float(np.hypot(*point)), certain=lambda tracker: self.certain)
         self.joints = SimpleNamespace(newest=np.zeros(2), watch=SimpleNamespace(stuck=np.array([False, True])))
         self.group = SimpleNamespace(limits="limits", clip_step=lambda step, q: np.clip(step, -0.5, 0.5))
+        self.group.step_toward = lambda *way: JointGroup.step_toward(self.group, *way)
         self.servo = SimpleNamespace(options=SimpleNamespace(max_step=0.03))
-        self.frame = SimpleNamespace(positions=np.zeros(2))
-        self.faults, self.memory, self.steps, self.found = [], None, [], []
+        self.frame, self.faults, self.memory = SimpleNamespace(positions=np.zeros(2)), [], None
 
     def servo_step(self):
         return "servo"

@@ -38,6 +38,15 @@ def test_all_joints_without_limits_unless_told():
     np.testing.assert_array_equal(group.clip_step(step, np.zeros(3)), step)
 
 
+@pytest.mark.parametrize(("longest", "step"), [(0.2, [0.2, -0.1]), (0.6, [0.6, -0.3]), (9.0, [0.6, -0.3])])
+def test_a_step_toward_a_posture_is_straight_and_no_longer_than_the_way(longest, step):
+    group = JointGroup.choose(["shoulder", "elbow"], NAMES, limits=LIMITS)
+    posture, positions = np.array([0.7, -0.2]), np.array([0.1, 0.1])
+    np.testing.assert_allclose(group.step_toward(posture, positions, longest), step)
+    np.testing.assert_array_equal(group.step_toward(posture, posture, longest), 0.0)
+    np.testing.assert_allclose(group.step_toward(np.array([9.0, 0.0]), np.array([0.8, 0.0]), 9.0), [0.2, 0.0])
+
+
 def test_steps_end_at_the_limits_and_lead_back_to_them():
     group = JointGroup.choose(["shoulder", "elbow"], NAMES, limits=LIMITS)
     np.testing.assert_allclose(group.clip_step(np.array([0.5, 9.0]), np.array([0.8, 0.0])), [0.2, 9.0])
