@@ -1,7 +1,6 @@
 """The image of a body's surface at a posture, on the CPU's cores: what is in front at each pixel, and J there."""
 
 import threading
-from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -67,10 +66,14 @@ class SurfaceImage:
         self._positions, pixels = _memory(wp.vec3, count), _memory(wp.vec2i, count)
         self._depth = _memory(wp.float32, *size)
         self._nearest, between, self._index = (_memory(wp.int32, *size) for _ in range(3))
-        placed = [self._positions, pixels, self._depth]
-        self._launches = [
-            _launch(place_surface, count, [_copied(points, wp.vec3), self._links, *self._poses, *self._lens, *placed]),
-            _launch(take_front, count, [*placed, self._nearest]),
+        home, placed = _copied(points, wp.vec3), [self._positions, pixels, self._depth]
+        self._kept = home, placed  # as long as the recorded pointers
+        # One thread's each, as Warp's atomics on a CPU are not.
+        self._over_points = [
+            _recorded(place_surface, count, [home, self._links, *self._poses, *self._lens, *placed]),
+            _recorded(take_front, count, [*placed, self._nearest]),
+        ]
+        self._over_pixels = [
             self._pixels(fill_between, [self._positions, self._nearest, int(NONE), between]),
             self._pixels(fill_between, [self._positions, between, -1, self._index]),
         ]
@@ -87,7 +90,9 @@ class SurfaceImage:
                 memory.numpy()[...] = pose[0]
             self._depth.numpy().fill(FARTHEST)
             self._nearest.numpy().fill(NONE)
-            for launch in self._launches:
+            for command in self._over_points if len(self._positions) else ():
+                command.launch()
+            for launch in self._over_pixels:
                 launch()
             return FrontPoints(self._index.numpy().copy(), self._positions.numpy().copy())
 
@@ -131,15 +136,6 @@ def _copied(values: np.ndarray, dtype: Any) -> Any:
     return wp.array(np.asarray(values), dtype=dtype, device="cpu")
 
 
-def _launch(kernel: Any, count: int, arguments: list[Any]) -> Callable[[], None]:
-    """A launch over points, one thread's, as Warp's atomics on a CPU are not; ``arguments`` are kept alive."""
-    if not count:
-        return lambda: None
-    command: Any = wp.launch(kernel, count, inputs=arguments, device="cpu", record_cmd=True, record_tape=False)
-    kept = arguments  # as long as the recorded pointers
-
-    def launch() -> None:
-        assert kept
-        command.launch()
-
-    return launch
+def _recorded(kernel: Any, count: int, arguments: list[Any]) -> Any:
+    """A launch over points; ``arguments`` are to be kept alive. None over no points."""
+    return wp.launch(kernel, count, inputs=arguments, device="cpu", record_cmd=True, record_tape=False)
