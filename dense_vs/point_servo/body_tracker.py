@@ -28,7 +28,7 @@ FIRST_FEATURES = 180  # in the image in which the point is defined
 MOST_FEATURES = 600  # from which those that no keyframe holds are forgotten
 AROUND = 3  # known features around a young one, which it is taken along with
 HELD, OTHERS_HELD = 3, 5  # images, in one of which a feature of the point's link, or another's, is held to its look
-KEYFRAME_MOTION = 10.0  # px that a feature moves by between keyframes
+KEYFRAME_MOTION = 15.0  # px that a feature moves by between keyframes
 GATE = 2.0  # px from where its link's features are, at which one is given up
 ALIKE = 0.87  # correlation from :data:`LIKE` to which the point's own look comes to count
 OWN_DRIFT = 0.5  # px, standard deviation of the place by the own look at least
@@ -279,14 +279,15 @@ class BodyTracker:
         """The place as the point's own look corrects it."""
         _, affine, by_depth = self.on_link.view(q[None])
         covariance = self._covariance(by_depth[0], spread)
-        found, correlation, as_expected = self._look.seen(gray, place, affine[0], covariance)
-        share = float(np.clip((correlation - LIKE) / (ALIKE - LIKE), 0, 1))
-        counts = correlation >= (ALIKE if self.held else SURE)
-        deviation = max(OWN_SHARE * self._look.drift(correlation), OWN_DRIFT) if counts else np.inf
-        self._own = OwnLook(correlation, deviation, OFF_SHARE * share * float(np.linalg.norm(found - place)))
-        if share > 0 and as_expected:
-            self._sighting = found
-        return place + TRUST * share * (found - place)
+        seen = self._look.seen(gray, place, affine[0], covariance)
+        share = float(np.clip((seen.correlation - LIKE) / (ALIKE - LIKE), 0, 1))
+        counts = seen.correlation >= (ALIKE if self.held else SURE)
+        deviation = max(OWN_SHARE * seen.drift, OWN_DRIFT) if counts else np.inf
+        apart = OFF_SHARE * share * float(np.linalg.norm(seen.place - place))
+        self._own = OwnLook(seen.correlation, deviation, apart)
+        if share > 0 and seen.as_expected:
+            self._sighting = seen.place
+        return place + TRUST * share * (seen.place - place)
 
     def _covariance(self, by_depth: np.ndarray, aside: float) -> np.ndarray:
         """Of the expected place [px^2], by the depth and by what else may be off [px]."""

@@ -2,8 +2,11 @@
 
 The body's chain says how the surface has turned since, so the look is compared as it has to appear by now, and only its
 place is sought: near where the chain expects it, mostly along the line that the point's unknown depth leaves open.
-Known so, a look is found again at postures at which a patch compared as it was no longer is.
+Known so, a look is found again at postures at which a patch compared as it was no longer is. What is around a point
+need not be one plane: where the whole look is not seen, its middle may be.
 """
+
+from dataclasses import dataclass
 
 import cv2
 import numpy as np
@@ -22,6 +25,25 @@ LEAST_ALIGNED = 0.85  # correlation from which the chain is right about that
 SHIFT = 2  # px, by which a look is compared with itself
 LIKE = 0.8  # correlation from which the look is seen turned as the chain says
 LEAST_SCALE, MOST_SCALE = 0.4, 2.5  # by which the look may have shrunk or grown in any direction
+MIDDLE = 11  # px, side of the look's middle; of 60 ends on commercial arms 4 more are known by it than by 25 px alone
+LEAST_MIDDLE = 0.85  # correlation from which that is seen: it is less distinct
+
+
+@dataclass(frozen=True)
+class Sighting:
+    """Where a look is seen.
+
+    Attributes:
+        place: ``(2,)`` [px].
+        correlation: with the look; -1 where it cannot be seen.
+        drift: standard deviation of the place [px], see :meth:`PointLook.drift`.
+        as_expected: whether it is turned as the chain says.
+    """
+
+    place: np.ndarray
+    correlation: float
+    drift: float
+    as_expected: bool
 
 
 class PointLook:
@@ -32,6 +54,9 @@ class PointLook:
         point: ``(2,)`` [px].
         same: bool ``(H, W)``, pixels that move as the point does; others do not count.
         window: side of the look [px], odd.
+
+    Attributes:
+        middle: look of :data:`MIDDLE` px around the same point; None where this one is no larger.
     """
 
     def __init__(self, gray: np.ndarray, point: np.ndarray, same: np.ndarray | None, window: int):
@@ -51,6 +76,7 @@ class PointLook:
         self._weights, self._weighted = weights.astype(np.float32), (weights * look).astype(np.float32)
         self._contrast = float(np.sqrt(np.sum(weights * look**2)))
         self.distinctness = self._distinctness(gray, np.asarray(point, dtype=np.float64))
+        self.middle = PointLook(gray, point, same, MIDDLE) if window > MIDDLE else None
 
     def _distinctness(self, gray: np.ndarray, point: np.ndarray) -> float:
         """What correlation loses by a shift of :data:`SHIFT` px in the direction in which it loses least."""
@@ -111,18 +137,22 @@ class PointLook:
         found, alike = self.turned(gray, place, affine, ALIGNED)
         return (found, max(alike, float(correlation[best]))) if alike > 0 else (place, float(correlation[best]))
 
-    def seen(
-        self, gray: np.ndarray, expected: np.ndarray, affine: np.ndarray, covariance: np.ndarray
-    ) -> tuple[np.ndarray, float, bool]:
-        """As :meth:`found`, or else turned otherwise, and whether it is seen as the chain has it turned.
+    def seen(self, gray: np.ndarray, expected: np.ndarray, affine: np.ndarray, covariance: np.ndarray) -> Sighting:
+        """As :meth:`found`, or else turned otherwise, or else its middle alone.
 
         A surface that was seen aslant is turned otherwise than one that faced the camera.
         """
         found, correlation = self.found(gray, expected, affine, covariance)
         if correlation >= LIKE:
-            return found, correlation, True
+            return Sighting(found, correlation, self.drift(correlation), True)
         other, alike = self.turned(gray, expected, affine)
-        return (other, alike, False) if alike > 0 else (found, correlation, False)
+        if alike > 0:
+            return Sighting(other, alike, self.drift(alike), False)
+        if self.middle is not None:
+            place, alike = self.middle.found(gray, expected, affine, covariance)
+            if alike >= LEAST_MIDDLE:
+                return Sighting(place, alike, self.middle.drift(alike), True)
+        return Sighting(found, correlation, self.drift(correlation), False)
 
     def turned(
         self, gray: np.ndarray, place: np.ndarray, affine: np.ndarray, most: float = TURNED

@@ -75,8 +75,8 @@ def test_features_are_held_to_their_first_looks(monkeypatch):
     assert seen[1:] == [([1, 2, 4, 5, 6, 7, 8], [1, 3, 4, 5, 7, 8]), ([2, 4, 5, 6, 7, 8], [1, 3, 4, 5, 6, 7, 8])]
 
 
-@pytest.mark.parametrize(("motion", "kept"), [(9.9, False), (10.1, True)])
-def test_a_keyframe_is_taken_when_a_feature_of_the_link_has_moved_by_ten_pixels(monkeypatch, motion, kept):
+@pytest.mark.parametrize(("motion", "kept"), [(14.9, False), (15.1, True)])
+def test_a_keyframe_is_taken_when_a_feature_of_the_link_has_moved_by_fifteen_pixels(monkeypatch, motion, kept):
     at = np.array([[0, 0], [10, 10], [20, 10], [30, 10], [40, 10]], float)
     features = Features(at, [[0, 0], [motion, 0], [0, motion / 2], [0, 0], [30, 0]], links=[1, 1, 1, 1, 0])
     carrying(monkeypatch, 0.0, [True] * 4)
@@ -212,7 +212,7 @@ def alone(monkeypatch, rate):
 
 
 def test_a_part_of_what_a_keyframe_asks_for_is_done_in_each_image(monkeypatch):
-    tracker = alone(monkeypatch, 11.0)
+    tracker = alone(monkeypatch, 16.0)
     done = []
 
     def keep(gray, q, directions):
@@ -311,12 +311,12 @@ def test_a_link_of_which_hardly_anything_is_seen_gets_features_about_the_point(m
 
 
 def test_a_keyframe_is_due_as_the_point_moves_where_nothing_else_of_its_link_is_seen(monkeypatch):
-    tracker = alone(monkeypatch, 3.0)
+    tracker = alone(monkeypatch, 4.5)
     kept = []
     tracker._keep = lambda gray, q, directions: kept.append(q[0])
     for q in (1.0, 3.3, 3.4):
         tracker.update(GRAY, [q])
-    assert kept == [3.4]  # 10.2 px
+    assert kept == [3.4]  # 15.3 px
 
 
 @pytest.mark.parametrize(

@@ -132,8 +132,11 @@ def test_its_own_look_corrects_a_point_whose_depth_is_known(held):
     np.testing.assert_allclose(tracker.point, place + np.array([3.0, 4.0]))
 
 
-def looking(found, turned):
-    """A tracker at (10, 20) whose look is found 1 px away, and turned at (10, 24), with these correlations."""
+def looking(found, turned, middle=None):
+    """A tracker at (10, 20) whose look is found 1 px away, and turned at (10, 24), with these correlations.
+
+    Its middle is found 2 px away.
+    """
     asked = []
     look = SimpleNamespace(
         found=lambda gray, place, affine, covariance: (
@@ -141,6 +144,11 @@ def looking(found, turned):
         ),
         turned=lambda gray, place, affine: (place + np.array([0, 4]), turned),
         drift=lambda correlation: 10 * (1 - correlation),
+        middle=middle
+        and SimpleNamespace(
+            found=lambda gray, place, affine, covariance: (place + np.array([0, 2]), middle),
+            drift=lambda correlation: 20 * (1 - correlation),
+        ),
     )
     look.seen = MethodType(PointLook.seen, look)
     views = (np.zeros((1, 2)), np.array([[[1.0, 2.0], [3.0, 4.0]]]), np.array([[30.0, 40.0]]))
@@ -184,6 +192,27 @@ def test_beside_features_of_its_own_image_a_look_that_is_less_alike_counts(found
     tracker.held = True
     tracker._by_look(np.zeros(1), GRAY, np.array([10.0, 20.0]), 0.5)
     assert tracker._own.deviation == pytest.approx(own)
+
+
+@pytest.mark.parametrize(
+    ("found", "turned", "middle", "place", "own", "correlation"),
+    [
+        (0.79, -1.0, 0.95, [10, 21], 0.7 * 1.0, 0.95),  # seen where the whole look is not, with a drift of its own
+        (0.79, -1.0, 0.85, [10, 20 + 5 / 7], np.inf, 0.85),
+        (0.79, -1.0, 0.84, [10, 20], np.inf, 0.79),
+        (0.79, 0.95, 0.99, [10, 22], 0.5, 0.95),  # the whole look tells more, also where it is turned otherwise
+        (0.99, -1.0, 1.00, [10.3, 19.6], 0.5, 0.99),
+    ],
+)
+def test_the_middle_of_the_own_look_counts_where_the_whole_is_not_seen(found, turned, middle, place, own, correlation):
+    tracker, _ = looking(found, turned, middle)
+    tracker.held = True
+    corrected = tracker._by_look(np.zeros(1), GRAY, np.array([10.0, 20.0]), 0.5)
+    np.testing.assert_allclose(corrected, place, atol=1e-9)
+    assert tracker._own.deviation == pytest.approx(own)
+    assert tracker.correlation[0] == np.float32(correlation)
+    by_middle = correlation == middle
+    assert (tracker._sighting is None) == (not by_middle and found < 0.8)
 
 
 @pytest.mark.parametrize(("deviation", "left_open"), [(0.1, 0.15), (0.04, 0.06), (0.02, 0.05), (0.001, 0.05)])

@@ -91,3 +91,20 @@ def test_a_plain_surface_has_no_look():
     plain = np.full(SIZE[::-1], 90, np.uint8)
     assert PointLook(plain, POINT, None, WINDOW).found(texture(), POINT, np.eye(2), WIDE)[1] == -1
     assert abs(PointLook(texture(), POINT, None, WINDOW).found(plain, POINT, np.eye(2), WIDE)[1]) < 0.1
+
+
+def test_where_only_the_middle_is_of_the_same_plane_it_is_seen_by_that():
+    """Around 15 px of the surface that the point is on lies another, which is elsewhere by now."""
+    gray, there = texture(), POINT + np.array([2.0, 1.0])
+    y, x = np.mgrid[: gray.shape[0], : gray.shape[1]]
+    own = np.maximum(abs(x - there[0]), abs(y - there[1])) <= 7
+    later = np.where(own, np.roll(gray, (1, 2), axis=(0, 1)), texture(7)).astype(np.uint8)
+    look = PointLook(gray, POINT, None, 25)
+    assert look.found(later, POINT, np.eye(2), WIDE)[1] < 0.8
+    seen = look.seen(later, POINT, np.eye(2), WIDE)
+    np.testing.assert_allclose(seen.place, there, atol=0.2)
+    assert seen.as_expected and seen.correlation > 0.9
+    assert seen.drift == look.middle.drift(seen.correlation)
+    small = PointLook(gray, POINT, None, 11)
+    assert small.middle is None
+    assert look.middle.found(later, POINT, np.eye(2), WIDE)[1] == small.found(later, POINT, np.eye(2), WIDE)[1]
