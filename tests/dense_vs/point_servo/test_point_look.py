@@ -103,7 +103,8 @@ def test_where_only_the_middle_is_of_the_same_plane_it_is_seen_by_that():
     assert look.found(later, POINT, np.eye(2), WIDE)[1] < 0.8
     seen = look.seen(later, POINT, np.eye(2), WIDE)
     np.testing.assert_allclose(seen.place, there, atol=0.2)
-    assert seen.as_expected and seen.correlation > 0.9
+    assert seen.as_expected
+    assert seen.correlation > 0.9
     assert seen.drift == look.middle.drift(seen.correlation)
     small = PointLook(gray, POINT, None, 11)
     assert small.middle is None
