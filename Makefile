@@ -9,10 +9,10 @@ TESTS ?= -n 2 --dist loadscope
 .DELETE_ON_ERROR:
 
 demo: $(VENV)/.sims
-	$(RUN)/dense-vs reach --robot arm --targets 5 --seed 0 --out out/demo
+	$(RUN)/dense-vs reach --robot painted --targets 5 --seed 0 --out out/demo
 
 live: $(VENV)/.live
-	$(RUN)/dense-vs live --robot arm
+	$(RUN)/dense-vs live --robot painted --samples 1
 
 arms: $(VENV)/.sims
 	$(RUN)/dense-vs arms panda ur5e baxter fetch

@@ -31,7 +31,7 @@ PICTURES = os.environ.get("DENSE_VS_SCREENSHOTS")
 
 @pytest.fixture(scope="module")
 def world():
-    return SimWorld("arm", seed=3, height=HEIGHT, width=WIDTH)
+    return SimWorld("painted", seed=3, height=HEIGHT, width=WIDTH, samples=1)
 
 
 @pytest.fixture(scope="module")
