@@ -49,7 +49,7 @@ def test_every_pattern_in_every_codec(tmp_path, name, codec, options):
     path = encode(tmp_path / f"video.{suffix}", shown_images(new, 1.5), codec, options=options)
     found, repeated = kept([image for image, _ in VideoReader(path)])
     wrong = sum(bool(f) != bool(n) for f, n in zip(found, new, strict=True))
-    assert wrong <= 2
+    assert wrong <= 3  # with one thread x264 shifts blocks of three repetitions, with more of two
     trailing = new[::-1].index(1)  # repetitions at the end, of which no later image tells
     assert abs(repeated - (new.count(0) - trailing)) <= 2
 
