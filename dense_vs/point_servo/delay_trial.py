@@ -1,7 +1,9 @@
 """A delay that one motion told is on trial: the motions that follow decide between it and the delay before.
 
-One motion that J explains badly can look like an image of another time by chance. If it was chance, the motions after
-it agree with the delay before; where motion is so even that both explain it alike, they go on being compared.
+One motion that J explains badly can look like an image of another time by chance. So the delay is not taken out before
+the next motion has been asked, as J is unlearned by joint steps of another time: where that one speaks for the delay
+before, it was chance. If it was chance nonetheless, the motions after it agree with the delay before; where motion is
+so even that both explain it alike, they go on being compared.
 """
 
 import numpy as np
@@ -21,15 +23,21 @@ class DelayTrial:
         before: delay until then [s].
         now: delay on trial [s].
         since: time of the image that told it [s].
+
+    Attributes:
+        taken: whether the delay on trial has been taken out.
     """
 
     def __init__(self, before: float, now: float, since: float):
         self.before, self.now, self.since = before, now, since
+        self.taken = False
         self._waiting: list[Motion] = []  # for their readings
         self._left: list[np.ndarray] = []  # shares that either leaves unexplained, (2,) each
 
     def judge(self, motion: Motion | None, times: np.ndarray, positions: np.ndarray) -> float | None:
         """The delay that explains the motions since better [s]; None until that is known.
+
+        Until the delay on trial is taken, one motion decides, and has to speak clearly to be against it.
 
         Args:
             motion: of the newest image; None where there is none.
@@ -41,9 +49,11 @@ class DelayTrial:
         delays = np.array([self.before, self.now])
         while self._waiting and self._waiting[0].end + delays.max() <= times[-1] + 1e-6:
             self._compare(self._waiting.pop(0), delays, times, positions)
-        if len(self._left) < LEAST_MOTIONS:
+        if len(self._left) < (LEAST_MOTIONS if self.taken else 1):
             return None
         before, now = np.mean(self._left, axis=0)
+        if not self.taken:
+            return self.before if before < CLEAR * now else self.now
         if len(self._left) < MOST_MOTIONS and min(before, now) > CLEAR * max(before, now):
             return None
         return self.before if before < now else self.now

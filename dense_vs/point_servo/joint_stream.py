@@ -139,9 +139,11 @@ class JointStream:
         newest = check.last if check.last is not None and check.last.end == frame.time else None
         if (slip := self._find_gain(newest)) is not None:
             return slip
+        if (decided := self._try(newest)) is not None:
+            return decided
         if any(fault.kind is FaultKind.MISFIT for fault in frame.faults):
             return self._find_change(list(check.recent))
-        return self._confirm(newest)
+        return None
 
     def _find_gain(self, motion: Motion | None) -> tuple[Fault, float] | None:
         """A joint that moves by another share of its readings than until now, which is taken out of what is kept."""
@@ -183,14 +185,19 @@ class JointStream:
         if found is None or abs(found - self.delay) < 0.4 * frame_time:
             return None
         self._trial = None if motions else DelayTrial(self.delay, found, first.end)
-        return self._changed(found), first.end
+        return (self._changed(found), first.end) if motions else None
 
-    def _confirm(self, motion: Motion | None) -> tuple[Fault, float] | None:
-        """Back from a delay that a single motion told, where the motions since agree with the one before it."""
-        if self._trial is None or (better := self._trial.judge(motion, *self._buffer.readings())) is None:
+    def _try(self, motion: Motion | None) -> tuple[Fault, float] | None:
+        """To a delay that a single motion told where the next agrees, and back where those after that do not."""
+        trial = self._trial
+        if trial is None or (better := trial.judge(motion, *self._buffer.readings())) is None:
             return None
-        trial, self._trial = self._trial, None
-        return (self._changed(better), trial.since) if better == trial.before else None
+        if trial.taken or better == trial.before:
+            self._trial = None
+        if trial.taken == (better == trial.now):
+            return None
+        trial.taken = True
+        return self._changed(better), trial.since
 
     def _changed(self, delay: float) -> Fault:
         self.delay = delay

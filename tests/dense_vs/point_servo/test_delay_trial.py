@@ -1,4 +1,6 @@
-"""A delay that one motion told stays only where the motions after it agree; by hand and in the stream of readings."""
+"""A delay that one motion told is taken where the next agrees, and stays where those after it do; by hand and in the
+stream of readings.
+"""
 
 from types import SimpleNamespace
 
@@ -31,6 +33,7 @@ def test_the_motions_since_decide(seed, true, told):
     robot, rng = Path(seed), np.random.default_rng([seed, 7])
     other = {1: -1, -1: 1, -2: 0, 5: 0, -5: 0, 3: 0}[told]
     trial = DelayTrial(other * FRAME, told * FRAME, 100 * FRAME)
+    trial.taken = True
     for k in range(101, 180):
         known = (k + 0.1) * FRAME >= TIMES  # as a stream has them: later ones come later
         better = trial.judge(motion_at(robot, k, true, rng), TIMES[known], robot.path[known])
@@ -43,6 +46,7 @@ def test_the_motions_since_decide(seed, true, told):
 def test_motions_before_it_and_those_of_a_robot_at_rest_say_nothing():
     robot, rng = Path(2), np.random.default_rng(7)
     trial = DelayTrial(0.0, -2 * FRAME, 100 * FRAME)
+    trial.taken = True
     for k in range(60, 101):  # the last of them ends with the image that told it
         assert trial.judge(motion_at(robot, k, 0, rng), TIMES, robot.path) is None
     still = np.full_like(robot.path, 0.1)
@@ -57,13 +61,37 @@ def test_even_motion_that_both_explain_alike_is_decided_at_last():
     robot, rng = Path(2), np.random.default_rng(7)
     robot.path = np.outer(np.arange(200), np.full(JOINTS, 0.01))
     trial = DelayTrial(0.0, -2 * FRAME, 100 * FRAME)
+    trial.taken = True
     decided = [trial.judge(motion_at(robot, k, 0, rng), TIMES, robot.path) for k in range(101, 161)]
     assert decided[:-1] == [None] * 59
     assert decided[-1] in (0.0, -2 * FRAME)
 
 
-@pytest.mark.parametrize("true", [0, -2])
-def test_a_stream_goes_back_from_a_delay_that_was_chance(monkeypatch, true):
+@pytest.mark.parametrize(("true", "told"), [(0, -2), (-2, -2), (0, 5)])
+def test_one_motion_decides_whether_a_delay_is_taken(true, told):
+    robot, rng = Path(3), np.random.default_rng(7)
+    trial = DelayTrial(0.0, told * FRAME, 100 * FRAME)
+    known = TIMES <= 107 * FRAME
+    assert trial.judge(None, TIMES[known], robot.path[known]) is None
+    assert trial.judge(motion_at(robot, 100, true, rng), TIMES[known], robot.path[known]) is None  # that told it
+    assert trial.judge(motion_at(robot, 101, true, rng), TIMES[known], robot.path[known]) == true * FRAME
+
+
+def test_even_motion_speaks_against_no_delay_that_is_not_yet_taken():
+    robot, rng = Path(2), np.random.default_rng(7)
+    robot.path = np.outer(np.arange(200), np.full(JOINTS, 0.01))
+    trial = DelayTrial(0.0, -2 * FRAME, 100 * FRAME)
+    assert trial.judge(motion_at(robot, 101, 0, rng), TIMES, robot.path) == -2 * FRAME
+
+
+@pytest.mark.parametrize(
+    ("true", "next_like", "taken", "back"),
+    [(-2, -2, True, False), (0, 0, False, False), (0, -2, True, True)],
+    ids=["it is late", "chance", "chance twice"],
+)
+def test_a_stream_takes_a_delay_that_the_next_motion_agrees_with_and_goes_back(
+    monkeypatch, true, next_like, taken, back
+):
     robot, rng = Path(3), np.random.default_rng(7)
     group = JointGroup.choose(NAMES, NAMES)
     stream = JointStream(robot, group, JointWatch(NAMES, np.full(JOINTS, 0.1)), 0.0)
@@ -72,7 +100,7 @@ def test_a_stream_goes_back_from_a_delay_that_was_chance(monkeypatch, true):
     for k in range(1, 140):
         robot.time = k * FRAME
         stream.read(robot.time)
-        motion = motion_at(robot, k, true, rng)
+        motion = motion_at(robot, k, next_like if k == 101 else true, rng)
         check.judge(motion.flow, motion.jacobian, robot.at(robot.time), motion.begin, motion.end)
         if k == 100:
             check.recent.append(motion)
@@ -80,14 +108,17 @@ def test_a_stream_goes_back_from_a_delay_that_was_chance(monkeypatch, true):
         if (changed := stream.judge_motion(frame, check)) is not None:
             changes.append((k, *changed))
             check.forget_doubt()
-    (first, told, since), *back = changes
-    assert (first, since, stream.delay) == (100, 100 * FRAME, true * FRAME)
-    assert "images come 0.067 s later" in told.text
-    if true == 0:
-        ((when, said, since),) = back  # once
+        if k == 100:
+            assert stream.delay == 0.0  # not before another motion
+    assert stream.delay == true * FRAME
+    assert len(changes) == taken + back
+    if taken:
+        (first, told, since), *_ = changes
+        assert (first, since) == (101, 100 * FRAME)
+        assert "images come 0.067 s later" in told.text
+    if back:
+        when, said, since = changes[1]
         assert when >= 108
         assert since == 100 * FRAME  # all images from that one on are meant
         assert said.text == "images come when their stamps say again"
         assert (said.kind, said.stops) == (FaultKind.LATE, False)
-    else:
-        assert not back
