@@ -17,6 +17,7 @@ WORK_WIDTH = 320  # px; wider images are averaged down to it, which also average
 BLOCK = 16  # px
 IDENTICAL = 0.02  # mean difference of gray levels below which nothing was encoded anew
 SURE_DIFFERENCE = 2.5  # mean difference of gray levels that no encoder makes of the same image
+# A coarse x264 with one thread shifts whole blocks of a repetition, to ratios of 13 and shares of 0.95: not told here.
 UNEVEN = 4.5  # ratio of the strongest blocks' difference to the median one's; re-encoding made up to 3.8
 LEAST_UNEVEN = 3.0  # gray levels; an encoder that improves a few blocks of the same image made up to 1.9
 EXPLAINED = 0.65  # share of the strongest blocks' difference that a displacement explains; re-encoding up to 0.57

@@ -46,12 +46,22 @@ def kept(images):
 def test_every_pattern_in_every_codec(tmp_path, name, codec, options):
     new = pattern(name, 45)
     suffix = "webm" if "vp9" in codec else "mp4"
+    options = options | {"threads": "2"}  # else as many as the machine has: x264 makes another video of each number
     path = encode(tmp_path / f"video.{suffix}", shown_images(new, 1.5), codec, options=options)
     found, repeated = kept([image for image, _ in VideoReader(path)])
     wrong = sum(bool(f) != bool(n) for f, n in zip(found, new, strict=True))
-    assert wrong <= 3  # with one thread x264 shifts blocks of three repetitions, with more of two
+    assert wrong <= 2
     trailing = new[::-1].index(1)  # repetitions at the end, of which no later image tells
     assert abs(repeated - (new.count(0) - trailing)) <= 2
+
+
+@pytest.mark.xfail(strict=True, reason="coarse x264 with one thread shifts blocks of repetitions, as motion does")
+def test_a_pattern_that_one_thread_of_a_coarse_encoder_hides(tmp_path):
+    new = pattern("24 in 30", 45)
+    options = {"crf": "30", "bf": "3", "threads": "1"}
+    path = encode(tmp_path / "video.mp4", shown_images(new, 1.5), "libx264", options=options)
+    found, _ = kept([image for image, _ in VideoReader(path)])
+    assert sum(bool(f) != bool(n) for f, n in zip(found, new, strict=True)) <= 2
 
 
 @pytest.mark.parametrize("noise", [0.5, 1.6], ids=["mean 0.4", "mean 1.3"])
