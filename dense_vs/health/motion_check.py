@@ -18,7 +18,10 @@ LEAST_PLACES = 12
 KNOWN = 60  # judgments until it is known what is usual
 TRUSTED = 0.15  # usual share above which J is known too badly to judge by
 LEAST_SHARE = 0.5  # that counts where J has to follow the robot to new postures
-BABBLING_SHARE = 0.3  # the same while J is learned: by 0.2, motion in directions that J is not known in was left out
+BABBLING_SHARE = 0.2  # the same about a posture where J has been learned
+LEFT_OUT_SHARE = (
+    0.3  # at least, of what is left out: below, J may not be known yet in that direction, and has to learn it
+)
 TIMES_USUAL = 4.0
 USUAL = 0.05  # weight of the newest judgment
 GIVEN_UP = (
@@ -74,6 +77,7 @@ class MotionCheck:
         """Begin to judge anew, by what is usual, as after a delay was taken out."""
         self.recent.clear()
         self._since = self._sound = self._wrong = 0
+        self._grave = False  # whether it is more than J that is known too little
 
     def judge(
         self, flow: np.ndarray, jacobian: np.ndarray, span: np.ndarray, begin: float = 0.0, end: float = 0.0
@@ -104,6 +108,7 @@ class MotionCheck:
         wrong = known and self.usual is not None and self.share > max(self.least_share, TIMES_USUAL * self.usual)
         if wrong and not self.recent:
             self.recent.append(motion)
+        self._grave = self._grave or (wrong and self.share > LEFT_OUT_SHARE)
         if self.recent:
             return self._doubted(wrong)
         self._judged += 1
@@ -122,6 +127,8 @@ class MotionCheck:
             self.forget_doubt()
             return None
         if not wrong:
-            return Fault(FaultKind.MISFIT, "motion was not the joints' a moment ago", stops=False)
+            return Fault(FaultKind.MISFIT, "motion was not the joints' a moment ago", stops=False, holds=self._grave)
         text = f"a share of {self.share:.2f} of the motion is not the joints'; {self.usual:.2f} is usual"
-        return Fault(FaultKind.MISFIT, text, stops=self._wrong > 1)  # the first may be chance
+        return Fault(
+            FaultKind.MISFIT, text, stops=self._grave and self._wrong > 1, holds=self._grave
+        )  # one may be chance

@@ -17,7 +17,6 @@ from dense_vs.arrays import plain_array, real_vector
 from dense_vs.body.self_body import SelfBody
 from dense_vs.checks import check_flag, check_number, check_pair, check_whole
 from dense_vs.errors import DenseVSError
-from dense_vs.flow.camera_motion import CameraMotion
 from dense_vs.flow.estimator import FlowEstimator, to_gray
 from dense_vs.health.faults import Fault, check_faults
 from dense_vs.health.image_watch import ImageWatch
@@ -256,14 +255,13 @@ class FramePipeline:
         """Take a frame that has one before it."""
         first, gray, q = self._corrected, shown.gray, shown.positions
         assert first is not None
-        dq, span = q - last.positions, q - first.positions
+        dq, span, step = q - last.positions, q - first.positions, q - self._moved_to
         # The images alone are kept, not the frame before, which keeps its own.
         calculate = cache(partial(self.flow, last.gray, gray))
         followed = partial(replace, shown, dq=dq, _calculate=calculate)
         if self.before_update is not None:
             self.before_update(shown.time, calculate(), dq)
         self._span_frames += 1
-        step = q - self._moved_to
         if self.still is not None and (np.abs(step) < self.still).all():
             return followed()
         moved_since = not np.array_equal(self._moved_to, first.positions)
@@ -282,13 +280,14 @@ class FramePipeline:
             judged = raw if self.prior is not None and self.prior.doubtful else flow
             fault = self.check.judge(judged[rows, columns], self._on_grid(), span, first.time, shown.time)
         if fault is not None:
-            self.estimator.predict(step, shown.depth)
-            if self.prior is not None:
-                self.prior.draw(self.estimator, q)
-            return self._begin_span(followed(faults=(*shown.faults, fault)))
-        motion = self._camera_motion(flow, span)
-        flow = flow if motion is None else motion.taken_out(flow)
-        flow = flow if self.camera_sway is None else self._uncovered(flow, q, span)
+            followed = partial(followed, faults=(*shown.faults, fault))
+            if fault.holds:
+                self.estimator.predict(step, shown.depth)
+                if self.prior is not None:
+                    self.prior.draw(self.estimator, q)
+                return self._begin_span(followed())
+        if self.camera_sway is not None:
+            flow = self._uncovered(self._without_sway(flow, span, self.camera_sway), q, span)
         self.estimator.update(flow, step, span if moved_since else None, shown.depth)
         if self.prior is not None:
             self.prior.correct(self.estimator, q, flow, span)
@@ -320,15 +319,14 @@ class FramePipeline:
         options = self.estimator.options
         return bool(0 <= x < options.width and 0 <= y < options.height and self.hidden[y, x])
 
-    def _camera_motion(self, flow: np.ndarray, span: np.ndarray) -> CameraMotion | None:
-        """The camera's motion that is to be taken out of a flow; J has been moved with it."""
-        if self.camera_sway is None:
-            return None
+    def _without_sway(self, flow: np.ndarray, span: np.ndarray, sway: CameraSway) -> np.ndarray:
+        """A flow without the camera's motion; J has been moved with it."""
         columns, rows = self._grid.astype(int).T
-        motion = self.camera_sway.observe(self._grid, flow[rows, columns], self._on_grid(), span)
-        if motion is not None:
-            self.camera_sway.carry(motion, self.estimator)
-        return motion
+        motion = sway.observe(self._grid, flow[rows, columns], self._on_grid(), span)
+        if motion is None:
+            return flow
+        sway.carry(motion, self.estimator)
+        return motion.taken_out(flow)
 
     def _begin_span(self, frame: ProcessedFrame) -> ProcessedFrame:
         """Let the next flow begin at this frame."""

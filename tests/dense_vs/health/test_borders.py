@@ -120,6 +120,21 @@ def test_doubt_lasts_until_six_motions_in_a_row_are_sound():
     assert check.usual == pytest.approx(0.0)  # nothing of it has become usual
 
 
+@pytest.mark.parametrize(("share", "left_out"), [(0.29, False), (0.31, True)])
+def test_motion_that_a_j_known_too_little_may_explain_is_said_and_learned(share, left_out):
+    """From three tenths on nothing is learned, of the motions after it either, until it is believed again."""
+    check = known()
+    check.least_share = 0.2
+    faults = [judged(check, one) for one in (share, share, 0.0, 0.25)]
+    assert [fault.holds for fault in faults] == [left_out] * 4
+    assert [fault.stops for fault in faults] == [False, left_out, False, False]
+    assert len(check.recent) == 4
+    later = [judged(check, one) for one in (0.9, 0.9, 0.0)]
+    assert [(fault.holds, fault.stops) for fault in later] == [(True, True), (True, True), (True, False)]
+    check.forget_doubt()
+    assert not judged(check, 0.25).holds
+
+
 def test_after_sixty_motions_it_is_the_robot_that_has_changed():
     check = known()
     faults = [judged(check, 0.9) for _ in range(61)]
