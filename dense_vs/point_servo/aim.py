@@ -99,7 +99,12 @@ class Aim:
             moved: ``(N,)`` joint step since [rad].
             positions: ``(N,)`` joint positions [rad].
             held: bool ``(N,)``, joints that stay.
+
+        Raises:
+            DenseVSError: there is no target yet.
         """
+        if self.target is None:
+            raise DenseVSError("no target is set; expected reach() first")
         J = jacobian if self._pixels_per_meter is None else self._estimator.at(point, depth=True)[0]  # DIJE (16)
         place = self._place(point) + J @ moved
         return servo(J, place, self.target, positions, held=held, pixels_per_meter=self._pixels_per_meter)

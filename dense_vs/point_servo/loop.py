@@ -53,15 +53,14 @@ class ServoLoop:
         babbling: the motion before J is known; the default unless given.
         scale: factor on the image size.
         threads, device, depth: of an estimator made here; with depth the camera is a :class:`DepthCamera`.
-        command_period: time between commands [s], for a robot that takes a new one only so often; in the frames between
-            them J is learned and the commanded step is zero. A command every frame unless given.
+        seed: of babbling and of the servo's dither.
+        command_period: between commands [s]; in the frames between them J is learned. Every frame unless given.
         body: labels the robot's own pixels, see :meth:`FramePipeline.labels`; once it knows some, what else moves no
             longer slows the babbling down.
         body_model: from an earlier run; with True one is learned after babbling where all joints turn, with False none
             is used. It is J's prior, see :class:`BodyPrior`, and what points are followed by.
-        renew_patch: correlation below which the patch of a point that is followed as "aligned" is taken anew as it
-            looks now, where it still aligns. A surface that rotates in depth is lost otherwise; every renewal may add
-            some hundredths of a pixel of drift. The first patch is kept unless given.
+        renew_patch: correlation below which the patch of a point followed as "aligned" is taken anew, so that surfaces
+            that turn are not lost; each time may add hundredths of a pixel of drift. Kept unless given.
         joint_delay: time that joint readings are behind the images [s], below 0 where the images are late. Unless given
             it is found in the first 2 to 5 s of babbling; where there is one, learning begins anew, and an image waits
             until the readings of its time are there.
@@ -72,7 +71,7 @@ class ServoLoop:
         sway: whether the camera may sway, see :class:`FramePipeline`.
         on_frame: called with the loop after every frame; a viewer, a recorder, an evaluation.
 
-    While something is wrong with an image or a reading (:attr:`faults`) nothing is commanded and nothing is learned.
+    A fault (:attr:`faults`) that ``stops`` lets nothing be commanded; one that ``holds`` lets nothing be learned.
 
     Raises:
         DenseVSError: parts that do not fit each other.
@@ -336,12 +335,12 @@ class ServoLoop:
         return self.group.clip_step(self.babbling.step(pacing_flow(self.pipeline, self.frame)), self.frame.positions)
 
     def servo_step(self) -> np.ndarray:
-        """Joint step ``(N,)`` [rad] of DIJE (17) toward the target."""
-        assert self.tracker is not None
-        q = self.joints.newest
+        """Joint step ``(N,)`` [rad] of DIJE (17) toward the target; DenseVSError without a point or a target."""
+        point, q = self.point, self.joints.newest
+        assert self.tracker is not None  # or there were no point
         J = point_jacobian(self.tracker, self.pipeline, self.frame.positions)
         moved = q - self.frame.positions  # as far as an image comes late
-        return self.aim.step(self.servo, self.point, J, moved, q, self.joints.watch.stuck)
+        return self.aim.step(self.servo, point, J, moved, q, self.joints.watch.stuck)
 
     def when_due(self, choose: Callable[[], np.ndarray]) -> np.ndarray:
         """The chosen joint step where a command is due by now and nothing stops the robot, else zero."""

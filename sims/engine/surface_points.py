@@ -12,6 +12,7 @@ import numpy as np
 from dense_vs.errors import DenseVSError
 
 _RENDERED_GROUPS = np.array([1, 1, 1, 0, 0, 0], dtype=np.uint8)  # those that MuJoCo-Warp renders
+_SITE, _BODY, _GEOM = mujoco.mjtObj.mjOBJ_SITE, mujoco.mjtObj.mjOBJ_BODY, mujoco.mjtObj.mjOBJ_GEOM
 _SEE_THROUGH = 1e-9  # m, to go on behind a surface that the renderer culls
 
 
@@ -81,16 +82,34 @@ def named_point(model: mujoco.MjModel, state: mujoco.MjData, name: str) -> np.nd
     Raises:
         DenseVSError: no such name, or no text (which MuJoCo does not survive); the message lists the sites.
     """
+    kind, index = _named(model, name)
+    return {_SITE: state.site_xpos, _BODY: state.xpos, _GEOM: state.geom_xpos}[kind][index]
+
+
+def named_body(model: mujoco.MjModel, name: str) -> int:
+    """Id of the body that the site, else body, else geom of that name is fixed to; errors as :func:`named_point`."""
+    kind, index = _named(model, name)
+    return index if kind == _BODY else int((model.site_bodyid if kind == _SITE else model.geom_bodyid)[index])
+
+
+def moved_by(model: mujoco.MjModel, body: int) -> set[int]:
+    """Ids of the joints that move a body: its own and those of the bodies that it hangs on."""
+    joints: set[int] = set()
+    while body:
+        first = int(model.body_jntadr[body])
+        joints |= set(range(first, first + int(model.body_jntnum[body])))
+        body = int(model.body_parentid[body])
+    return joints
+
+
+def _named(model: mujoco.MjModel, name: str) -> tuple[mujoco.mjtObj, int]:
+    """Kind and id of the site, else body, else geom of that name."""
     if not isinstance(name, str) or not name.isprintable():
         raise DenseVSError(f"point is {name!r}; expected the name of a site, body or geom")
-    for kind, positions in (
-        (mujoco.mjtObj.mjOBJ_SITE, state.site_xpos),
-        (mujoco.mjtObj.mjOBJ_BODY, state.xpos),
-        (mujoco.mjtObj.mjOBJ_GEOM, state.geom_xpos),
-    ):
+    for kind in (_SITE, _BODY, _GEOM):
         index = mujoco.mj_name2id(model, kind, name)
         if index >= 0:
-            return positions[index]
+            return kind, index
     sites = ", ".join(repr(model.site(i).name) for i in range(model.nsite)) or "none"
     bodies = ", ".join(repr(model.body(i).name) for i in range(1, model.nbody))
     raise DenseVSError(f"point {name!r} is not in the model; expected a site ({sites}), body ({bodies}) or geom")

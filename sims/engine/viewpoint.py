@@ -72,6 +72,18 @@ class Viewpoint:
             raise DenseVSError(f"pixel {told} shows no surface; expected one that does")
         return SurfacePoint(np.array(geoms), np.array(local))
 
+    def shows(self, name: str, world: int, size: tuple[int, int]) -> bool:
+        """Whether the pixel of the site, body or geom of that name is inside the image and shows what moves with it."""
+        height, width = size
+        pixel, _ = self.located(name, world)
+        if not (np.all(pixel > -0.5) and np.all(pixel < (width - 0.5, height - 0.5))):
+            return False
+        geom, _ = self.shown(pixel, world)
+        model, chosen = self._physics.models.host(world), set(self._physics.scene.joint_ids.tolist())
+        on, seen = surface_points.named_body(model, name), int(model.geom_bodyid[geom])
+        same = surface_points.moved_by(model, on) & chosen == surface_points.moved_by(model, seen) & chosen
+        return geom >= 0 and same
+
     def sees(self, point: SurfacePoint, world: int, size: tuple[int, int]) -> bool:
         """Whether a surface point is inside the image of that height and width and nothing covers it."""
         height, width = size

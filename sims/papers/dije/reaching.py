@@ -123,8 +123,8 @@ class ReachingExperiment:
         """Define the point to control at its present place, as a click in the image would; that place [px].
 
         The robot comes to rest first, unless the point is given as it is seen now: an image that waits for its joint
-        readings shows where a moving robot was before. Where a point of the model has left the image meanwhile, the
-        robot goes back to the posture that it began in.
+        readings shows where a moving robot was before. Where a point of the model has left the image meanwhile, or
+        something that moves in another way covers it, the robot goes back to the posture that it began in.
 
         Args:
             point: another one than the constructor's; what has been learned stays.
@@ -134,7 +134,7 @@ class ReachingExperiment:
             self._point = point
         if point is None or isinstance(point, str):
             self._come_to_rest()
-        if isinstance(self._point, str) and not self._in_image(self._point):
+        if isinstance(self._point, str) and not self._is_seen(self._point):
             self._go_back()
         pixel = self.project(self._point) if isinstance(self._point, str) else np.asarray(self._point, float)
         self.surface_point = self.world.track_point((pixel + 0.5) / self.scale - 0.5)
@@ -217,11 +217,12 @@ class ReachingExperiment:
             if still == RESTED:
                 break
 
-    def _in_image(self, point: str) -> bool:
-        """Whether a point of the model is inside the loop's image now."""
+    def _is_seen(self, point: str) -> bool:
+        """Whether a point of the model is inside the loop's image now, and nothing that moves otherwise covers it."""
         height, width = self.loop.frame.gray.shape
         place = self.project(point)
-        return bool((place >= 0).all() and (place <= (width - 1, height - 1)).all())
+        inside = bool((place >= 0).all() and (place <= (width - 1, height - 1)).all())
+        return inside and self.world.viewpoint.shows(point, 0, self.world.shape[1:])
 
     def _go_back(self) -> None:
         """Go to the posture that it began in."""

@@ -30,6 +30,11 @@ def test_a_target_in_the_image():
     assert one.distance(POINT) == 5.0  # depth is known, and no part of the target
 
 
+def test_without_a_target_there_is_no_step():
+    with pytest.raises(DenseVSError, match=r"no target is set; expected reach\(\)"):
+        aim().step(None, POINT, J[0, :2], np.zeros(2), np.zeros(2), np.zeros(2, bool))
+
+
 @pytest.mark.parametrize(("focal", "scale"), [(None, 64 / 2.0), (80.0, 40.0)])
 def test_a_target_in_depth_counts_a_meter_as_one_across_the_image_there(focal, scale):
     """The focal length is the body model's, or an image width, which sees 53 degrees."""

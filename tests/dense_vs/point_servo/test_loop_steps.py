@@ -326,3 +326,5 @@ def test_the_servo_goes_on_from_where_the_robot_is_by_now(monkeypatch):
     assert stuck.tolist() == [False, True]
     with pytest.raises(DenseVSError, match="no point is defined"):
         _ = bare().point
+    with pytest.raises(DenseVSError, match="no point is defined"):
+        bare().servo_step()

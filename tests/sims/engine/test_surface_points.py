@@ -108,3 +108,66 @@ def test_no_surface_to_track(tmp_path):
     world = SimWorld(path, device="cpu", height=24, width=32)
     with pytest.raises(DenseVSError, match="no surface"):
         world.track_point((0, 0))
+
+
+COVERED = """
+<mujoco>
+  <compiler angle="radian"/>
+  <default><geom density="20"/><joint armature=".3"/><position kp="1000" kv="60"/></default>
+  <worldbody>
+    <light pos="0 0 3"/>
+    <camera name="above" pos="0 0 2" xyaxes="1 0 0 0 1 0" fovy="45"/>
+    <geom name="floor" type="plane" size="3 3 .1"/>
+    <body name="arm" pos="-0.4 0 0.3">
+      <joint name="turn" axis="0 0 1" range="-3 3"/>
+      <geom name="link" type="box" size=".4 .05 .05" pos=".4 0 0"/>
+      <site name="tip" pos=".4 0 0"/>
+      <body name="finger" pos=".4 0 .1">
+        <joint name="grip" axis="0 0 1" range="-3 3"/>
+        <geom name="nail" type="box" size=".04 .04 .02"/>
+      </body>
+    </body>
+    <body name="lid" pos="0 .5 1">
+      <joint name="swing" axis="0 0 1" range="-4 4"/>
+      <geom name="plate" type="box" size=".1 .1 .01" pos="0 .5 0"/>
+    </body>
+  </worldbody>
+  <actuator>
+    <position joint="turn"/><position joint="grip"/>
+    <position joint="swing"/>
+  </actuator>
+</mujoco>
+"""
+
+
+def test_what_is_shown_in_place_of_a_named_point(tmp_path):
+    (tmp_path / "covered.xml").write_text(COVERED, encoding="utf-8")
+
+    def world_of(joints, **moved):
+        world = SimWorld(tmp_path / "covered.xml", joints=joints, device="cpu", height=60, width=80)
+        for _ in range(40):
+            world.step([moved.get(joint, 0.0) / 40 for joint in joints])
+        for _ in range(20):
+            world.step(np.zeros(len(joints)))
+        return world
+
+    def shows(world, name):
+        return world.viewpoint.shows(name, 0, world.shape[1:])
+
+    turned = world_of(["turn", "swing"])
+    assert shows(turned, "tip")  # by its finger, whose joint is none of the chosen
+    assert shows(turned, "link")
+    assert shows(turned, "finger")
+    assert not shows(world_of(["turn", "grip"]), "tip")  # the finger turns by itself
+    covered = world_of(["turn", "swing"], swing=np.pi)
+    np.testing.assert_allclose(covered.project("tip"), turned.project("tip"), atol=0.5)
+    assert not shows(covered, "tip")
+    assert shows(covered, "plate")
+    away = world_of(["turn", "swing"], turn=0.9)
+    assert shows(away, "tip")
+    assert not shows(away, "lid")  # the floor is seen beside its plate
+    small = away.viewpoint.shows("tip", 0, (60, 30))
+    assert away.project("tip")[0] > 30
+    assert not small  # outside
+    with pytest.raises(DenseVSError, match="'thumb'"):
+        shows(away, "thumb")

@@ -183,6 +183,8 @@ def experiment_of(scale=1.0):
     one.events = []
     one.world = SimpleNamespace(
         project=lambda point: np.array([101.0, 51.0]),
+        viewpoint=SimpleNamespace(shows=lambda point, world, size: True),
+        shape=(1, 60, 110),
         track_point=lambda pixel: one.events.append(("track", *pixel)) or "surface",
     )
     one.steps = iter([])  # of the joints in the frames to come
