@@ -2,7 +2,7 @@
 
 import numpy as np
 from hidden_scores import LEAST_OVERLAP, MOST_RATIO, THERE_PX, CoveredScore, HiddenReach
-from results_file import Result
+from results_file import Result, seeds_in_words
 
 
 def hidden_lines() -> list[str]:
@@ -14,11 +14,11 @@ def hidden_lines() -> list[str]:
     unseen, said = (sum(getattr(reach, name) for reach in reaches) for name in ("unseen_frames", "said_frames"))
     rows = [
         (
-            f"a plate before the robot for 3 s: J error right after it has gone to that before (asked: {MOST_RATIO})",
+            f"a plate before the robot for 3 s: J error right after it has gone to that before (goal: {MOST_RATIO})",
             ", ".join(f"{row.ratio:.2f}" for row in covered),
         ),
         (
-            f"least label IoU meanwhile / of what is hidden / right after (asked: {LEAST_OVERLAP})",
+            f"least label IoU meanwhile / of what is hidden / right after (goal: {LEAST_OVERLAP})",
             " / ".join(
                 f"{min(getattr(row, name) for row in covered):.2f}"
                 for name in ("overlap_meanwhile", "covered_overlap", "overlap_after")
@@ -29,7 +29,7 @@ def hidden_lines() -> list[str]:
         some = [reach for reach in reaches if reach.where == where]
         rows.append(
             (
-                f"pairs of reaches {text} that end below {THERE_PX:g} px, by the truth (asked: 18 of 20)",
+                f"pairs of reaches {text} that end below {THERE_PX:g} px, by the truth (goal: 18 of 20)",
                 f"{sum(reach.good for reach in some)} of {len(some)}; "
                 f"{sum(reach.end == 'reached' for reach in some)} said *reached*, "
                 f"{sum(reach.wrong for reach in some)} wrongly",
@@ -45,7 +45,7 @@ def hidden_lines() -> list[str]:
     ]
     return [
         "What is hidden, on our arm after 10 s of babbling, clean images, seeds that nothing was tuned on "
-        f"(`profiling/hidden_points.py`; seeds {arguments['seeds'].replace(',', ', ')}, {result.origin()}):",
+        f"(`profiling/hidden_points.py`; {seeds_in_words(arguments['seeds'])}, {result.origin()}):",
         "",
         "| | |",
         "|---|---|",

@@ -1,6 +1,6 @@
 """Lines about the live page for the tables: latency while pages look on, and what a long run kept."""
 
-from results_file import RESULTS, Result
+from results_file import Result, committed
 
 PAGES = {"0_pages": "none", "1_page": "1", "5_pages": "5, one stalled"}
 SIZES = ("320x240", "640x480")
@@ -21,7 +21,7 @@ def live_lines() -> list[str]:
             cells.append(f"{live[f'latency_ms_{name}_{size}']:.0f}, {live[f'latency_p95_ms_{name}_{size}']:.0f}")
             cells.append(f"{live[f'loop_fps_{name}_{size}']:.0f}")
         lines.append(f"| {text} | " + " | ".join(cells) + " |")
-    if (RESULTS / "live_growth.json").is_file():
+    if committed("live_growth"):
         lines += ["", _growth_line(Result("live_growth"))]
     return lines
 

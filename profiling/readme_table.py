@@ -16,7 +16,7 @@ from readme_hidden import hidden_lines
 from readme_live import live_lines
 from readme_real_robot import few_real_robot_lines, real_robot_lines
 from readme_tracking import few_tracking_lines, tracking_lines
-from results_file import RESULTS, Result, in_words
+from results_file import Result, committed, in_words, seeds_in_words
 from surface_table import few_surface_lines, surface_lines
 
 ROOT = Path(__file__).parent.parent
@@ -46,18 +46,14 @@ FRAME_PEERS = {
     "frame_vs_paper_without_labels": "the paper's whole frame (Farneback, `interpn`), labels on neither side",
     "frame_vs_paper_with_labels": "the same with labels on both sides",
 }
+# All of one run, so that they hold for the machine and commit above them.
 FRAME = (
-    ("peers", "predict_update_default_ms", "predict and update in the default mode (order 2) [ms]", 2),
-    ("frame_budget", "frame_fps_320x240", "whole frame (flow, update, tracking, servo) at 320x240 [fps]", 0),
-    ("frame_budget", "frame_fps_640x480", "whole frame at 640x480 [fps]", 0),
-    (
-        "frame_budget",
-        "frame_fps_320x240_body",
-        "the same at 320x240 with a learned body, which follows the point [fps]",
-        0,
-    ),
-    ("frame_budget", "frame_p90_ms_320x240_body", "of its frames nine in ten take at most [ms]", 0),
-    ("frame_budget", "frame_fps_640x480_body", "at 640x480 with a learned body [fps]", 0),
+    ("update_ms_320x240", "predict and update in the default mode (order 2), of a frame at 320x240 [ms]", 2),
+    ("frame_fps_320x240", "whole frame (flow, update, tracking, servo) at 320x240 [fps]", 0),
+    ("frame_fps_640x480", "whole frame at 640x480 [fps]", 0),
+    ("frame_fps_320x240_body", "the same at 320x240 with a learned body, which follows the point [fps]", 0),
+    ("frame_p90_ms_320x240_body", "of its frames nine in ten take at most [ms]", 0),
+    ("frame_fps_640x480_body", "at 640x480 with a learned body [fps]", 0),
 )
 
 LOOP, ONE, ROOFLINE = "closed_loop_h200", "closed_loop_h200_one", "roofline_h200"
@@ -102,7 +98,7 @@ BATCH = (
 def everything() -> str:
     """All figures, for the page on performance."""
     lines = [*_accuracy(), "", *surface_lines(), *real_robot_lines(), "", *depth_lines(), "", *hidden_lines(), ""]
-    lines += [*_speed(), ""]
+    lines += [*_speed(), "", ""]
     lines += [*live_lines(), "", *_batch(), "", *_scaling(), ""]
     lines += [
         "Arms and objects, on seeds that nothing was tuned on; one figure a seed or that of all (`dense-vs reproduce "
@@ -119,11 +115,11 @@ def everything() -> str:
 def few() -> str:
     """The figures that a newcomer asks for first."""
     accuracy, budget, peers, loop = (Result(name) for name in ("accuracy", "frame_budget", "peers", LOOP))
-    strongest = min((peers[name], text) for name, text in PEERS.items() if name in peers.values)
+    strongest = min((peers[name], text) for name, text in PEERS.items() if peers.has(name))
     lines = [
         "| | |",
         "|---|---|",
-        "| J error after 10 s of babbling, mean of 10 simulated robots (the paper's filter) | "
+        f"| J error after 10 s of babbling, mean of {_robots_and_seeds(accuracy)} (the paper's filter) | "
         f"{accuracy['J error, default, estimated flow, median: mean']:.3f} "
         f"({accuracy['J error, diagonal (9)-(11), model (14), estimated flow, median: mean']:.3f}) |",
         f"| reaches within 2 px by the simulator's truth | {_reaches(accuracy)} |",
@@ -134,7 +130,7 @@ def few() -> str:
         f"{budget['frame_fps_320x240']:.0f} / {budget['frame_fps_320x240_body']:.0f} |",
         "| predict and update, times as fast as the paper's equations with SciPy | "
         f"{peers['predict_update_vs_scipy']:.1f} |",
-        f"| times as fast as the strongest of {sum(name in peers.values for name in PEERS)} peers ({strongest[1]}) | "
+        f"| times as fast as the strongest of {sum(map(peers.has, PEERS))} peers ({strongest[1]}) | "
         f"{strongest[0]:.1f} |",
         f"| 1024 robots on one {loop.content['machine']['gpus'][0]}, order 1 (J error "
         f"{loop['J error after babbling, median, cuda:0']:.2f}) [frames/s] | {loop[f'closed loop, {WORLDS}']:,.0f} |",
@@ -149,10 +145,17 @@ def _reaches(accuracy: Result) -> str:
     return f"{round(total * accuracy['reaches below 2 px'])} of {total}"
 
 
+def _robots_and_seeds(accuracy: Result) -> str:
+    robots, seeds = (accuracy.content["arguments"][name].split(",") for name in ("robots", "seeds"))
+    return f"{len(robots)} simulated robots x {len(seeds)} seeds"
+
+
 def _accuracy() -> list[str]:
     accuracy = Result("accuracy")
+    told = accuracy.content["arguments"]
     lines = [
-        "Accuracy after 10 s of babbling at 30 fps, 320x240, 2 robots x 5 seeds, mean (worst) of the medians of "
+        f"Accuracy after 10 s of babbling at 30 fps, 320x240, {_robots_and_seeds(accuracy)} "
+        f"({told['robots'].replace(',', ' and ')}; {seeds_in_words(told['seeds'])}), mean (worst) of the medians of "
         f"||J - J*|| / ||J*|| (`profiling/accuracy.py`; {accuracy.origin()}):",
         "",
         "| | " + " | ".join(MODES.values()) + " |",
@@ -183,14 +186,17 @@ def _speed() -> list[str]:
         "|---|---|---|",
     ]
     for name, text in PEERS.items():
-        if name in peers.values:
+        if peers.has(name):
             lines.append(f"| {text} | {peers.ranged(name)} | {cold.ranged(name)} |")
     lines += ["", "| whole frame: times as fast as | |", "|---|---|"]
-    lines += [f"| {text} | {peers.ranged(name)} |" for name, text in FRAME_PEERS.items() if name in peers.values]
+    lines += [f"| {text} | {peers.ranged(name)} |" for name, text in FRAME_PEERS.items() if peers.has(name)]
     if "machine_facts" in peers.content:
         lines += ["", f"Of that machine: {in_words(peers.content['machine_facts'])}."]
-    lines += ["", f"`profiling/frame_budget.py`; {Result('frame_budget').origin()}:", "", "| | |", "|---|---|"]
-    return lines + [f"| {text} | {Result(file)[name]:.{digits}f} |" for file, name, text, digits in FRAME]
+    budget = Result("frame_budget")
+    told = budget.content["arguments"]
+    origin = f"`profiling/frame_budget.py`; {told['robot']}, {seeds_in_words(told['seeds'])}; {budget.origin()}"
+    lines += ["", f"A whole frame of the loop, mean times ({origin}):", "", "| | |", "|---|---|"]
+    return lines + [f"| {text} | {budget[name]:.{digits}f} |" for name, text, digits in FRAME]
 
 
 def _batch() -> list[str]:
@@ -210,7 +216,7 @@ def _scaling() -> list[str]:
     lines = ["", "| varied | values | predict and update, order 1 [ms] |", "|---|---|---|"]
     origins = []
     for file in SCALING:
-        if not (RESULTS / f"{file}.json").is_file():
+        if not committed(file):
             continue
         result = Result(file)
         origins.append(result.origin())

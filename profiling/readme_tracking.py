@@ -1,11 +1,11 @@
 """Lines about the few-shot segmenter that follows an object, for the tables."""
 
-from results_file import RESULTS, Result
+from results_file import Result, committed
 
 
 def tracking_lines() -> list[str]:
     """A paragraph beside that on masks."""
-    if not _measured():
+    if not committed("tracking"):
         return []
     result = Result("tracking")
     cores = result.content["machine"]["cores"]
@@ -27,7 +27,7 @@ def tracking_lines() -> list[str]:
 
 def few_tracking_lines() -> list[str]:
     """A row of the README's table."""
-    if not _measured():
+    if not committed("tracking"):
         return []
     result = Result("tracking")
     return [
@@ -35,7 +35,3 @@ def few_tracking_lines() -> list[str]:
         f"{result['tracking, all images: CPU, median [ms]']:.0f} / "
         f"{result['tracking, all images: CPU, 99th percentile [ms]']:.0f}; {result['tracking: mean IoU']:.2f} |"
     ]
-
-
-def _measured() -> bool:
-    return (RESULTS / "tracking.json").is_file()

@@ -6,6 +6,23 @@ from pathlib import Path
 from typing import Any
 
 RESULTS = Path(__file__).parent / "results"
+OPTIONAL: frozenset[str] = frozenset()  # files and figures that the tables may do without until they are measured
+
+
+def present(name: str, found: bool) -> bool:
+    """Whether a table can show a file or figure.
+
+    Raises:
+        LookupError: it is not there, and is not one of ``OPTIONAL``: a row would vanish without a word.
+    """
+    if not found and name not in OPTIONAL:
+        raise LookupError(f"the committed results lack {name!r}; measure it, or name it in results_file.OPTIONAL")
+    return found
+
+
+def committed(name: str) -> bool:
+    """Whether a result file of that name is there; raises as :func:`present` does."""
+    return present(name, (RESULTS / f"{name}.json").is_file())
 
 
 class Result:
@@ -22,6 +39,10 @@ class Result:
 
     def __getitem__(self, name: str) -> float:
         return self.values[name]
+
+    def has(self, name: str) -> bool:
+        """Whether it holds a figure; raises as :func:`present` does."""
+        return present(name, name in self.values)
 
     def ranged(self, name: str) -> str:
         """A value and the range of several runs, where it was measured in several."""
@@ -55,6 +76,11 @@ def when(content: dict[str, Any]) -> str:
     """Date and commit of a result, as far as its file says."""
     commit = f"commit {content['commit'][:10]}" if content.get("commit") else "commit not noted"
     return f"{content.get('date', 'date not noted')[:10]}, {commit}"
+
+
+def seeds_in_words(seeds: str) -> str:
+    """Seeds as a command is given them, by comma: "seed 62" or "seeds 63, 64"."""
+    return f"seed{'s' if ',' in seeds else ''} {seeds.replace(',', ', ')}"
 
 
 def in_words(facts: dict[str, float]) -> str:

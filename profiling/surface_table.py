@@ -5,8 +5,10 @@ import math
 from collections.abc import Sequence
 from typing import Any
 
-from results_file import RESULTS, origin
-from surface_scores import OURS, REACHED_PX, Tally, ViewScore, mean_of, over_seeds, view_score
+from results_file import RESULTS, origin, present, seeds_in_words
+from surface_scores import ASTRAY_PX, OURS, REACHED_PX, Tally, ViewScore, mean_of, over_seeds, view_score
+
+from dense_vs.jacobian.options import JacobianOptions
 
 # 4 joints after 10 s, 7 joints after 20 s, and the first on other arms
 FILES = ("surfaces", "surfaces_7", "surfaces_other_arms")
@@ -23,7 +25,17 @@ HEAD = (
     "wrongly",
     "lost",
     "missed",
-    "astray unsaid",
+    "astray, not said",
+)
+LEGEND = (
+    "In the tables of arms that follow, J error is the median over the robot's pixels, in parentheses what nine in ten "
+    "pixels stay below; means over the seeds. Exact flow: the same with the true flow in place of the measured one (a "
+    "dash: left out). Label IoU: of the labels with the true robot. "
+    f"Below {REACHED_PX:g} px: the true point ended so near the target, whatever the loop said, of the reaches that "
+    "were asked for. Said reached, lost, missed (out of frames): how the loop itself ended the reach. Wrongly: of "
+    f"those said reached, the ones more than {REACHED_PX:g} px off by the truth. Astray, not said: not called lost, "
+    f"though the tracked point was more than {ASTRAY_PX:g} px from the true one. Failed: views, one arm before one "
+    "camera with one seed, that ended in an error; reaches that they did not come to count as asked for, not reached."
 )
 
 
@@ -61,9 +73,9 @@ def _figure(value: float) -> str:
 
 
 def committed(name: str) -> dict[str, Any] | None:
-    """A committed result; none where there is none yet."""
+    """A committed result; none where there is none and the tables may do without."""
     file = RESULTS / f"{name}.json"
-    return json.loads(file.read_text(encoding="utf-8")) if file.is_file() else None
+    return json.loads(file.read_text(encoding="utf-8")) if present(name, file.is_file()) else None
 
 
 def surface_lines() -> list[str]:
@@ -74,18 +86,18 @@ def surface_lines() -> list[str]:
         if content is None:
             continue
         views, told = list(map(view_score, content["rows"])), content["arguments"]
-        seeds = told["seeds"].replace(",", ", ")
         arms = ARMS.get(name, "Commercial arms as they come and our own")
+        order = JacobianOptions(height=240, width=320, joints=told["joints"]).order
         lines += [
-            f"{arms}, first {told['joints']} joints, {told['seconds']:g} s of "
-            f"babbling, targets over the whole range, seeds {seeds} (`profiling/surfaces.py`; {origin(content)})"
+            f"{arms}, first {told['joints']} joints, J of order {order}, {told['seconds']:g} s of babbling, targets "
+            f"over the whole range, {seeds_in_words(told['seeds'])} (`profiling/surfaces.py`; {origin(content)})"
             + ("" if all(view.ended for view in views) else f"; {STOPPED}")
             + ":",
             "",
             *table_lines([view for view in views if view.learned or view.failure]),
             "",
         ]
-    return lines
+    return [LEGEND, "", *lines] if lines else []
 
 
 def few_surface_lines() -> list[str]:

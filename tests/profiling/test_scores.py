@@ -15,6 +15,7 @@ from dense_vs.files import write_json
 sys.path.insert(0, str(Path(__file__).parents[2] / "profiling"))
 
 import accuracy
+import results_file
 import surface_table
 import surfaces
 from surface_scores import ReachScore, Tally, ViewScore, label_quality, metrics_of
@@ -103,6 +104,7 @@ def test_a_view_comes_back_from_its_file(tmp_path, monkeypatch):
     content |= {"versions": {"warp-lang": "1.19.0"}, "finished": False, "rows": [asdict(one) for one in views]}
     write_json(tmp_path / "surfaces.json", content)
     monkeypatch.setattr(surface_table, "RESULTS", tmp_path)
+    monkeypatch.setattr(results_file, "OPTIONAL", frozenset(surface_table.FILES))
     back = [surface_table.view_score(row) for row in surface_table.committed("surfaces")["rows"]]
     assert [repr(one) for one in back] == [repr(one) for one in views]  # NaN is not equal to NaN
     text = "\n".join(surface_table.surface_lines())
