@@ -82,6 +82,7 @@ EXPERIMENTS = (
     ("depth good enough to grasp (DE) by the robust fit, beyond the paper, of 24", "trial", DE, CLEAN),
     ("the same by VOS-VS (20) as printed", "trial", DE_PRINTED, CLEAN),
     ("DE done: the gripper closed on the object at that depth, of 24", "trial", DONE, CLEAN),
+    ("the same by VOS-VS (20) as printed", "trial", DONE_PRINTED, CLEAN),
     ("depth error of the robust fit, median [%]", "trial", DEPTH, CLEAN),
     ("depth error of VOS-VS (20) as printed, median [%]", "trial", DEPTH_PRINTED, CLEAN),
     ("objects in the bin, of 22 that fit the gripper", "pick-place", "in the bin, of 22 that fit the gripper", {}),
