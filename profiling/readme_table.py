@@ -14,6 +14,7 @@ from readme_depth import depth_lines
 from readme_experiments import experiment_lines, few_experiment_lines, summary_lines
 from readme_hidden import hidden_lines
 from readme_live import live_lines
+from readme_program import gpu_test_lines, program_lines, rendering_lines
 from readme_real_robot import few_real_robot_lines, real_robot_lines
 from readme_tracking import few_tracking_lines, tracking_lines
 from results_file import Result, committed, in_words, seeds_in_words
@@ -98,8 +99,8 @@ BATCH = (
 def everything() -> str:
     """All figures, for the page on performance."""
     lines = [*_accuracy(), "", *surface_lines(), *real_robot_lines(), "", *depth_lines(), "", *hidden_lines(), ""]
-    lines += [*_speed(), "", ""]
-    lines += [*live_lines(), "", *_batch(), "", *_scaling(), ""]
+    lines += [*_speed(), "", *program_lines(), ""]
+    lines += [*live_lines(), "", *_batch(), "", *rendering_lines(), "", *gpu_test_lines(), "", *_scaling(), ""]
     lines += [
         "Arms and objects, on seeds that nothing was tuned on; one figure a seed or that of all (`dense-vs reproduce "
         "... --json`, gathered by `profiling/experiments.py`):",

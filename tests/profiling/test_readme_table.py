@@ -11,6 +11,7 @@ sys.path.insert(0, str(Path(__file__).parents[2] / "profiling"))
 
 import readme_experiments
 import readme_live
+import readme_program
 import readme_real_robot
 import readme_table
 import results_file
@@ -21,7 +22,8 @@ def results(tmp_path, monkeypatch):
     """A copy of the committed results that a test may take from."""
     copy = tmp_path / "results"
     shutil.copytree(results_file.RESULTS, copy)
-    monkeypatch.setattr(results_file, "RESULTS", copy)
+    for module in (results_file, readme_program):
+        monkeypatch.setattr(module, "RESULTS", copy)
     return copy
 
 
@@ -78,6 +80,7 @@ def test_a_figure_that_is_missing_is_named(results, monkeypatch, file, figure, l
         ("tracking.json", readme_table.tracking_lines),
         ("tracking.json", readme_table.few_tracking_lines),
         ("scaling_cpu.json", readme_table._scaling),
+        ("gpu_tests.txt", readme_program.gpu_test_lines),
     ],
 )
 def test_a_file_that_is_missing_is_named(results, monkeypatch, file, lines):
