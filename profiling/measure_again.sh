@@ -1,23 +1,34 @@
 #!/usr/bin/env bash
 # Measure the committed results anew, each with its origin beside it, and write the tables from them.
-#     profiling/measure_again.sh timings       # 2 cores with nothing else on them, about 35 minutes
+#     profiling/measure_again.sh timings       # 2 cores with nothing else on them, about 40 minutes
+#     profiling/measure_again.sh accuracy      # as many cores as there are, some hours; needs the humanoid's recordings
 #     profiling/measure_again.sh experiments   # one core, about 9 hours; accuracy only, so other work may run beside
-#     profiling/measure_again.sh surfaces      # as many cores as there are; some 10 core hours, after dense-vs arms
+#     profiling/measure_again.sh surfaces      # cores and GPUs as the results name; some 10 core hours, after dense-vs arms
+#     profiling/measure_again.sh live          # 2 cores with nothing else on them, over an hour
 #     profiling/measure_again.sh visp          # one core, about 6 minutes; needs ViSP (Debian: libvisp-dev)
 #     profiling/measure_again.sh gpu           # one NVIDIA GPU, about 10 minutes
+#     profiling/measure_again.sh gpus          # four NVIDIA GPUs of one machine
+# Arguments are those of the committed result (profiling/as_committed.py); runs of experiments have theirs below. Not
+# here: mutation.json is written by make mutation, gpu_tests.txt by hand from the tests marked gpu.
 # Numbers after a command are minutes on one free core of a 2026 server.
 set -euo pipefail
 cd "$(dirname "$0")/.."
 results=profiling/results
 out=${OUT:-out/measured}
 case "${1:-}" in
-timings | experiments | surfaces | visp | gpu) ;;
-*) sed -n '2,8s/^# *//p' "$0" >&2 && exit 2 ;;
+timings | accuracy | experiments | surfaces | live | visp | gpu | gpus) ;;
+*) sed -n '2,13s/^# *//p' "$0" >&2 && exit 2 ;;
 esac
 [ -z "$(git status --porcelain --untracked-files=no)" ] || { echo "commit first: results name the commit" >&2; exit 1; }
 mkdir -p "$out"
 
-measure() { python "profiling/$1.py" "${@:3}" --json "$out/$2.json"; }
+# measure PROGRAM RESULT [OPTION ...]: as the result was measured, but for these options.
+measured=()
+measure() {
+    rm -f "$out/$2.json"
+    measured+=("$2")
+    python profiling/as_committed.py "$1" "$2" "${@:3}" --json "$out/$2.json"
+}
 reproduce() {
     local name
     name="$(echo "$*" | tr -d - | tr -s ' ' -)"
@@ -27,15 +38,22 @@ reproduce() {
 case "$1" in
 timings)
     measure peers peers                         # 2
-    measure peers peers_cold --calls 1          # 2
-    measure frame_budget frame_budget --body    # 2
+    measure peers peers_cold                    # 2
+    measure frame_budget frame_budget           # 2
     measure reducers reducers                   # 1
     measure generative generative               # 3, needs PyTorch
     measure startup startup                     # 1
-    measure scaling scaling_cpu --device cpu    # 1
+    measure sweep sweep                         # 4
+    measure scaling scaling_cpu                 # 1
     measure segmentation segmentation           # 10, needs the annotated images of VOS-VS (--data)
     measure tracking tracking                   # 12
-    cp "$out"/{peers,peers_cold,frame_budget,reducers,generative,startup,scaling_cpu,segmentation,tracking}.json "$results"
+    ;;
+accuracy)
+    measure accuracy accuracy
+    measure depth_row depth_row
+    measure depth_row depth_row_realistic
+    measure faults faults --jobs "$(nproc)"
+    measure real_robot real_robot               # without the recordings it says so and writes nothing
     ;;
 experiments)
     for seed in 501 502 503; do
@@ -76,26 +94,35 @@ experiments)
     ;;
 surfaces)
     # A view that fails is a result too, so its exit code ends nothing.
-    measure surfaces surfaces --jobs "$(nproc)" --seeds 0,1,2 || true
-    measure surfaces surfaces_7 --jobs "$(nproc)" --joints 7 --seconds 20 --arms panda,ur5e,baxter,fetch || true
-    measure surfaces surfaces_other_arms --jobs "$(nproc)" --arms spot-arm,tiago --no-exact || true
-    cp "$out"/{surfaces,surfaces_7,surfaces_other_arms}.json "$results"
+    measure surfaces surfaces --jobs "$(nproc)" || true
+    measure surfaces surfaces_7 --jobs "$(nproc)" || true
+    measure surfaces surfaces_other_arms --jobs "$(nproc)" || true
+    measure hidden_points hidden_points --jobs "$(nproc)"
+    ;;
+live)
+    measure live live                           # 2
+    measure live_growth live_growth             # 60
     ;;
 visp)
     measure visp_peer ibvs_peer --out "$out/visp_peer"
-    cp "$out/ibvs_peer.json" "$results"
     ;;
 gpu)
-    measure closed_loop closed_loop_h200 --device cuda:0 --randomize
-    measure closed_loop closed_loop_h200_one --device cuda:0 --worlds 1 --speed-only
-    measure closed_loop closed_loop_h200_order2 --device cuda:0 --randomize --order 2
-    measure closed_loop closed_loop_h200_4096 --device cuda:0 --randomize --worlds 4096 --speed-only
-    measure scaling scaling_h200 --device cuda:0
-    measure roofline roofline_h200 --device cuda:0 --worlds 1,512
-    measure batch_flow batch_flow_h200 --device cuda:0
-    measure rendering rendering_h200 --device cuda:0 --randomize
-    cp "$out"/{closed_loop_h200,closed_loop_h200_one,closed_loop_h200_order2,closed_loop_h200_4096,scaling_h200,roofline_h200,batch_flow_h200,rendering_h200}.json "$results"
+    measure closed_loop closed_loop_h200
+    measure closed_loop closed_loop_h200_one
+    measure closed_loop closed_loop_h200_order2
+    measure closed_loop closed_loop_h200_4096
+    measure scaling scaling_h200
+    measure roofline roofline_h200
+    measure batch_flow batch_flow_h200
+    measure rendering rendering_h200
+    ;;
+gpus)
+    measure closed_loop closed_loop_h200_gpus
     ;;
 esac
+for name in ${measured[@]+"${measured[@]}"}; do
+    if [ -f "$out/$name.json" ]; then cp "$out/$name.json" "$results"; else echo "$name: nothing was written, left as it was" >&2; fi
+done
+python profiling/faults.py --page
 python profiling/readme_table.py
 python profiling/paper_pages.py
