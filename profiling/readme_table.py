@@ -204,8 +204,8 @@ def _batch() -> list[str]:
     seed = seeds_in_words(str(Result(LOOP).content["arguments"]["seed"]))
     return [
         "Many robots on one GPU, 320x240, 4 joints, links, textures, lights and cameras all different "
-        f"(`profiling/closed_loop.py`, `profiling/roofline.py`; {seed}; {Result(LOOP).origin()}). Order 1 is the filter "
-        "without the image Hessian, which is faster and less accurate than the default:",
+        f"(`profiling/closed_loop.py`, `profiling/roofline.py`; {seed}; {Result(LOOP).origin()}). Order 1 is the "
+        "filter without the image Hessian, which is faster and less accurate than the default:",
         "",
         "| | |",
         "|---|---|",
