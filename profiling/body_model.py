@@ -15,6 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 import warp as wp
 from metrics import Metric, add_report_arguments, report
+from postures import go_to
 
 from dense_vs.body_model import BodyFitOptions, BodyModel, PointTrackOptions, follow_points
 from dense_vs.body_model.fit import fit_body
@@ -33,7 +34,6 @@ from dense_vs.view.tables import table
 POSTURES = 8  # unseen ones
 POINTS = 200  # of the surface, a posture
 ANCHORS, SAME_PIXEL = 400, 0.3  # surface points of a keyframe, and px between one and the model's
-LARGEST_STEP = 0.03  # rad a frame, on the way to a posture
 REFERENCE_FRAMES = PointTrackOptions().stride * PointTrackOptions().reference_every
 
 
@@ -204,15 +204,6 @@ def anchored_points(model: BodyModel, seen: Learned) -> tuple[np.ndarray, list[S
                 indices.append(own[apart.argmin()])
                 points.append(point)
     return np.array(indices, int), points
-
-
-def go_to(world: SimWorld, q: np.ndarray) -> None:
-    """Move there, at most 0.03 rad a frame."""
-    for _ in range(400):
-        off = q - world.joints()[0]
-        if np.abs(off).max() < 0.005:
-            return
-        world.step(np.clip(off, -LARGEST_STEP, LARGEST_STEP))
 
 
 def prediction_time(model: BodyModel, joints: np.ndarray) -> float:

@@ -15,6 +15,7 @@ import numpy as np
 import warp as wp
 from depth_scores import DepthScore, RowScore, SpaceReach, depth_score, reach_metrics, row_score
 from metrics import Metric, add_report_arguments, report
+from postures import go_to
 
 from dense_vs.body_model import BodyModel
 from dense_vs.jacobian import jacobian_error
@@ -24,7 +25,6 @@ from dense_vs.view.tables import table
 
 KEPT_EVERY = 30  # frames between the depth images that the body model's scale follows from
 POSTURES = 8  # unseen ones
-LARGEST_STEP = 0.03  # rad a frame, on the way to a posture
 
 
 @dataclass(frozen=True)
@@ -135,15 +135,6 @@ def ask(world: SimWorld, model: BodyModel, seed: int) -> DepthScore:
         true.append(world.frame().depth)
         masks.append(world.robot_mask())
     return depth_score(np.stack(found), np.stack(true), np.stack(masks))
-
-
-def go_to(world: SimWorld, q: np.ndarray) -> None:
-    """Move there, at most 0.03 rad a frame."""
-    for _ in range(400):
-        off = q - world.joints()[0]
-        if np.abs(off).max() < 0.005:
-            return
-        world.step(np.clip(off, -LARGEST_STEP, LARGEST_STEP))
 
 
 def metrics_of(results: list[SeedResult]) -> list[Metric]:

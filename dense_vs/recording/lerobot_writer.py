@@ -11,11 +11,11 @@ from typing import Any
 
 import numpy as np
 
-from dense_vs.arrays import number_array
 from dense_vs.checks import check_number, check_whole
 from dense_vs.errors import DenseVSError
 from dense_vs.files import atomic_write, output_folder
 from dense_vs.recording.joint_log import JointLog
+from dense_vs.recording.joint_readings import JointReadings
 from dense_vs.recording.lerobot_folder import PATHS, STATE
 from dense_vs.recording.video_writer import FASTEST, MOST_QUALITY, VideoWriter
 from dense_vs.robot.camera_image import check_rgb
@@ -83,11 +83,7 @@ class LeRobotWriter:
 
     def add_joints(self, positions: np.ndarray, time: float) -> None:
         """Add a reading; one that is not newer than the last is the same reading again."""
-        q = number_array(positions, "joint positions", (len(self._names),))
-        time = check_number("joint time stamp", time)
-        if not self._times or time > self._times[-1]:
-            self._times.append(time)
-            self._positions.append(q)
+        self._joints.add(positions, time)
 
     def end_episode(self) -> None:
         """Complete an episode; what comes next is another one.
@@ -97,13 +93,13 @@ class LeRobotWriter:
         """
         import pyarrow as pa
 
-        if self._video is None or len(self._times) < 2:
+        if self._video is None or len(self._joints) < 2:
             raise DenseVSError(
-                f"episode has {len(self._stamps)} images and {len(self._times)} joint readings; expected at least 1 "
+                f"episode has {len(self._stamps)} images and {len(self._joints)} joint readings; expected at least 1 "
                 "and 2"
             )
         self._video.__exit__(None)
-        log = JointLog(self._names, np.array(self._times), np.array(self._positions))
+        log = JointLog(self._names, np.array(self._joints.times), np.array(self._joints.positions))
         joints = log.at(np.clip(self._stamps, log.times[0], log.times[-1])).astype(np.float32)
         count, episode = len(joints), len(self._rows)
         index = np.arange(count)
@@ -142,8 +138,7 @@ class LeRobotWriter:
     def _begin(self) -> None:
         self._video: VideoWriter | None = None
         self._stamps: list[float] = []
-        self._times: list[float] = []
-        self._positions: list[np.ndarray] = []
+        self._joints = JointReadings(self._names)
 
     def _path(self, template: str) -> Path:
         chunk, file = divmod(len(self._rows), CHUNK)

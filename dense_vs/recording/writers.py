@@ -9,10 +9,10 @@ from typing import Protocol
 
 import numpy as np
 
-from dense_vs.arrays import number_array
 from dense_vs.checks import check_choice, check_names, check_number
 from dense_vs.errors import DenseVSError
 from dense_vs.files import atomic_write, file_path, output_folder
+from dense_vs.recording.joint_readings import JointReadings
 from dense_vs.recording.video_writer import VideoWriter
 
 FORMATS = ("video", "lerobot", "mcap")
@@ -113,8 +113,7 @@ class VideoAndLogWriter:
     def __init__(self, folder: Path, joint_names: tuple[str, ...], *, fps: float, quality: int):
         self._folder, self._names = folder, joint_names
         self._video = VideoWriter(folder / "video.mp4", fps, quality=quality)
-        self._times: list[float] = []
-        self._positions: list[np.ndarray] = []
+        self._joints = JointReadings(joint_names)
         self._start: float | None = None
 
     def add_image(self, image: np.ndarray, time: float) -> None:
@@ -125,22 +124,18 @@ class VideoAndLogWriter:
 
     def add_joints(self, positions: np.ndarray, time: float) -> None:
         """Add a reading; one that is not newer than the last is the same reading again."""
-        q = number_array(positions, "joint positions", (len(self._names),))
-        time = check_number("joint time stamp", time)
-        if not self._times or time > self._times[-1]:
-            self._times.append(time)
-            self._positions.append(q)
+        self._joints.add(positions, time)
 
     def close(self) -> None:
         """Complete both files."""
-        if len(self._times) < 2:
+        if len(self._joints) < 2:
             self.abort()
-            raise DenseVSError(f"{self._folder} got {len(self._times)} joint readings; expected at least 2")
+            raise DenseVSError(f"{self._folder} got {len(self._joints)} joint readings; expected at least 2")
         self._video.__exit__(None)
         with atomic_write(self._folder / "joints.csv", "w") as stream:
             rows = csv.writer(stream, lineterminator="\n")
             rows.writerow(["time", *self._names])
-            for time, row in zip(self._times, self._positions, strict=True):
+            for time, row in zip(self._joints.times, self._joints.positions, strict=True):
                 rows.writerow([f"{time - (self._start or 0.0):.6f}", *(f"{q:.8f}" for q in row)])
 
     def abort(self) -> None:
