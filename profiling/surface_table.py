@@ -28,14 +28,17 @@ HEAD = (
     "astray, not said",
 )
 LEGEND = (
-    "In the tables of arms that follow, J error is the median over the robot's pixels, in parentheses what nine in ten "
-    "pixels stay below; means over the seeds. Exact flow: the same with the true flow in place of the measured one (a "
-    "dash: left out). Label IoU: of the labels with the true robot. "
-    f"Below {REACHED_PX:g} px: the true point ended so near the target, whatever the loop said, of the reaches that "
-    "were asked for. Said reached, lost, missed (out of frames): how the loop itself ended the reach. Wrongly: of "
-    f"those said reached, the ones more than {REACHED_PX:g} px off by the truth. Astray, not said: not called lost, "
-    f"though the tracked point was more than {ASTRAY_PX:g} px from the true one. Failed: views, one arm before one "
-    "camera with one seed, that ended in an error; reaches that they did not come to count as asked for, not reached."
+    "In the tables of arms that follow:",
+    "",
+    "- J error: median over the robot's pixels, in parentheses what nine in ten stay below; means over the seeds.",
+    "- exact flow: J error with the true flow in place of the measured one; a dash where it was left out.",
+    "- label IoU: of the labels with the true robot.",
+    f"- below {REACHED_PX:g} px: of the reaches that were asked for, those that end so near the target by the truth, "
+    "whatever the loop says.",
+    "- said reached, lost, missed (out of frames): how the loop itself ended the reach.",
+    f"- wrongly: of those said reached, the ones more than {REACHED_PX:g} px off by the truth.",
+    f"- astray, not said: not called lost, though the tracked point was more than {ASTRAY_PX:g} px from the true one.",
+    "- failed: views (an arm before a camera with a seed) which ended in an error; their reaches count as asked for.",
 )
 
 
@@ -97,7 +100,7 @@ def surface_lines() -> list[str]:
             *table_lines([view for view in views if view.learned or view.failure]),
             "",
         ]
-    return [LEGEND, "", *lines] if lines else []
+    return [*LEGEND, "", *lines] if lines else []
 
 
 def few_surface_lines() -> list[str]:
