@@ -20,7 +20,7 @@ def host_or_gpu(value: Any, name: str, expected: str) -> Any:
         device: Any = value.device
         return value.numpy() if device.is_cpu else value
     if isinstance(value, np.ndarray):
-        return value
+        return _unmasked(value, name, expected)
     try:
         if hasattr(value, "__cuda_array_interface__"):
             return wp.array(value, copy=False)
@@ -120,9 +120,20 @@ def plain_array(value: Any, name: str, expected: str) -> np.ndarray:
         DenseVSError: it cannot be read as an array, as a ragged list.
     """
     try:
+        if isinstance(value, np.ndarray):
+            return _unmasked(value, name, expected)
         return np.asarray(value.numpy() if isinstance(value, wp.array) else value)
+    except DenseVSError:
+        raise
     except Exception as error:  # an object of the caller's may raise whatever it likes when it is read
         raise DenseVSError(f"{name} is a {type(value).__name__}; expected {expected} ({error})") from error
+
+
+def _unmasked(array: np.ndarray, name: str, expected: str) -> np.ndarray:
+    """The array without what a subclass does in another way; what a mask hides is no number."""
+    if isinstance(array, np.ma.MaskedArray) and np.ma.is_masked(array):
+        raise DenseVSError(f"{name} has masked values; expected {expected}")
+    return np.asarray(array)
 
 
 def _fits(got: tuple[int, ...], shape: tuple[int, ...]) -> bool:

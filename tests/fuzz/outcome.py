@@ -2,6 +2,7 @@
 
 import dataclasses
 import enum
+import re
 import signal
 import traceback
 from collections import Counter
@@ -14,6 +15,7 @@ import numpy as np
 from dense_vs.errors import DenseVSError
 
 SECONDS = 20  # of a case, then it hangs
+ROOMS = ("dense_vs", "sims", "kernels")  # the product's
 
 
 class Hang(BaseException):
@@ -70,7 +72,7 @@ def run_case(
         return
     except Exception as error:
         signal.alarm(0)
-        if isinstance(error, TypeError) and "argument" in str(error) and "keyword" in str(error):
+        if _unknown_keyword(error):
             tally.counts["unknown keyword"] += 1
             return
         tally.fault("exception", f"{name}: {_line(error)}")
@@ -108,6 +110,15 @@ def _same(before: Any, after: Any) -> bool:
     return bool(before == after)
 
 
+def _unknown_keyword(error: Exception) -> bool:
+    """Whether the caller gave a keyword that there is none of, not a line of the product that called another."""
+    keyword = re.search(r"'(\w+)'", str(error))
+    if not isinstance(error, TypeError) or keyword is None or "keyword argument" not in str(error):
+        return False
+    last = traceback.extract_tb(error.__traceback__)[-1]
+    return not any(f"/{room}/" in last.filename for room in ROOMS) or f"{keyword[1]}=" not in (last.line or "")
+
+
 def _hang(*_: Any) -> None:
     raise Hang
 
@@ -115,9 +126,7 @@ def _hang(*_: Any) -> None:
 def _line(error: BaseException) -> str:
     """The error and the product's line that it came from."""
     places = traceback.extract_tb(error.__traceback__)
-    own = [
-        one for one in places if "/dense_vs/" in one.filename or "/sims/" in one.filename or "/kernels/" in one.filename
-    ]
+    own = [one for one in places if any(f"/{room}/" in one.filename for room in ROOMS)]
     last = own[-1] if own else places[-1]
     where = "/".join(last.filename.split("/")[-3:])
     return f"{type(error).__name__}: {str(error)[:150]} at {where}:{last.lineno}"

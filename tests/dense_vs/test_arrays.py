@@ -1,0 +1,35 @@
+"""Arrays of NumPy's subclasses: what a mask hides is no number, and the rest is taken as a plain array."""
+
+import numpy as np
+import pytest
+
+from dense_vs.arrays import host_or_gpu, number_array, plain_array, point_array, real_vector
+from dense_vs.errors import DenseVSError
+
+READERS = [
+    lambda value: host_or_gpu(value, "it", "numbers"),
+    lambda value: plain_array(value, "it", "numbers"),
+    lambda value: number_array(value, "it", finite=False),
+    lambda value: real_vector(value, "it", (2,)),
+    lambda value: point_array(value, "it"),
+]
+
+
+@pytest.mark.parametrize("read", READERS)
+def test_masked_values_are_no_numbers(read):
+    for hidden in (np.nan, 0.5):  # under the mask
+        with pytest.raises(DenseVSError, match=r"it has masked values; expected .*numbers|it .*masked"):
+            read(np.ma.masked_array([0.1, hidden], mask=[False, True]))
+
+
+@pytest.mark.parametrize("read", READERS)
+def test_subclasses_are_read_as_plain_arrays(read):
+    values = np.array([0.1, 0.2])
+
+    class Other(np.ndarray):
+        pass
+
+    for one in (np.ma.masked_array(values, mask=[False, False]), np.ma.masked_array(values), values.view(Other)):
+        found = read(one)
+        assert type(found) is np.ndarray
+        np.testing.assert_array_equal(found, values)
