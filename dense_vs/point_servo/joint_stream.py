@@ -16,6 +16,7 @@ from dense_vs.recording.joint_delay import find_changed_delay, find_joint_delay,
 from dense_vs.recording.joint_log import JointBuffer
 from dense_vs.robot.joint_group import JointGroup
 from dense_vs.robot.protocols import Robot
+from dense_vs.robot.stamped import read_joints
 
 DELAY_MOTIONS = 60  # of babbling, that the delay of joint readings is found in at a time
 DELAY_TRIES, AGAIN_AFTER = 3, 45  # times that it is sought until they tell it, and motions between
@@ -64,7 +65,7 @@ class JointStream:
         Raises:
             DenseVSError: as :meth:`JointWatch.judge`.
         """
-        positions, stamp = self._robot.joints()
+        positions, stamp = read_joints(self._robot)
         reading = np.asarray(self._group.take(positions), dtype=np.float64)
         before = self.watch.positions
         faults = self.watch.judge(reading, stamp, image_time)

@@ -26,7 +26,7 @@ from dense_vs.point_servo.following import PointFlow, follow, found_again, new_t
 from dense_vs.point_servo.joint_stream import JointStream
 from dense_vs.point_servo.law import VisualServo
 from dense_vs.point_servo.learned_body import LearnedBody, check_body
-from dense_vs.point_servo.loop_estimator import loop_estimator, read_depth
+from dense_vs.point_servo.loop_estimator import check_parts, loop_estimator, read_camera, read_depth
 from dense_vs.point_servo.point_memory import PointMemory
 from dense_vs.point_servo.reach import Arrival, Reach
 from dense_vs.point_servo.reaching import Reaching
@@ -36,6 +36,7 @@ from dense_vs.robot.babbling import Babbling
 from dense_vs.robot.command_gate import MAX_AGE, CommandGate
 from dense_vs.robot.joint_group import JointGroup
 from dense_vs.robot.protocols import Camera, Robot
+from dense_vs.robot.stamped import read_image
 
 MOST_GAP = 2.0  # s between two images, after which the loop begins anew with what it has learned
 MOST_HELD = 30  # images that wait for their joint readings; a robot whose readings stop is not waited for
@@ -66,8 +67,7 @@ class ServoLoop:
             until the readings of its time are there.
         max_step: largest step of a joint in one command, a number or one for each joint [rad, m]; what babbling and
             servo are set to unless given. See :class:`dense_vs.robot.CommandGate`, which every command goes through.
-        max_speed: speed above which no motor moves a joint [rad/s, m/s]; readings that say so are not believed. Twice
-            the largest step a frame unless given.
+        max_speed: of a joint [rad/s, m/s]; faster readings are not believed. Twice the largest step by default.
         sway: whether the camera may sway, see :class:`FramePipeline`.
         on_frame: called with the loop after every frame; a viewer, a recorder, an evaluation.
 
@@ -105,7 +105,8 @@ class ServoLoop:
         self.camera, self.robot = camera, robot
         self.group = JointGroup.of_robot(robot, joints)
         count = len(self.group.names)
-        image, time = camera.read()
+        check_parts(count, servo=servo, flow=flow, babbling=babbling, body=body, on_frame=on_frame)
+        image, time = read_image(camera)
         where = {"device": device, "threads": threads}
         self.estimator = estimator = loop_estimator(estimator, camera, image, self.group, scale, depth=depth, **where)
         self.servo = servo or VisualServo(count, joint_limits=self.group.limits, seed=seed)
@@ -189,7 +190,7 @@ class ServoLoop:
             stop="; ".join(str(fault) for fault in self.faults if fault.stops) or self._waited_long(),
         )
         self.joints.watch.commanded(sent)
-        frame = self._take(*self.camera.read(), read_depth(self.camera, self.estimator))
+        frame = self._take(*read_camera(self.camera, self.estimator))
         seen = all(fault.kind not in (FaultKind.DARK, FaultKind.FROZEN) for fault in frame.faults)
         if self.tracker is not None and seen and frame is not self._followed:
             self._follow_point(self.tracker, frame)
@@ -209,7 +210,7 @@ class ServoLoop:
             DenseVSError: stamps of joints and camera that are not of one clock.
         """
         self._restart()
-        self._take(*self.camera.read(), read_depth(self.camera, self.estimator))
+        self._take(*read_camera(self.camera, self.estimator))
 
     def _restart(self) -> None:
         self.joints.restart()

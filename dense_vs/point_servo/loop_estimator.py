@@ -1,15 +1,20 @@
-"""The estimator of a servo loop: made to fit the camera's images and the robot's joints, or checked that it does, and
-what it takes from the camera.
+"""The parts of a servo loop: an estimator made to fit the camera's images and the robot's joints, or checked that it
+does, as the other parts are, and what the loop takes from the camera.
 """
 
 from typing import Any
 
 from dense_vs.arrays import plain_array
-from dense_vs.checks import check_number
+from dense_vs.body import SelfBody
+from dense_vs.checks import check_number, shown
 from dense_vs.errors import DenseVSError
+from dense_vs.flow.estimator import FlowEstimator
 from dense_vs.jacobian.estimator import DenseJacobian
+from dense_vs.point_servo.law import VisualServo
+from dense_vs.robot.babbling import Babbling
 from dense_vs.robot.joint_group import JointGroup
 from dense_vs.robot.protocols import Camera, DepthCamera
+from dense_vs.robot.stamped import read_image
 
 
 def loop_estimator(
@@ -26,9 +31,11 @@ def loop_estimator(
         options: of an estimator made here.
 
     Raises:
-        DenseVSError: another number of joints, a scale out of (0, 1], no image, or depth with a camera that has none.
+        DenseVSError: no estimator, or one of another number of joints, a scale out of (0, 1], no image, or depth with a camera that has none.
     """
     count = len(group.names)
+    if estimator is not None and not isinstance(estimator, DenseJacobian):
+        raise DenseVSError(f"estimator is {shown(estimator)}; expected a DenseJacobian")
     scale = check_number("scale", scale, above=0, most=1)
     if estimator is None:
         seen = plain_array(image, "the camera's image", "uint8 of shape (H, W, 3) or (H, W)")
@@ -43,6 +50,40 @@ def loop_estimator(
     if estimator.options.depth and not isinstance(camera, DepthCamera):
         raise DenseVSError(f"camera is a {type(camera).__name__} without depth(); expected a DepthCamera, or no depth")
     return estimator
+
+
+def check_parts(
+    joints: int, *, servo: Any = None, flow: Any = None, babbling: Any = None, body: Any = None, on_frame: Any = None
+) -> None:
+    """Refuse parts that a loop of so many joints cannot use; None is a part that it makes itself, or goes without.
+
+    Raises:
+        DenseVSError: a part of another kind, or of another number of joints.
+    """
+    kinds = (
+        ("servo", servo, VisualServo),
+        ("flow", flow, FlowEstimator),
+        ("babbling", babbling, Babbling),
+        ("body", body, SelfBody),
+    )
+    for name, part, kind in kinds:
+        if part is not None and not isinstance(part, kind):
+            raise DenseVSError(f"{name} is {shown(part)}; expected a {kind.__name__}")
+    for name, part in (("servo", servo), ("babbling", babbling)):
+        if part is not None and part.joints != joints:
+            raise DenseVSError(f"{name} has {part.joints} joints; expected {joints}")
+    if on_frame is not None and not callable(on_frame):
+        raise DenseVSError(f"on_frame is {shown(on_frame)}; expected a function of the loop")
+
+
+def read_camera(camera: Camera, estimator: DenseJacobian) -> tuple[Any, float, Any]:
+    """The next image, its time stamp [s] and, for an estimator with depth, its depth image; else None.
+
+    Raises:
+        DenseVSError: the camera gives something else.
+    """
+    image, time = read_image(camera)
+    return image, time, read_depth(camera, estimator)
 
 
 def read_depth(camera: Any, estimator: DenseJacobian) -> Any:

@@ -51,6 +51,9 @@ class Babbling:
         max_flow: image motion that the babbling slows down to, 99th percentile [px per frame].
         frame_time: time between frames [s].
 
+    Attributes:
+        joints: N.
+
     Raises:
         DenseVSError: a value out of range.
     """
@@ -65,7 +68,7 @@ class Babbling:
         max_flow: float = 4.0,
         frame_time: float = 1 / 30,
     ):
-        joints = check_whole("joints", joints, least=1, most=4096)
+        self.joints = joints = check_whole("joints", joints, least=1, most=4096)
         self.options = BabblingOptions(
             amplitude=amplitude, time_constant=time_constant, max_flow=max_flow, frame_time=frame_time
         )

@@ -1,12 +1,15 @@
 """What is no step, scale, time, bound, model or method is refused by a loop, and the robot stays where it is."""
 
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 import pytest
+import warp as wp
 from planar_robot import PlanarRobot, PlaneCamera
 
-from dense_vs import DenseVSError, ServoLoop
+from dense_vs import Babbling, DenseVSError, ServoLoop, VisualServo
+from dense_vs.robot.stamped import read_image, read_joints
 
 
 def make(scene, **options):
@@ -52,6 +55,14 @@ def test_steps_are_numbers_of_every_joint(scene, step):
             for bound in ("1", "x", b"1", True, 1j, 10**400, np.datetime64("2020-01-01"), 0, [0.1, 0.1])
         ],
         *[({"body_model": model}, "body model is .*expected a BodyModel, True or False") for model in (None, "x", 1)],
+        *[
+            ({name: wrong}, f"{name} is .*; expected a.? {kind}")
+            for name, kind in (("estimator", "DenseJacobian"), ("servo", "VisualServo"), ("flow", "FlowEstimator"),
+                               ("babbling", "Babbling"), ("body", "SelfBody"), ("on_frame", "function of the loop"))
+            for wrong in ("x", 3, object(), np.zeros(2))
+        ],
+        ({"servo": VisualServo(3)}, "servo has 3 joints; expected 4"),
+        ({"babbling": Babbling(5)}, "babbling has 5 joints; expected 4"),
     ],
 )
 def test_a_loop_is_made_of_what_fits(scene, options, words):
@@ -66,6 +77,33 @@ def test_a_camera_gives_images(scene):
         camera.read = lambda wrong=wrong: (wrong, 0.0)
         with pytest.raises(DenseVSError, match=r"the camera's image .*expected"):
             ServoLoop(camera, robot, device="cpu")
+
+
+NO_PAIR = (None, 3, "ab", b"ab", [], (1,), (1, 2.0, 3), {"a": 1, "b": 2}, np.zeros(2))
+NO_STAMP = ("x", None, 1j, True, [0.0], np.zeros(1), np.datetime64("2020-01-01"), 10**400, object())
+
+
+@pytest.mark.parametrize("given", [*NO_PAIR, *(("it", stamp) for stamp in NO_STAMP)])
+@pytest.mark.parametrize("what", ["image", "joints"])
+def test_a_camera_and_a_robot_give_a_value_and_its_time(scene, what, given):
+    robot, loop = make(scene)
+    frame = loop.frame
+    if what == "image":
+        loop.camera.read, words = lambda: given, r"camera.read\(\) .*expected .* \[s\]"
+    else:
+        robot.joints, words = lambda: given, r"robot.joints\(\) .*expected .* \[s\]"
+    for call in (lambda: loop.step(np.zeros(4)), loop.resume, lambda: ServoLoop(loop.camera, robot, device="cpu")):
+        with pytest.raises(DenseVSError, match=words):
+            call()
+    assert loop.frame is frame
+
+
+def test_a_time_is_any_number():
+    for stamp in (3, 3.0, np.float32(3), np.int64(3), np.array(3.0), wp.array([3.0], device="cpu").numpy()[0]):
+        image, time = read_image(SimpleNamespace(read=lambda stamp=stamp: ("image", stamp)))
+        assert (image, time, type(time)) == ("image", 3.0, float)
+        assert read_joints(SimpleNamespace(joints=lambda stamp=stamp: ["q", stamp])) == ("q", 3.0)
+    assert np.isnan(read_image(SimpleNamespace(read=lambda: ("image", np.nan)))[1])  # what is done with it is said later
 
 
 def test_a_body_model_is_one(made):
