@@ -31,7 +31,8 @@ def loop_estimator(
         options: of an estimator made here.
 
     Raises:
-        DenseVSError: no estimator, or one of another number of joints, a scale out of (0, 1], no image, or depth with a camera that has none.
+        DenseVSError: no estimator, another number of joints, a scale out of (0, 1], no image, or depth with a camera
+            that has none.
     """
     count = len(group.names)
     if estimator is not None and not isinstance(estimator, DenseJacobian):

@@ -57,8 +57,14 @@ def test_steps_are_numbers_of_every_joint(scene, step):
         *[({"body_model": model}, "body model is .*expected a BodyModel, True or False") for model in (None, "x", 1)],
         *[
             ({name: wrong}, f"{name} is .*; expected a.? {kind}")
-            for name, kind in (("estimator", "DenseJacobian"), ("servo", "VisualServo"), ("flow", "FlowEstimator"),
-                               ("babbling", "Babbling"), ("body", "SelfBody"), ("on_frame", "function of the loop"))
+            for name, kind in (
+                ("estimator", "DenseJacobian"),
+                ("servo", "VisualServo"),
+                ("flow", "FlowEstimator"),
+                ("babbling", "Babbling"),
+                ("body", "SelfBody"),
+                ("on_frame", "function of the loop"),
+            )
             for wrong in ("x", 3, object(), np.zeros(2))
         ],
         ({"servo": VisualServo(3)}, "servo has 3 joints; expected 4"),
@@ -103,7 +109,8 @@ def test_a_time_is_any_number():
         image, time = read_image(SimpleNamespace(read=lambda stamp=stamp: ("image", stamp)))
         assert (image, time, type(time)) == ("image", 3.0, float)
         assert read_joints(SimpleNamespace(joints=lambda stamp=stamp: ["q", stamp])) == ("q", 3.0)
-    assert np.isnan(read_image(SimpleNamespace(read=lambda: ("image", np.nan)))[1])  # what is done with it is said later
+    unknown = SimpleNamespace(read=lambda: ("image", np.nan))
+    assert np.isnan(read_image(unknown)[1])  # a number, of which others say what is wrong with it
 
 
 def test_a_body_model_is_one(made):
