@@ -164,7 +164,6 @@ def run_seed(
                     measured.reach.target,
                     measured.reach.frames,
                     measured.true_error_px,
-                    measured.reach.error_px,
                     measured.reach.lost,
                     experiment.loop.frame.image.copy(),
                     (first, len(run.trace.times) - 1),
