@@ -60,7 +60,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     page.add_argument("--token", metavar="TEXT", help="letters and digits that a browser has to bring")
     safe = parser.add_argument_group("limits and files")
     safe.add_argument(
-        "--max-speed", type=float, default=DEFAULT_SPEED, metavar="R", help="of any joint [rad/s] (default: 1)"
+        "--max-speed",
+        type=float,
+        default=DEFAULT_SPEED,
+        metavar="R",
+        help="of a turning joint [rad/s]; a sliding joint may go at a quarter of the number [m/s] (default: 1)",
     )
     safe.add_argument("--dead-man", action="store_true", help="move only while a key or button is held")
     safe.add_argument("--scale", type=float, metavar="X", help="factor on the image size (default: by its width)")

@@ -110,6 +110,35 @@ def test_a_stop_holds_back_the_command_in_work(robot):
     assert not robot.commands[-1][1].any()
 
 
+def test_a_robot_that_cannot_hold_is_said_and_stays_stopped(robot):
+    def hold():
+        raise OSError("the bus is gone")
+
+    robot.hold = hold
+    session = session_of(robot)
+    session.robot.joints()
+    session.gate.allow()
+    session.stop("a key")
+    (line,) = (line for line in session.board.lines() if line["level"] == "error")
+    assert line["text"] == "the robot was told to hold and did not: OSError: the bus is gone"
+    assert session.gate.reason == "a key"
+    session.robot.command(np.array([0.01, 0.01]))
+    assert not robot.commands[-1][1].any()
+
+
+def test_the_loop_knows_how_slow_a_sliding_joint_is(robot, tmp_path):
+    """It watches whether joints follow, so what it sends has to be what passes."""
+    robot.joint_units = ("rad", "m")
+    session = session_of(robot, folder=tmp_path, joints=("right", "left"), max_speed=0.08)
+    session.start()
+    try:
+        assert wait_for(lambda: session.mode is Mode.STILL and session.number > 2, 60), session.board.lines()
+        frame = session.robot.frame_seconds
+        np.testing.assert_allclose(session.running_loop().gate.max_step, [0.02 * frame, 0.08 * frame], rtol=1e-6)
+    finally:
+        session.end()
+
+
 @pytest.mark.parametrize("asked", ["learn", "go"])
 def test_a_stop_ends_what_was_asked_for_before_it_and_has_not_begun(session, robot, asked):
     """The camera hangs, motion is asked for, Stop is pressed, and the camera comes back: nothing moves."""
