@@ -102,6 +102,6 @@ def good_commands(folder: Path) -> list[list[str]]:
         ["reproduce", "vosvs", "trial", "--objects", "none", "--seed", "0", "--jobs", "1", "--mask-seconds", "0.1",
          "--json", str(folder / "figures.json"), "--out", out],
         ["reproduce", "dije", "labels", "--seconds", "nan", "--seed", "0", "--out", out],
-        ["reproduce", "generative", "grasp", "--tries", "0", "--independent", "0.01", "--seed", "0", "--out", out],
+        ["reproduce", "gothoskar", "grasp", "--tries", "0", "--independent", "0.01", "--seed", "0", "--out", out],
         ["arms", "none", "--out", out],
     ]  # fmt: skip
