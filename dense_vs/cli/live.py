@@ -44,11 +44,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     own.add_argument("--replay", type=Path, metavar="PATH", help="a recording in place of a robot; no commands")
     for source in _sources():
         source.add_arguments(parser)
-    parser.add_argument("--joints", metavar="A,B,C", help="joints to use (default: all)")
+    parser.add_argument(
+        "--joints", metavar="A,B", help="joints to use, by their names in full, no patterns (default: all)"
+    )
     parser.add_argument("--camera", metavar="NAME", help="camera of the model or of the recording (default: its first)")
     parser.add_argument("--seed", type=int, default=0, metavar="N", help="of textures, posture and motion (default: 0)")
     page = parser.add_argument_group("the page")
-    page.add_argument("--host", default="127.0.0.1", help="address to serve at (default: 127.0.0.1)")
+    page.add_argument("--host", default="127.0.0.1", metavar="ADDRESS", help="address to serve at (default: 127.0.0.1)")
     page.add_argument(
         "--port",
         action="append",
@@ -80,7 +82,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="keep what is learned in FILE every 3 s, and go on from it at the next start",
     )
     safe.add_argument(
-        "--format", default=FORMATS[0], help=f"of recordings: {', '.join(FORMATS)} (default: {FORMATS[0]})"
+        "--format",
+        default=FORMATS[0],
+        metavar="NAME",
+        help=f"of recordings: {', '.join(FORMATS)} (default: {FORMATS[0]})",
     )
     add_device_arguments(parser)
 
