@@ -52,7 +52,7 @@ def run(tally: Tally, seed: int, count: int, progress: Path) -> None:
 
 def good_commands(folder: Path) -> list[list[str]]:
     """A command line of every command: a good one, or, where that takes long, one of which a word is wrong already."""
-    from reference_recordings import record
+    from arm_recordings import record
     from small_recordings import encode, joint_table, moving_images
 
     from dense_vs.segmentation import FewShotSegmenter

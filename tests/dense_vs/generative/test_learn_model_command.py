@@ -4,7 +4,7 @@ import json
 
 import numpy as np
 import pytest
-from reference_recordings import SIZE
+from arm_recordings import SIZE
 
 from dense_vs.cli.main import main
 from dense_vs.generative import GenerativeModel

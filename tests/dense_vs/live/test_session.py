@@ -21,7 +21,7 @@ from dense_vs.live.recording_thread import RecordingThread
 from dense_vs.live.session import LiveSession
 from dense_vs.live.source import LiveSource
 
-REFERENCE = Path(__file__).parents[2] / "reference"
+SUPPORT = Path(__file__).parents[2] / "support"
 CENTER = (WIDTH / 2, HEIGHT / 2)
 
 
@@ -275,7 +275,7 @@ time.sleep(120)
 
 
 def test_a_killed_session_leaves_a_robot_that_holds(tmp_path, monkeypatch):
-    monkeypatch.setenv("PYTHONPATH", str(REFERENCE))
+    monkeypatch.setenv("PYTHONPATH", str(SUPPORT))
     path = tmp_path / "held.json"
     words = [sys.executable, "-c", PROGRAM, str(path)]
     process = subprocess.Popen(words, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True)
