@@ -9,10 +9,12 @@ from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from dense_vs.body.self_body import SelfBody as SelfBody
+    from dense_vs.body_model.model import BodyModel as BodyModel
     from dense_vs.depth.approach import DepthApproach as DepthApproach
     from dense_vs.errors import DenseVSError as DenseVSError
     from dense_vs.flow.batch_flow import BatchFlow as BatchFlow
     from dense_vs.flow.estimator import FlowEstimator as FlowEstimator
+    from dense_vs.flow.estimator import to_gray as to_gray
     from dense_vs.grasp.loop import GraspLoop as GraspLoop
     from dense_vs.jacobian.estimator import DenseJacobian as DenseJacobian
     from dense_vs.mask_servo.hadamard_broyden import HadamardBroyden as HadamardBroyden
@@ -23,13 +25,17 @@ if TYPE_CHECKING:
     from dense_vs.point_servo.loop import ServoLoop as ServoLoop
     from dense_vs.point_servo.tracker import PointTracker as PointTracker
     from dense_vs.recording.joint_log import JointLog as JointLog
+    from dense_vs.recording.open_recording import open_recording as open_recording
     from dense_vs.robot.babbling import Babbling as Babbling
     from dense_vs.robot.protocols import Camera as Camera
     from dense_vs.robot.protocols import Robot as Robot
 
+    __version__: str
+
 _HOMES = {
     "Babbling": "robot.babbling",
     "BatchFlow": "flow.batch_flow",
+    "BodyModel": "body_model.model",
     "Camera": "robot.protocols",
     "DenseJacobian": "jacobian.estimator",
     "DenseVSError": "errors",
@@ -46,12 +52,16 @@ _HOMES = {
     "SelfBody": "body.self_body",
     "ServoLoop": "point_servo.loop",
     "VisualServo": "point_servo.law",
+    "open_recording": "recording.open_recording",
+    "to_gray": "flow.estimator",
 }
 
 __all__ = list(_HOMES)  # pyright: ignore[reportUnsupportedDunderAll]  # they come by __getattr__
 
 
 def __getattr__(name: str) -> object:
+    if name == "__version__":
+        return import_module("importlib.metadata").version("dense-vs")
     if name not in _HOMES:
         raise AttributeError(f"module 'dense_vs' has no attribute {name!r}")
     return getattr(import_module(f"dense_vs.{_HOMES[name]}"), name)

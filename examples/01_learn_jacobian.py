@@ -4,8 +4,7 @@ from pathlib import Path
 
 import cv2
 
-from dense_vs import Babbling, DenseJacobian, FlowEstimator
-from dense_vs.flow import to_gray
+from dense_vs import Babbling, DenseJacobian, FlowEstimator, to_gray
 from dense_vs.jacobian import jacobian_error
 from dense_vs.sims import SimWorld
 from dense_vs.view.panels import JacobianView, label, tile

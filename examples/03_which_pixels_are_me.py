@@ -5,8 +5,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from dense_vs import Babbling, DenseJacobian, FlowEstimator, SelfBody
-from dense_vs.flow import to_gray
+from dense_vs import Babbling, DenseJacobian, FlowEstimator, SelfBody, to_gray
 from dense_vs.sims import SimWorld
 
 OUT = Path("out/examples")

@@ -24,7 +24,8 @@ import numpy as np
 from metrics import Metric, add_report_arguments, report
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests" / "reference"))
-from reference_recordings import record
+sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests" / "support"))
+from arm_recordings import record
 
 from dense_vs.generative import GenerativeModel
 from dense_vs.generative.learning.end_to_end import all_shared

@@ -19,7 +19,7 @@ from dense_vs.sims.papers.gothoskar.servo_runs import joint_tasks, servo_model, 
 
 Law = Callable[[IbvsProblem], np.ndarray]
 
-_TASKS, _NOISE = 40, 140  # purposes of random numbers; the first as ``dense-vs reproduce generative servo``
+_TASKS, _NOISE = 40, 140  # purposes of random numbers; the first as ``dense-vs reproduce gothoskar servo``
 
 
 @dataclass(frozen=True)

@@ -76,20 +76,20 @@ experiments)
         for seed in 501 502 503; do reproduce vosvs $experiment --seed $seed; done        # 6 each
     done
     for seed in 501 502 503 504 505; do
-        reproduce generative grasp --seed $seed                                           # 3
-        reproduce generative grasp --independent 0.01 --seed $seed                        # 3
-        reproduce generative insertion --seed $seed                                       # 12
-        reproduce generative insertion --independent 0.002 --seed $seed                   # 12
+        reproduce gothoskar grasp --seed $seed                                           # 3
+        reproduce gothoskar grasp --independent 0.01 --seed $seed                        # 3
+        reproduce gothoskar insertion --seed $seed                                       # 12
+        reproduce gothoskar insertion --independent 0.002 --seed $seed                   # 12
     done
     for experiment in stages kfold single-camera camera-shift drift noisy-control relearning; do
-        reproduce generative $experiment --seed 500 501                                   # 10 at most
+        reproduce gothoskar $experiment --seed 500 501                                   # 10 at most
     done
-    reproduce generative noisy-states --seed 500 501 502 503 504 505                      # 3
-    reproduce generative few-samples --seed $(seq -s ' ' 500 511)                         # 8
-    reproduce generative few-samples --postures uniform --samples 10 15 20 50 --seed $(seq -s ' ' 500 511) # 6
+    reproduce gothoskar noisy-states --seed 500 501 502 503 504 505                      # 3
+    reproduce gothoskar few-samples --seed $(seq -s ' ' 500 511)                         # 8
+    reproduce gothoskar few-samples --postures uniform --samples 10 15 20 50 --seed $(seq -s ' ' 500 511) # 6
     reproduce vosvs depth-log                                                             # 0, needs the recorded log
-    reproduce generative speed --seed 500 501 502                                         # 3, nothing else running
-    reproduce generative servo --seed 500 501                                             # 2
+    reproduce gothoskar speed --seed 500 501 502                                         # 3, nothing else running
+    reproduce gothoskar servo --seed 500 501                                             # 2
     python profiling/experiments.py "$out"/*-*.json
     ;;
 surfaces)

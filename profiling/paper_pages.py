@@ -20,7 +20,6 @@ from dense_vs.sims.papers import PAPERS
 
 RESULTS = Path(__file__).parent / "results" / "experiments.json"
 PAGES = Path(__file__).parent.parent / "docs" / "papers"
-NAMES = {"dije": "dije", "vosvs": "vosvs", "generative": "gothoskar"}
 BEGIN, END = "<!-- tables: begin -->", "<!-- tables: end -->"
 UNSAID = ("jobs", "keep")  # options that change no figure
 BESIDE = {"gothoskar": {"visp": visp_lines}}  # page -> name of the markers -> lines between them
@@ -116,11 +115,11 @@ def main() -> int:
     check = parser.parse_args().check
     runs = json.loads(RESULTS.read_text(encoding="utf-8"))["runs"]
     stale = []
-    for paper, name in NAMES.items():
-        page = PAGES / f"{name}.md"
+    for paper in PAPERS:
+        page = PAGES / f"{paper}.md"
         text = page.read_text(encoding="utf-8")
         whole = _between(text, BEGIN, END, page_tables([run for run in runs if run["paper"] == paper]))
-        for what, lines in BESIDE.get(name, {}).items():
+        for what, lines in BESIDE.get(paper, {}).items():
             whole = _between(whole, f"<!-- {what}: begin -->", f"<!-- {what}: end -->", "\n".join([*lines(), ""]))
         if whole != text:
             stale.append(page.name)

@@ -23,7 +23,7 @@ def main() -> int:
     parser.add_argument("--tasks", type=int, default=24, help="tasks (default: 24)")
     add_report_arguments(parser)
     arguments = parser.parse_args()
-    command = ("reproduce", "generative", "few-samples", "--device", "cpu", "--arm", "ur5")
+    command = ("reproduce", "gothoskar", "few-samples", "--device", "cpu", "--arm", "ur5")
     tasks = [
         Task(f"seed-{seed}", "few-samples", (*command, "--seed", str(seed)), seed) for seed in range(arguments.tasks)
     ]

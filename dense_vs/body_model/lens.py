@@ -69,11 +69,6 @@ class Lens:
         along = (1 + self.bend * np.minimum(squares, BORDER))[..., None] * np.eye(2)
         return along + grows * away[..., :, None] * away[..., None, :]
 
-    def by_bend(self, straight: np.ndarray) -> np.ndarray:
-        """Derivative of :meth:`bent` by the bend, ``(..., 2)`` [px]."""
-        away = straight - self.center
-        return away * np.minimum(self._squares(away), BORDER)
-
     def _squares(self, away: np.ndarray) -> np.ndarray:
         """Squared distance from the middle, 1 at a corner, ``(..., 1)``."""
         return np.sum(away**2, axis=-1, keepdims=True) / self.corner**2

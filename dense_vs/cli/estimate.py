@@ -231,7 +231,7 @@ def _summary(
         "camera": done.episode.camera,
         "frames": done.images,
         "skipped_frames": done.episode.skipped_frames,
-        "duplicate_frames": done.repeated,
+        "repeated_images": done.repeated,
         "gaps": done.gaps,
         "joints": list(names),
         "size": [estimator.options.height, estimator.options.width],
@@ -274,11 +274,11 @@ def _lines(summary: dict[str, Any]) -> str:
     """The table of one episode and what to do about it."""
     offset = f"{summary['time_offset_s']:+.3f} s (confidence {summary['time_offset_confidence']:.2f})"
     rows = [
-        ["motion explained after the first quarter", f"{summary['explained_motion']:.3f}"],
+        ["explained motion after the first quarter", f"{summary['explained_motion']:.3f}"],
         ["by quarter", " ".join(f"{e:.2f}" for e in summary["explained_motion_by_quarter"])],
         ["images", str(summary["frames"])],
         ["images outside the joint log", str(summary["skipped_frames"])],
-        ["repeated images", str(summary["duplicate_frames"])],
+        ["repeated images", str(summary["repeated_images"])],
         ["gaps", str(summary["gaps"])],
         ["time offset", offset],
         ["share of pixels known", f"{summary['share_of_pixels_known']:.2f}"],

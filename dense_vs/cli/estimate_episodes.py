@@ -62,7 +62,7 @@ def episodes_table(summaries: list[dict[str, Any]]) -> str:
         [
             str(s["episode"]),
             str(s["frames"]),
-            str(s["duplicate_frames"]),
+            str(s["repeated_images"]),
             f"{s['time_offset_s']:+.3f}",
             _share(s["explained_motion_by_quarter"][0], 2),
             _share(s["explained_motion"], 3),

@@ -67,7 +67,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="radial distortion coefficients to learn, 0 to 2 (default: 0)",
     )
     parser.add_argument(
-        "--holdout",
+        "--held-out",
         type=int,
         default=0,
         metavar="N",
@@ -82,11 +82,11 @@ def run(arguments: argparse.Namespace) -> None:
     for path in (arguments.out, arguments.json):  # wrong here, not after the learning
         if path is not None:
             check_writable(path)
-    kept = len(obs) - arguments.holdout
-    if arguments.holdout < 0 or kept < 2:
-        raise DenseVSError(f"--holdout is {arguments.holdout}; expected 0 to {len(obs) - 2} of {len(obs)} postures")
-    if arguments.holdout and (arguments.state != "observed" or arguments.controller != "joint"):
-        raise DenseVSError("--holdout needs --state observed and --controller joint: else the true state is not known")
+    kept = len(obs) - arguments.held_out
+    if arguments.held_out < 0 or kept < 2:
+        raise DenseVSError(f"--held-out is {arguments.held_out}; expected 0 to {len(obs) - 2} of {len(obs)} postures")
+    if arguments.held_out and (arguments.state != "observed" or arguments.controller != "joint"):
+        raise DenseVSError("--held-out needs --state observed and --controller joint: else the true state is not known")
     model = GenerativeModel.fit(
         obs[:kept],
         kinematics=arguments.kinematics,
@@ -112,14 +112,14 @@ def run(arguments: argparse.Namespace) -> None:
         print(f"noise of the state {report.joint_sigma:.4g} rad")
     if report.pose_sigma is not None:
         print(f"noise of the poses {report.pose_sigma[0]:.4g} rad, {report.pose_sigma[1]:.4g} m")
-    if arguments.holdout:
+    if arguments.held_out:
         held = obs[kept:]
         errors = np.linalg.norm(model.pixels(held.joints) - held.pixels, axis=-1)
         known = errors[np.isfinite(errors)]
         if len(known) == 0:
-            raise DenseVSError(f"none of the {arguments.holdout} postures held out shows a known feature")
-        summary["holdout_mean_error_px"] = float(known.mean())
-        print(f"mean error on {arguments.holdout} postures held out {known.mean():.3f} px")
+            raise DenseVSError(f"none of the {arguments.held_out} postures held out shows a known feature")
+        summary["held_out_mean_error_px"] = float(known.mean())
+        print(f"mean error on {arguments.held_out} postures held out {known.mean():.3f} px")
     for outlier in report.outliers:
         print(
             f"left out as a mistake: feature {outlier.feature} of camera {outlier.camera} in posture {outlier.sample}, "

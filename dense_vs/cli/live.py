@@ -44,11 +44,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     own.add_argument("--replay", type=Path, metavar="PATH", help="a recording in place of a robot; no commands")
     for source in _sources():
         source.add_arguments(parser)
-    parser.add_argument("--joints", metavar="A,B,C", help="joints to use (default: all)")
+    parser.add_argument(
+        "--joints", metavar="A,B", help="joints to use, by their names in full, no patterns (default: all)"
+    )
     parser.add_argument("--camera", metavar="NAME", help="camera of the model or of the recording (default: its first)")
     parser.add_argument("--seed", type=int, default=0, metavar="N", help="of textures, posture and motion (default: 0)")
     page = parser.add_argument_group("the page")
-    page.add_argument("--host", default="127.0.0.1", help="address to serve at (default: 127.0.0.1)")
+    page.add_argument("--host", default="127.0.0.1", metavar="ADDRESS", help="address to serve at (default: 127.0.0.1)")
     page.add_argument(
         "--port",
         action="append",
@@ -60,7 +62,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     page.add_argument("--token", metavar="TEXT", help="letters and digits that a browser has to bring")
     safe = parser.add_argument_group("limits and files")
     safe.add_argument(
-        "--max-speed", type=float, default=DEFAULT_SPEED, metavar="R", help="of any joint [rad/s] (default: 1)"
+        "--max-speed",
+        type=float,
+        default=DEFAULT_SPEED,
+        metavar="R",
+        help="of a turning joint [rad/s]; a sliding joint may go at a quarter of the number [m/s] (default: 1)",
     )
     safe.add_argument("--dead-man", action="store_true", help="move only while a key or button is held")
     safe.add_argument("--scale", type=float, metavar="X", help="factor on the image size (default: by its width)")
@@ -76,7 +82,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="keep what is learned in FILE every 3 s, and go on from it at the next start",
     )
     safe.add_argument(
-        "--format", default=FORMATS[0], help=f"of recordings: {', '.join(FORMATS)} (default: {FORMATS[0]})"
+        "--format",
+        default=FORMATS[0],
+        metavar="NAME",
+        help=f"of recordings: {', '.join(FORMATS)} (default: {FORMATS[0]})",
     )
     add_device_arguments(parser)
 

@@ -23,7 +23,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         type=Path,
         nargs="+",
         default=[],
-        metavar="FOLDER",
+        metavar="DIR",
         help="folders of images without the object, which teach when it is not there",
     )
     parser.add_argument("--seed", type=int, default=0, metavar="N", help="of the random choices (default: 0)")

@@ -8,5 +8,6 @@ May import: the ground and kernels.
 
 from dense_vs.generative.model import GenerativeModel
 from dense_vs.generative.observations import Observations
+from dense_vs.generative.report import FitReport
 
-__all__ = ["GenerativeModel", "Observations"]
+__all__ = ["FitReport", "GenerativeModel", "Observations"]

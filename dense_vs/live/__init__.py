@@ -2,3 +2,38 @@
 
 May import: every room of algorithms, drivers among them, and :mod:`dense_vs.view`.
 """
+
+from importlib import import_module
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from dense_vs.live.gate import PageGate as PageGate
+    from dense_vs.live.learning import Learning as Learning
+    from dense_vs.live.learning import sureness as sureness
+    from dense_vs.live.options import LiveOptions as LiveOptions
+    from dense_vs.live.reachability import Reachability as Reachability
+    from dense_vs.live.session import LiveSession as LiveSession
+    from dense_vs.live.source import LiveSource as LiveSource
+
+# Imported when first used: the command line's list of options needs none of it.
+_HOMES = {
+    "Learning": "learning",
+    "LiveOptions": "options",
+    "LiveSession": "session",
+    "LiveSource": "source",
+    "PageGate": "gate",
+    "Reachability": "reachability",
+    "sureness": "learning",
+}
+
+__all__ = list(_HOMES)  # pyright: ignore[reportUnsupportedDunderAll]  # they come by __getattr__
+
+
+def __getattr__(name: str) -> object:
+    if name not in _HOMES:
+        raise AttributeError(f"module 'dense_vs.live' has no attribute {name!r}")
+    return getattr(import_module(f"dense_vs.live.{_HOMES[name]}"), name)
+
+
+def __dir__() -> list[str]:
+    return sorted(_HOMES)

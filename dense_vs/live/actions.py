@@ -13,7 +13,7 @@ from dense_vs.live.session import LiveSession
 MOST_MESSAGE = 4096  # bytes
 LARGEST_WHOLE = 1 << 52
 LEAST_ROOM = 1 << 28  # bytes free before a recording begins
-SPEEDS = (0.01, 10.0)  # rad/s
+SPEEDS = (0.01, 10.0)  # rad/s, of a turning joint
 
 
 class Actions:
@@ -105,7 +105,7 @@ class Actions:
     def _speed(self, message: Mapping[str, Any]) -> None:
         speed = number(message, "value")
         if not SPEEDS[0] <= speed <= SPEEDS[1]:
-            raise DenseVSError(f"speed is {speed} rad/s; expected {SPEEDS[0]} to {SPEEDS[1]}")
+            raise DenseVSError(f"speed of a turning joint is {speed} rad/s; expected {SPEEDS[0]} to {SPEEDS[1]}")
         self._session.gate.max_speed = speed
 
     def _dead_man(self, message: Mapping[str, Any]) -> None:

@@ -178,6 +178,7 @@ class Clients:
             "open": session.gate.open,
             "reason": session.gate.reason,
             "speed": session.gate.max_speed,
+            "sliding_speed": session.gate.sliding_speed,
             "dead_man": session.gate.dead_man,
             "heard": client.heard,
             "control": "yours" if holder == client.number else "free" if holder is None else "taken",

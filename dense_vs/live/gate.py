@@ -1,4 +1,5 @@
-"""The page's gate: the last thing that a command passes before the robot, closed unless everything allows motion.
+"""The page's gate: behind a loop's :class:`dense_vs.robot.CommandGate` the last thing that a command passes before the
+robot, closed unless everything allows motion.
 
 Any thread may close it, and a command that was computed before then goes no further: it becomes a zero step. So a stop
 takes effect within the frame that is being worked on. It also ends what was asked for before it and has not begun yet.
@@ -7,17 +8,18 @@ Opening takes somebody in control; a speed limit and the joint limits hold for e
 
 import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 import numpy as np
 
 from dense_vs.checks import check_number
 from dense_vs.errors import DenseVSError
-from dense_vs.robot.joint_group import checked_limits
+from dense_vs.robot.joint_group import JointGroup
 from dense_vs.robot.protocols import Robot
 from dense_vs.robot.wrapped_robot import WrappedRobot
 
 DEFAULT_SPEED = 1.0  # rad/s
+SLIDING_SHARE = 0.25  # m/s of a sliding joint for every rad/s of a turning one
 LONGEST_STEP = 0.1  # s; a frame that took longer allows no larger step
 PRESS_SECONDS = 0.4  # a press of the dead-man's key counts for so long
 
@@ -26,7 +28,7 @@ class PageGate:
     """Decides what reaches the robot.
 
     Args:
-        max_speed: of any joint [rad/s, m/s].
+        max_speed: of a turning joint [rad/s]; a sliding one has a quarter of the number [m/s].
         clock: seconds, for the dead-man's key.
 
     Attributes:
@@ -47,12 +49,17 @@ class PageGate:
 
     @property
     def max_speed(self) -> float:
-        """Largest speed of a joint [rad/s, m/s]."""
+        """Largest speed of a turning joint [rad/s]."""
         return self._max_speed
 
     @max_speed.setter
     def max_speed(self, value: float) -> None:
         self._max_speed = check_number("max_speed", value, above=0)
+
+    @property
+    def sliding_speed(self) -> float:
+        """Largest speed of a sliding joint [m/s]."""
+        return SLIDING_SHARE * self._max_speed
 
     @property
     def open(self) -> bool:
@@ -100,23 +107,24 @@ class PageGate:
         """The dead-man's key is up."""
         self._pressed_until = -np.inf
 
-    def largest_step(self, seconds: float) -> float:
-        """Of a joint in a command that comes so long after the last [rad, m]."""
-        return self._max_speed * min(seconds, LONGEST_STEP)
+    def largest_step(self, seconds: float, units: Sequence[str]) -> np.ndarray:
+        """Of each joint, by its unit, in a command that comes so long after the last ``(N,)`` [rad, m]."""
+        speeds = [self.sliding_speed if unit == "m" else self._max_speed for unit in units]
+        return np.array(speeds) * min(seconds, LONGEST_STEP)
 
-    def passed(self, delta: np.ndarray, positions: np.ndarray, limits: np.ndarray, seconds: float) -> np.ndarray:
+    def passed(self, delta: np.ndarray, positions: np.ndarray, group: JointGroup, seconds: float) -> np.ndarray:
         """What of a joint step ``(N,)`` reaches the robot.
 
         Args:
             delta: the step [rad, m].
             positions: ``(N,)`` where the joints are.
-            limits: ``(N, 2)``; a joint beyond its limit may come back, not go further out.
+            group: the joints' units and limits; a joint beyond its limit may come back, not go further out.
             seconds: since the last command, for the speed limit.
         """
         if not self.passing or not np.isfinite(delta).all():
             return np.zeros(len(delta))
-        step = delta / max(1.0, float(np.abs(delta).max(initial=0.0)) / self.largest_step(seconds))
-        room = limits - positions[:, None]
+        step = delta / max(1.0, float((np.abs(delta) / self.largest_step(seconds, group.units)).max(initial=0.0)))
+        room = group.limits - positions[:, None]
         return np.clip(step, np.minimum(room[:, 0], 0.0), np.maximum(room[:, 1], 0.0))
 
 
@@ -136,12 +144,16 @@ class GatedRobot(WrappedRobot):
     def __init__(self, robot: Robot, gate: PageGate):
         super().__init__(robot)
         self._gate = gate
-        count = len(robot.joint_names)
-        self._limits = checked_limits(robot.joint_limits, count)
-        self._positions = np.zeros(count)
-        self.last_command = np.zeros(count)
+        self._group = JointGroup.of_robot(robot)
+        self._positions = np.zeros(self._group.total)
+        self.last_command = np.zeros(self._group.total)
         self.frame_seconds = 1 / 30
         self.reading_time = -np.inf
+
+    @property
+    def largest_step(self) -> np.ndarray:
+        """``(N,)`` what the gate lets each joint go in the next command [rad, m]."""
+        return self._gate.largest_step(self.frame_seconds, self._group.units)
 
     def joints(self) -> tuple[np.ndarray, float]:
         """The robot's joints."""
@@ -151,6 +163,6 @@ class GatedRobot(WrappedRobot):
 
     def command(self, delta: np.ndarray) -> None:
         """Pass on what the gate allows; a robot that is stopped gets a zero step, which holds it."""
-        step = self._gate.passed(np.asarray(delta), self._positions, self._limits, self.frame_seconds)
+        step = self._gate.passed(np.asarray(delta), self._positions, self._group, self.frame_seconds)
         self.last_command = step
         super().command(step)

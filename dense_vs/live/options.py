@@ -17,7 +17,7 @@ class LiveOptions:
     Attributes:
         joints: names of the joints to use; all unless given.
         scale: factor from the camera's image to the filter's, (0, 1]; chosen by the image's width unless given.
-        max_speed: of any joint [rad/s, m/s].
+        max_speed: of a turning joint [rad/s]; a sliding one has a quarter of the number [m/s].
         body: whether a model of the robot's body is learned after babbling, where all joints turn; points are then
             followed by it.
         labels: whether the robot's own pixels are told from others; costs some milliseconds a frame.

@@ -9,7 +9,6 @@ import threading
 import time
 from collections import deque
 from collections.abc import Callable
-from contextlib import suppress
 from queue import Empty, SimpleQueue
 from typing import Any
 
@@ -125,8 +124,10 @@ class LiveSession:
         """Stop commands now; what the frame in work has decided is not sent. From any thread."""
         if self.gate.close(reason):
             self.board.log(f"stopped: {reason}", "warning")
-            with suppress(Exception):  # the gate is closed; a driver that cannot hold must not undo that
+            try:
                 self.robot.hold()
+            except Exception as error:  # the gate is closed; a driver that cannot hold must not undo that
+                self.board.log(f"the robot was told to hold and did not: {_said_of(error)}", "error")
 
     def ask(self, request: Callable[[], Any]) -> None:
         """Have the loop's thread carry something out between two frames; its errors go to the log.
@@ -296,7 +297,7 @@ class LiveSession:
 
     def _move(self, loop: ServoLoop) -> ProcessedFrame:
         # The loop has to know how much is sent: it watches whether the joints follow.
-        loop.gate.max_step = np.minimum(self._largest, self.gate.largest_step(self.robot.frame_seconds))
+        loop.gate.max_step = np.minimum(self._largest, loop.group.take(self.robot.largest_step))
         if self.mode is Mode.LEARNING and self.gate.passing:
             return loop.babble_once()
         step = np.zeros(len(loop.group.names))
@@ -347,10 +348,7 @@ class LiveSession:
 
     def _fault(self, error: Exception) -> None:
         """Stop, say what happened and try again: a camera or a bus may come back."""
-        if isinstance(error, DenseVSError):
-            text = str(error)
-        else:
-            text = f"{type(error).__name__}: {error}"
+        text = _said_of(error)
         self.stop(text)
         self._broken = True
         said, when = self._last_fault
@@ -376,3 +374,8 @@ class LiveSession:
             elif said and not stalled:
                 self.board.log("images come again")
             said = stalled
+
+
+def _said_of(error: Exception) -> str:
+    """An error as the page says it; one that is not ours with its kind, as its text alone may be a number."""
+    return str(error) if isinstance(error, DenseVSError) else f"{type(error).__name__}: {error}"

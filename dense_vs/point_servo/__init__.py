@@ -5,9 +5,10 @@ May import: the ground, kernels, :mod:`dense_vs.robot`, :mod:`dense_vs.health`, 
 :mod:`dense_vs.pipeline`.
 """
 
+from dense_vs.point_servo.body_tracker import BodyTracker
 from dense_vs.point_servo.law import VisualServo
 from dense_vs.point_servo.loop import ServoLoop
 from dense_vs.point_servo.reach import Reach, ReachEnd
 from dense_vs.point_servo.tracker import PointTracker
 
-__all__ = ["PointTracker", "Reach", "ReachEnd", "ServoLoop", "VisualServo"]
+__all__ = ["BodyTracker", "PointTracker", "Reach", "ReachEnd", "ServoLoop", "VisualServo"]

@@ -1,5 +1,5 @@
-"""The interfaces to a robot: its camera, joints and gripper, joints by name, the last gate of commands, and the motion
-by which it learns.
+"""The interfaces to a robot: its camera, joints and gripper, joints by name, the gate of commands, and the motion by
+which it learns.
 
 May import: the ground (``errors``, ``checks``, ``arrays``, ``device``, ``files``) and kernels.
 """

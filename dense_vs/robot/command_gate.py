@@ -1,7 +1,8 @@
-"""The last gate between a control law and a robot: every command of every loop goes through it.
+"""The gate between a control law and a robot: every command of every loop goes through it.
 
 What passes is finite, no longer than the largest step, ends inside the joint limits, and comes from an image and a
 reading that are newer than those of the last motion and not old. Where that does not hold, a step of zero is sent.
+On the live page a command passes :class:`dense_vs.live.gate.PageGate` after it.
 """
 
 from typing import Any

@@ -29,7 +29,7 @@ def advice(summary: dict[str, Any]) -> list[str]:
     """Sentences about an estimate, from its ``summary.json``."""
     lines = _advice(
         images=summary["frames"],
-        repeated=summary["duplicate_frames"],
+        repeated=summary["repeated_images"],
         gaps=summary["gaps"],
         offset=summary["time_offset_s"],
         reason=summary["time_offset_reason"],

@@ -29,8 +29,8 @@ def write_report(path: str | os.PathLike[str], summary: dict[str, Any], done: An
     FigureCanvasAgg(figure)
     (over_time, picture), (by_joint, joints) = figure.subplots(2, 2)
     figure.suptitle(
-        f"{summary['format']}, episode {summary['episode']}, {summary['camera']}: motion explained "
-        f"{summary['explained_motion']:.3f}, {summary['duplicate_frames']} of {summary['frames']} images repeated, "
+        f"{summary['format']}, episode {summary['episode']}, {summary['camera']}: explained motion "
+        f"{summary['explained_motion']:.3f}, {summary['repeated_images']} of {summary['frames']} images repeated, "
         f"offset {summary['time_offset_s']:+.3f} s (confidence {summary['time_offset_confidence']:.2f})"
     )
     times, explained = done.explained.over_time()

@@ -16,7 +16,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--out",
         type=Path,
-        metavar="FOLDER",
+        metavar="DIR",
         help="folder for NAME/scene.xml (default: where --robot NAME looks, $DENSE_VS_ARMS or the user's cache)",
     )
 

@@ -32,7 +32,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--seed", type=int, default=0, metavar="N", help="of everything (default: 0)")
     parser.add_argument("--gpus", type=int, default=1, metavar="N", help="processes, a GPU each (default: 1)")
     parser.add_argument(
-        "--checkpoint",
+        "--checkpoint-every",
         type=int,
         default=0,
         metavar="N",
@@ -69,7 +69,8 @@ def run(arguments: argparse.Namespace) -> None:
         episode=EpisodeOptions(babble_seconds=arguments.babble),
     )
     rank, folder = Rank.from_environment(), output_folder(arguments.out)
-    options = {"device": arguments.device, "threads": arguments.threads, "checkpoint_frames": arguments.checkpoint}
+    options = {"device": arguments.device, "threads": arguments.threads}
+    options |= {"checkpoint_frames": arguments.checkpoint_every}
     if rank.count == 1:
         results = run_case(case, folder, processes=arguments.gpus, **options)
     else:

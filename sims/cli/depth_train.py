@@ -13,7 +13,7 @@ from dense_vs.kernels.launch import available_cores
 from dense_vs.sims.depth_training.training import simulated_features, train
 from dense_vs.view.tables import table
 
-MOST_PROCESSES = 1024
+MOST_JOBS = 1024
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -23,9 +23,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument("--seed", type=int, default=0, metavar="N", help="of sequences and networks (default: 0)")
     parser.add_argument("--out", type=Path, required=True, metavar="FILE", help="where to write the weights (.npz)")
-    parser.add_argument(
-        "--processes", type=int, metavar="N", help="processes that simulate (default: all allowed cores)"
-    )
+    parser.add_argument("--jobs", type=int, metavar="N", help="processes that simulate (default: all allowed cores)")
 
 
 def run(arguments: argparse.Namespace) -> None:
@@ -33,10 +31,10 @@ def run(arguments: argparse.Namespace) -> None:
     if arguments.sequences < 200:
         raise DenseVSError(f"--sequences is {arguments.sequences}; expected at least 200")
     check_seed(arguments.seed)
-    processes = available_cores() if arguments.processes is None else arguments.processes
-    check_whole("--processes", processes, least=1, most=MOST_PROCESSES)
+    jobs = available_cores() if arguments.jobs is None else arguments.jobs
+    check_whole("--jobs", jobs, least=1, most=MOST_JOBS)
     check_writable(arguments.out)  # else an hour later
-    features, truth = simulated_features(arguments.sequences, arguments.seed, processes)
+    features, truth = simulated_features(arguments.sequences, arguments.seed, jobs)
     learned, figures = train(features, truth, arguments.seed)
     learned.save(arguments.out)
     print(table(["simulated sequences not trained on", "robust", "learned"], figures))

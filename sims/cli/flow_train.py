@@ -15,11 +15,14 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--out", type=Path, required=True, metavar="FILE", help="where to write the network (.onnx)")
     parser.add_argument("--minutes", type=float, default=8.0, metavar="M", help="of training (default: %(default)s)")
     parser.add_argument("--seed", type=int, default=0, metavar="N", help="of the random arms (default: %(default)s)")
-    parser.add_argument("--device", default="cuda", help="PyTorch's (default: %(default)s)")
+    parser.add_argument("--device", default="auto", metavar="NAME",
+                        help="auto, cpu or cuda:N; auto takes a GPU where PyTorch finds one "
+                        "(default: %(default)s)")  # fmt: skip
     parser.add_argument("--size", default="320x240", metavar="WxH", help="multiples of 16 (default: %(default)s)")
     parser.add_argument("--batch", type=int, default=32, metavar="N", help="pairs a step (default: %(default)s)")
-    parser.add_argument("--first", type=int, default=512, metavar="N",
-                        help="pairs kept aside, to judge by (default: %(default)s)")  # fmt: skip
+    parser.add_argument("--held-out", type=int, default=512, metavar="N",
+                        help="pairs rendered before training and left out of it, which is judged by half as many "
+                        "draws from them (default: %(default)s)")  # fmt: skip
     parser.add_argument("--reuse", type=float, default=12.0, metavar="N",
                         help="times that a pair is trained on (default: %(default)s)")  # fmt: skip
     parser.add_argument("--start", type=Path, metavar="FILE", help="weights to start from (.pt of an earlier run)")
@@ -33,18 +36,22 @@ def run(arguments: argparse.Namespace) -> None:
     from dense_vs.sims.flow_training.training import TrainingOptions, train
 
     width, height = _size(arguments.size)
-    if arguments.device.startswith("cuda") and not torch.cuda.is_available():
-        raise DenseVSError(f"--device is {arguments.device} and PyTorch finds no GPU; expected cpu")
+    device = arguments.device
+    if device == "auto":
+        device = "cuda" if torch.cuda.is_available() else "cpu"
+    elif device.startswith("cuda") and not torch.cuda.is_available():
+        raise DenseVSError(f"--device is {device} and PyTorch finds no GPU; expected auto or cpu")
     if arguments.start is not None and not arguments.start.is_file():
         raise DenseVSError(f"--start {arguments.start} is not a file")
-    for name in ("minutes", "batch", "first", "reuse"):
-        if getattr(arguments, name) <= 0:
-            raise DenseVSError(f"--{name} is {getattr(arguments, name)}; expected a number above 0")
+    for name in ("minutes", "batch", "held-out", "reuse"):
+        value = getattr(arguments, name.replace("-", "_"))
+        if value <= 0:
+            raise DenseVSError(f"--{name} is {value}; expected a number above 0")
     options = TrainingOptions(
-        minutes=arguments.minutes, seed=arguments.seed, device=arguments.device, height=height, width=width,
-        batch=arguments.batch, scenes=arguments.batch, first=arguments.first, reuse=arguments.reuse,
-        ring=max(arguments.first, 20_000 if arguments.device != "cpu" else 1000),
-        compiled=arguments.device != "cpu",
+        minutes=arguments.minutes, seed=arguments.seed, device=device, height=height, width=width,
+        batch=arguments.batch, scenes=arguments.batch, held_out=arguments.held_out, reuse=arguments.reuse,
+        ring=max(arguments.held_out, 20_000 if device != "cpu" else 1000),
+        compiled=device != "cpu",
     )  # fmt: skip
     arguments.out.parent.mkdir(parents=True, exist_ok=True)
     export(train(options, arguments.out.with_suffix(".pt"), arguments.start), arguments.out)

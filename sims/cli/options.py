@@ -22,7 +22,11 @@ def add_world_arguments(parser: argparse.ArgumentParser) -> None:
         "upper-body-vacuum (with a tool), an arm that dense-vs arms has built, or the path of an MJCF "
         "file (default: arm)",
     )
-    parser.add_argument("--joints", metavar="A,B,C", help="joints to use (default: all with a position actuator)")
+    parser.add_argument(
+        "--joints",
+        metavar="A,B",
+        help="joints to use, by their names in full, no patterns (default: all with a position actuator)",
+    )
     parser.add_argument("--camera", metavar="NAME", help="camera of the model (default: its first)")
     parser.add_argument(
         "--geom-groups",

@@ -92,7 +92,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--scale",
         type=float,
         default=1.0,
-        metavar="S",
+        metavar="X",
         help="factor on the images' size, one over a whole number (default: 1)",
     )
     parser.add_argument(

@@ -30,13 +30,14 @@ class TrainingOptions:
         minutes: of training. seed: of scenes and weights. device: of PyTorch.
         height, width: of the images [px], multiples of 16.
         batch: pairs a step. scenes: pairs rendered at once. ring: pairs kept.
-        first: pairs rendered before training starts, half of them to judge by.
+        held_out: pairs rendered before training starts; half as many draws from them are what is judged by, and all are
+            overwritten. Rendering also goes on while it is ahead of training by no more than so many uses.
         rate: the highest learning rate.
         reuse: how often a pair is trained on before rendering goes on.
         compiled: fuse the ray casting, for a GPU.
     """
 
-    minutes: float = 10.0
+    minutes: float = 8.0
     seed: int = 0
     device: str = "cuda"
     height: int = 240
@@ -44,7 +45,7 @@ class TrainingOptions:
     batch: int = 32
     scenes: int = 32
     ring: int = 20000
-    first: int = 512
+    held_out: int = 512
     rate: float = 2e-3
     reuse: float = 12.0
     compiled: bool = True
@@ -91,7 +92,7 @@ class PairRing:
     @property
     def wanted(self) -> bool:
         """Whether those rendered so far have been used often enough for new ones."""
-        return self.options.reuse * self.rendered <= self.used + self.options.first
+        return self.options.reuse * self.rendered <= self.used + self.options.held_out
 
     def keep_filling(self) -> None:
         """Until stopped; a failure is kept for the training thread."""
@@ -214,9 +215,9 @@ def train(
     if start is not None:
         network.load_state_dict(torch.load(start, map_location="cpu"))
     ring, trainer = PairRing(options), Trainer(options, network)
-    while ring.filled < options.first:
+    while ring.filled < options.held_out:
         ring.fill()
-    held_out = [ring.sample(options.batch) for _ in range(max(1, options.first // options.batch // 2))]
+    held_out = [ring.sample(options.batch) for _ in range(max(1, options.held_out // options.batch // 2))]
     ring.filled = ring.rendered = ring.used = 0  # the held-out scenes are overwritten
     ring.fill()
     # A GPU renders beside the training steps. A CPU has nothing to spare for that, and PyTorch's threads, started from

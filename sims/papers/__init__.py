@@ -41,7 +41,7 @@ PAPERS = {
         reach="Figs. 6, 7: reaching, with the point redefined from wrist to elbow",
         vacuum="Fig. 9: the head of a vacuum cleaner, which rolls along one line",
     ),
-    "generative": _paper(
+    "gothoskar": _paper(
         "gothoskar",
         "the generative model of an arm: kinematics, markers and cameras learned together",
         camera_shift="Table 7: gradient norm after a camera was shifted; which camera, and after how many samples",

@@ -10,7 +10,7 @@ from target import H, Target, W
 
 @cache
 def model() -> Any:
-    from reference_recordings import record
+    from arm_recordings import record
 
     from dense_vs.generative import GenerativeModel
 
@@ -20,7 +20,7 @@ def model() -> Any:
 
 def generative_targets() -> list[Target]:
     """The generative model."""
-    from reference_recordings import SIZE
+    from arm_recordings import SIZE
 
     from dense_vs.generative import GenerativeModel, Observations
 

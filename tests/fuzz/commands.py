@@ -52,7 +52,7 @@ def run(tally: Tally, seed: int, count: int, progress: Path) -> None:
 
 def good_commands(folder: Path) -> list[list[str]]:
     """A command line of every command: a good one, or, where that takes long, one of which a word is wrong already."""
-    from reference_recordings import record
+    from arm_recordings import record
     from small_recordings import encode, joint_table, moving_images
 
     from dense_vs.segmentation import FewShotSegmenter
@@ -87,12 +87,12 @@ def good_commands(folder: Path) -> list[list[str]]:
          "--threads", "1", "--smoothing", "0.05", "--episodes", "0:1"],
         ["segment", str(folder / "i.png"), "--model", str(folder / "object.npz"), "--out", out],
         ["segment-train", str(folder), "--out", str(folder / "new.npz"), "--seed", "0", "--folds", "0"],
-        ["learn-model", str(folder / "arm.npz"), "--out", str(folder / "model.npz"), "--seed", "0", "--holdout",
+        ["learn-model", str(folder / "arm.npz"), "--out", str(folder / "model.npz"), "--seed", "0", "--held-out",
          "2", "--distortion", "1"],
         ["depth-eval", str(folder), "--methods", "vos-de", "--sets", "normal"],
         [*REACH.split(), "--out", out, "--point", "tip", "--seed", "0", "--gain", "0.2"],
         [*RECORD.split(), "--out", out, "--log-rate", "100", "--jitter", "0.002", "--time-offset", "0"],
-        ["depth-train", "--sequences", "0", "--out", out, "--seed", "0", "--processes", "1"],
+        ["depth-train", "--sequences", "0", "--out", out, "--seed", "0", "--jobs", "1"],
         ["body", *recording, "--out", str(folder / "body.npz"), "--kind", "posture", "--held-out", "0", "--scale", "1",
          "--time-offset", "0", "--focal-length", "60"],
         ["sweep", str(folder / "sweep.toml"), "--out", out, "--jobs", "1", "--threads", "1"],
@@ -102,6 +102,6 @@ def good_commands(folder: Path) -> list[list[str]]:
         ["reproduce", "vosvs", "trial", "--objects", "none", "--seed", "0", "--jobs", "1", "--mask-seconds", "0.1",
          "--json", str(folder / "figures.json"), "--out", out],
         ["reproduce", "dije", "labels", "--seconds", "nan", "--seed", "0", "--out", out],
-        ["reproduce", "generative", "grasp", "--tries", "0", "--independent", "0.01", "--seed", "0", "--out", out],
+        ["reproduce", "gothoskar", "grasp", "--tries", "0", "--independent", "0.01", "--seed", "0", "--out", out],
         ["arms", "none", "--out", out],
     ]  # fmt: skip

@@ -13,7 +13,7 @@ import paper_pages
 def run(seed: int, ours: float | None, **arguments: object) -> dict:
     row = {"name": "grasped of 20", "paper": None, "ours": ours, "unit": "", "seeds": [seed]}
     return {
-        **{"paper": "generative", "experiment": "grasp", "seeds": [seed], "rows": [row]},
+        **{"paper": "gothoskar", "experiment": "grasp", "seeds": [seed], "rows": [row]},
         **{"arguments": arguments, "date": "2026-01-02T03:04:05", "commit": "0123456789"},
     }
 
@@ -23,7 +23,7 @@ def test_runs_stand_beside_each_other_where_they_were_told_the_same():
     assert paper_pages.page_tables(runs).splitlines() == [
         "### grasp",
         "",
-        "`dense-vs reproduce generative grasp` and `--seed`; 2026-01-02, commit 0123456.",
+        "`dense-vs reproduce gothoskar grasp` and `--seed`; 2026-01-02, commit 0123456.",
         "",
         "| | paper | seed 501 | seed 502 | |",
         "|---|---|---|---|---|",
@@ -31,7 +31,7 @@ def test_runs_stand_beside_each_other_where_they_were_told_the_same():
         "",
         "### grasp: every motion of a joint off by N(0, 0.01 rad)",
         "",
-        "`dense-vs reproduce generative grasp --independent 0.01` and `--seed`; 2026-01-02, commit 0123456.",
+        "`dense-vs reproduce gothoskar grasp --independent 0.01` and `--seed`; 2026-01-02, commit 0123456.",
         "",
         "| | paper | seed 501 | |",
         "|---|---|---|---|",
@@ -59,7 +59,7 @@ def test_a_section_says_what_its_runs_were_told(arguments, title):
         ("vosvs", "learn", {"responses": 2, "threads": 1}, "vosvs learn --responses 2"),
         ("vosvs", "depth-log", {"log": "sugar_box_approach.csv"}, "vosvs depth-log"),
         ("dije", "reach", {"compliance": True, "halve": False}, "dije reach --compliance"),
-        ("generative", "few-samples", {"samples": [10, 50]}, "generative few-samples --samples 10 50"),
+        ("gothoskar", "few-samples", {"samples": [10, 50]}, "gothoskar few-samples --samples 10 50"),
     ],
 )
 def test_a_command_is_shown_with_the_options_that_it_was_given(paper, experiment, arguments, typed):

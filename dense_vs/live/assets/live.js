@@ -65,7 +65,8 @@ function refresh() {
     points.show(latest.points, picture.chosen, steers);
     $("go").disabled = !steers || latest.mode === "reaching" || !latest.points.some((point) => point.target);
     if (isHeard("speed")) $("speed").value = Math.log10(latest.speed);
-    $("speed-value").textContent = `${latest.speed.toFixed(2)} rad/s`;
+    const units = { rad: `${latest.speed.toFixed(2)} rad/s`, m: `${latest.sliding_speed.toFixed(3)} m/s` };
+    $("speed-value").textContent = Object.keys(units).filter((unit) => latest.joints.some((joint) => joint.unit === unit)).map((unit) => units[unit]).join(", ");
     if (isHeard("dead-man")) $("dead-man").checked = latest.dead_man;
     $("held").hidden = !latest.dead_man;
     $("record").textContent = latest.recording ? "Stop recording" : "Record";

@@ -7,9 +7,11 @@ from dense_vs.checks import check_number
 LONGEST = 1e5  # s, more than a day
 
 
-def add_labeling_arguments(parser: argparse.ArgumentParser) -> None:
+def add_labeling_arguments(parser: argparse.ArgumentParser, seconds: float = 20.0) -> None:
     """Declare what both experiments take."""
-    parser.add_argument("--seconds", type=float, default=20.0, metavar="S", help="length of a run (default: 20)")
+    parser.add_argument(
+        "--seconds", type=float, default=seconds, metavar="S", help=f"length of a run (default: {seconds:g})"
+    )
     parser.add_argument(
         "--period",
         type=float,
@@ -20,7 +22,9 @@ def add_labeling_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--distractor",
         default="walker-behind",
-        help="what passes by: walker-behind (default), walker-next, walker-across, the same of a chair, or none",
+        metavar="NAME",
+        help="what passes by: walker-behind, walker-next, walker-across, the same of a chair, or none (default: "
+        "walker-behind)",
     )
 
 

@@ -21,8 +21,7 @@ FLOW_SCALE = 4.0  # px at full brightness
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the experiment's arguments."""
-    add_labeling_arguments(parser)
-    parser.set_defaults(seconds=12.0)
+    add_labeling_arguments(parser, seconds=12.0)
 
 
 def run(arguments: argparse.Namespace) -> list[Row]:

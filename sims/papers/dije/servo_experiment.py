@@ -40,9 +40,11 @@ def add_task_arguments(parser: argparse.ArgumentParser, task: ServoTask) -> None
     parser.add_argument(
         "--period", type=float, default=PAPER_PERIOD, metavar="S", help="seconds between commands (default: 0.7)"
     )
-    parser.add_argument("--gain", type=float, default=0.5, help="k_p of DIJE (17) (default: 0.5; the paper's is 0.034)")
     parser.add_argument(
-        "--commands", type=int, default=20, help="commands after which a target is given up (default: 20)"
+        "--gain", type=float, default=0.5, metavar="K", help="k_p of DIJE (17) (default: 0.5; the paper's is 0.034)"
+    )
+    parser.add_argument(
+        "--commands", type=int, default=20, metavar="N", help="commands after which a target is given up (default: 20)"
     )
     parser.add_argument("--compliance", action="store_true", help="muscle-like joints: soft, late, read with noise")
     parser.add_argument(
@@ -51,7 +53,9 @@ def add_task_arguments(parser: argparse.ArgumentParser, task: ServoTask) -> None
         help="J moves with the flow that it predicts, DIJE (14), or with the measured one, DIJE (13) (default: model; "
         "flow with --compliance)",
     )
-    parser.add_argument("--distractor", default="none", help="what passes by, as walker-behind (default: none)")
+    parser.add_argument(
+        "--distractor", default="none", metavar="NAME", help="what passes by, as walker-behind (default: none)"
+    )
     parser.add_argument(
         "--halve",
         action="store_true",
@@ -164,7 +168,6 @@ def run_seed(
                     measured.reach.target,
                     measured.reach.frames,
                     measured.true_error_px,
-                    measured.reach.error_px,
                     measured.reach.lost,
                     experiment.loop.frame.image.copy(),
                     (first, len(run.trace.times) - 1),

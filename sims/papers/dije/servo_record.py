@@ -40,7 +40,6 @@ class TaskReach:
     target: tuple[float, ...]
     frames: int
     true_error_px: float
-    believed_error_px: float
     lost: bool
     image: np.ndarray  # (H, W, 3) at the end
     path: tuple[int, int]  # first and last frame of the trace

@@ -62,7 +62,7 @@ def add_trial_arguments(parser: argparse.ArgumentParser, *, cameras: int = 2) ->
         default=list(ARMS),
         choices=ARMS,
         metavar="ARM",
-        help="ur5, baxter (default: both)",
+        help="which arms: ur5, baxter (default: both)",
     )
     parser.add_argument(
         "--postures",
@@ -70,7 +70,9 @@ def add_trial_arguments(parser: argparse.ArgumentParser, *, cameras: int = 2) ->
         choices=("normal", "uniform"),
         help="of the samples: N(0, 0.3 rad) about home, or within 1 rad of it (default: normal)",
     )
-    parser.add_argument("--cameras", type=int, default=cameras, help=f"how many (default: {cameras})")
+    parser.add_argument(
+        "--cameras", type=int, default=cameras, metavar="N", help=f"how many cameras see the arm (default: {cameras})"
+    )
 
 
 def trials(arguments: argparse.Namespace) -> list[Trial]:

@@ -22,8 +22,12 @@ BUFFER = 50
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the experiment's arguments."""
-    parser.add_argument("--metres", type=float, default=0.02, help="the shift of the camera (default: 0.02)")
-    parser.add_argument("--radians", type=float, default=0.02, help="and its turn (default: 0.02)")
+    parser.add_argument(
+        "--meters", type=float, default=0.02, metavar="M", help="shift of the camera [m] (default: 0.02)"
+    )
+    parser.add_argument(
+        "--radians", type=float, default=0.02, metavar="R", help="turn of the camera [rad] (default: 0.02)"
+    )
     add_trial_arguments(parser)
 
 
@@ -46,7 +50,7 @@ def run(arguments: argparse.Namespace) -> list[Row]:
             model = GenerativeModel.fit(before, seed=trial.seed)
             shifted = int(rng.integers(len(arm.cameras)))
             cameras = list(arm.cameras)
-            cameras[shifted] = cameras[shifted].shifted(rng, arguments.metres, arguments.radians)
+            cameras[shifted] = cameras[shifted].shifted(rng, arguments.meters, arguments.radians)
             moved = replace(arm, cameras=tuple(cameras))
             steady = observe(arm, draw_joints(arm, BUFFER, rng, trial.postures), rng).observations
             after = observe(moved, draw_joints(moved, len(PAPER) - 1, rng, trial.postures), rng).observations
@@ -75,7 +79,7 @@ def run(arguments: argparse.Namespace) -> list[Row]:
     draw_lines(
         arguments.out / "camera_shift.png",
         {"ours": (range(len(PAPER)), norms)},
-        title=f"A camera shifted by {arguments.metres:g} m and {arguments.radians:g} rad (Table 7)",
+        title=f"A camera shifted by {arguments.meters:g} m and {arguments.radians:g} rad (Table 7)",
         x_label=f"samples after the shift, of {BUFFER} in the buffer",
         y_label="norm of the gradients",
         paper={"paper": (range(len(PAPER)), PAPER)},

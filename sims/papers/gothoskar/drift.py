@@ -33,9 +33,15 @@ SCORED = 10  # times over the drift that errors are taken
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the experiment's arguments."""
-    parser.add_argument("--samples", type=int, default=100, help="observations while it drifts (default: 100)")
-    parser.add_argument("--slip", type=float, default=0.005, help="of the features in the hand [m] (default: 0.005)")
-    parser.add_argument("--warm", type=float, default=0.01, help="change of the lens, a share (default: 0.01)")
+    parser.add_argument(
+        "--samples", type=int, default=100, metavar="N", help="observations while it drifts (default: 100)"
+    )
+    parser.add_argument(
+        "--slip", type=float, default=0.005, metavar="M", help="of the features in the hand [m] (default: 0.005)"
+    )
+    parser.add_argument(
+        "--warm", type=float, default=0.01, metavar="SHARE", help="change of the lens, a share (default: 0.01)"
+    )
     add_trial_arguments(parser)
 
 

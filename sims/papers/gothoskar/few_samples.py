@@ -33,7 +33,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         type=int,
         nargs="+",
         default=[10, 15, 20, 30, 40, 50, 60, 70],
-        metavar="T",
+        metavar="N",
         help="training samples (default: 10 15 20 30 40 50 60 70)",
     )
     parser.add_argument(

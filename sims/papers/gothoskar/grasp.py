@@ -27,7 +27,7 @@ LIFTED = 0.03  # m
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the experiment's arguments."""
-    parser.add_argument("--tries", type=int, default=20, help="block places a seed (default: 20)")
+    parser.add_argument("--tries", type=int, default=20, metavar="N", help="block places a seed (default: 20)")
     add_cell_arguments(parser)
 
 
@@ -36,7 +36,9 @@ def add_cell_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--arm", default="baxter", choices=("ur5", "baxter"), help="ur5 or baxter (default: baxter, as the paper)"
     )
-    parser.add_argument("--samples", type=int, default=50, help="postures to learn the arm from (default: 50)")
+    parser.add_argument(
+        "--samples", type=int, default=50, metavar="N", help="postures to learn the arm from (default: 50)"
+    )
     parser.add_argument(
         "--independent",
         type=float,

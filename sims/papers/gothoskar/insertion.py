@@ -34,7 +34,7 @@ PLAY = 0.0005  # m to either side, half the clearance
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the experiment's arguments."""
-    parser.add_argument("--tries", type=int, default=20, help="insertions a seed (default: 20)")
+    parser.add_argument("--tries", type=int, default=20, metavar="N", help="insertions a seed (default: 20)")
     add_cell_arguments(parser)
 
 

@@ -18,8 +18,15 @@ PAPER = {2: (0.5600, 0.0205), 3: (0.5502, 0.0417), 4: (0.5577, 0.0663), 5: (0.63
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the experiment's arguments."""
-    parser.add_argument("--samples", type=int, default=200, help="of the data set (default: 200)")
-    parser.add_argument("--folds", type=int, nargs="+", default=list(PAPER), metavar="K", help="default: 2 3 4 5 6")
+    parser.add_argument("--samples", type=int, default=200, metavar="N", help="of the data set (default: 200)")
+    parser.add_argument(
+        "--folds",
+        type=int,
+        nargs="+",
+        default=list(PAPER),
+        metavar="N",
+        help="parts that the data set is cut into (default: 2 3 4 5 6)",
+    )
     add_trial_arguments(parser)
 
 

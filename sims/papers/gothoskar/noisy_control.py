@@ -33,14 +33,23 @@ PAPER_FINAL_PX = {("cartesian", 0.02): 5.0}
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the experiment's arguments."""
-    parser.add_argument("--samples", type=int, default=50, help="training samples (default: 50)")
-    parser.add_argument("--targets", type=int, default=50, help="targets a seed and arm (default: 50)")
-    parser.add_argument("--moves", type=int, default=10, help="servo moves (default: 10)")
+    parser.add_argument("--samples", type=int, default=50, metavar="N", help="training samples (default: 50)")
+    parser.add_argument("--targets", type=int, default=50, metavar="N", help="targets a seed and arm (default: 50)")
+    parser.add_argument("--moves", type=int, default=10, metavar="N", help="servo moves (default: 10)")
     parser.add_argument(
-        "--sigma", type=float, nargs="+", default=[0.0, 0.01, 0.02], metavar="S", help="default: 0 0.01 0.02"
+        "--sigma",
+        type=float,
+        nargs="+",
+        default=[0.0, 0.01, 0.02],
+        metavar="RAD",
+        help="noise of a move: of the joints [rad], of the hand [m, rad] (default: 0 0.01 0.02)",
     )
     parser.add_argument(
-        "--controller", nargs="+", default=list(CONTROLLERS), choices=list(CONTROLLERS), help="default: both"
+        "--controller",
+        nargs="+",
+        default=list(CONTROLLERS),
+        choices=list(CONTROLLERS),
+        help="which controllers are learned from (default: both)",
     )
     add_trial_arguments(parser)
 

@@ -36,16 +36,21 @@ NAMES = {"observed": "noise not modeled", "noisy": "noise modeled"}
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the experiment's arguments."""
-    parser.add_argument("--samples", type=int, default=50, help="training samples (default: 50)")
+    parser.add_argument("--samples", type=int, default=50, metavar="N", help="training samples (default: 50)")
     parser.add_argument(
-        "--sigma", type=float, nargs="+", default=[0.01, 0.02, 0.03], metavar="RAD", help="default: 0.01 0.02 0.03"
+        "--sigma",
+        type=float,
+        nargs="+",
+        default=[0.01, 0.02, 0.03],
+        metavar="RAD",
+        help="noise of a joint reading [rad], of a hand's pose [m, rad] (default: 0.01 0.02 0.03)",
     )
     parser.add_argument(
         "--controller",
         nargs="+",
         default=list(READINGS),
         choices=list(READINGS),
-        help="default: both",
+        help="whose readings are learned from: joints or the hand's pose (default: both)",
     )
     add_trial_arguments(parser)
 

@@ -39,13 +39,15 @@ CAMERAS = {"moved camera": 1, "added camera": 2}
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the experiment's arguments."""
-    parser.add_argument("--samples", type=int, default=50, help="training samples of the model (default: 50)")
+    parser.add_argument(
+        "--samples", type=int, default=50, metavar="N", help="training samples of the model (default: 50)"
+    )
     parser.add_argument(
         "--relearn-from",
         type=int,
         nargs="+",
         default=[2, 3, 4, 5, 7, 10, 15, 20, 30],
-        metavar="T",
+        metavar="N",
         help="samples of the new setup (default: 2 3 4 5 7 10 15 20 30)",
     )
     add_trial_arguments(parser)

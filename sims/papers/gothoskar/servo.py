@@ -19,14 +19,23 @@ LAWS = ("exact", "independent", "proportional")
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the experiment's arguments."""
-    parser.add_argument("--samples", type=int, default=50, help="training samples (default: 50)")
-    parser.add_argument("--targets", type=int, default=100, help="targets a seed and arm (default: 100)")
-    parser.add_argument("--moves", type=int, default=30, help="servo moves (default: 30)")
+    parser.add_argument("--samples", type=int, default=50, metavar="N", help="training samples (default: 50)")
+    parser.add_argument("--targets", type=int, default=100, metavar="N", help="targets a seed and arm (default: 100)")
+    parser.add_argument("--moves", type=int, default=30, metavar="N", help="servo moves (default: 30)")
     parser.add_argument(
-        "--gains", type=float, nargs="+", default=[0.1, 0.2, 0.5, 0.8, 1.0], help="of IBVS (default: 0.1 0.2 0.5 0.8 1)"
+        "--gains",
+        type=float,
+        nargs="+",
+        default=[0.1, 0.2, 0.5, 0.8, 1.0],
+        metavar="K",
+        help="of IBVS (default: 0.1 0.2 0.5 0.8 1)",
     )
     parser.add_argument(
-        "--sigma", type=float, default=0.02, help="noise of joint readings and actions in Fig. 9 [rad] (default: 0.02)"
+        "--sigma",
+        type=float,
+        default=0.02,
+        metavar="RAD",
+        help="noise of joint readings and actions in Fig. 9 [rad] (default: 0.02)",
     )
     add_trial_arguments(parser)
 

@@ -35,13 +35,13 @@ PAPER_LEARNED = (1.231, 0.705)  # real robot, initialized by structure from moti
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the experiment's arguments."""
-    parser.add_argument("--samples", type=int, default=50, help="training samples (default: 50)")
+    parser.add_argument("--samples", type=int, default=50, metavar="N", help="training samples (default: 50)")
     parser.add_argument(
         "--learn-from",
         type=int,
         nargs="+",
         default=[20, 30, 50],
-        metavar="T",
+        metavar="N",
         help="samples of one camera (default: 20 30 50)",
     )
     add_trial_arguments(parser)

@@ -45,7 +45,7 @@ STARTS = 8  # postures that inverse kinematics begins from, as many as inference
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the experiment's arguments."""
-    parser.add_argument("--repeats", type=int, default=50, help="of each query (default: 50)")
+    parser.add_argument("--repeats", type=int, default=50, metavar="N", help="of each query (default: 50)")
 
 
 def run(arguments: argparse.Namespace) -> list[Row]:

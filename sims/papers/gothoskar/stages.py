@@ -28,7 +28,7 @@ STARTS = 100
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the experiment's arguments."""
-    parser.add_argument("--samples", type=int, default=50, help="training samples (default: 50)")
+    parser.add_argument("--samples", type=int, default=50, metavar="N", help="training samples (default: 50)")
     parser.add_argument("--published", action="store_true", help="also the L-BFGS stages of the paper")
     add_trial_arguments(parser)
 

@@ -23,7 +23,13 @@ PUBLISHED_Z = 0.17978791  # m, the authors' least-squares answer after the last 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the experiment's own arguments."""
-    parser.add_argument("--log", type=Path, default=LOG, metavar="CSV", help="(default: %(default)s)")
+    parser.add_argument(
+        "--log",
+        type=Path,
+        default=LOG,
+        metavar="CSV",
+        help="areas and camera heights of one approach (default: %(default)s)",
+    )
 
 
 def run(arguments: argparse.Namespace) -> list[Row]:

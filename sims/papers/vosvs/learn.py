@@ -26,8 +26,12 @@ CHOSEN = (Update.PRINTED, Update.GUARDED, Update.FEATUREWISE)  # all that use H
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the experiment's own arguments."""
-    parser.add_argument("--responses", type=int, default=5, help="step responses that each learns from (default: 5)")
-    parser.add_argument("--looks", type=int, default=150, help="images a configuration may take (default: 150)")
+    parser.add_argument(
+        "--responses", type=int, default=5, metavar="N", help="step responses that each learns from (default: 5)"
+    )
+    parser.add_argument(
+        "--looks", type=int, default=150, metavar="N", help="images a configuration may take (default: 150)"
+    )
 
 
 @dataclass

@@ -23,7 +23,7 @@ SPEED = {"base": 0.2, "head": 0.25}  # m/s, of the hand that drags the chain
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the experiment's own arguments."""
-    parser.add_argument("--looks", type=int, default=80, help="images a configuration (default: 80)")
+    parser.add_argument("--looks", type=int, default=80, metavar="N", help="images a configuration (default: 80)")
 
 
 def run(arguments: argparse.Namespace) -> list[Row]:

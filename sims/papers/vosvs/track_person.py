@@ -34,7 +34,7 @@ MAX_STEP = {"head": 0.3, "base head": 0.15}  # rad, m a command
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the experiment's own arguments."""
-    parser.add_argument("--looks", type=int, default=80, help="images a configuration (default: 80)")
+    parser.add_argument("--looks", type=int, default=80, metavar="N", help="images a configuration (default: 80)")
     parser.add_argument(
         "--mask-seconds", type=float, default=0.2, metavar="S", help="world time of a mask (default: 0.2)"
     )

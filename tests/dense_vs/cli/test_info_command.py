@@ -58,7 +58,7 @@ def test_several_episodes_carry_j_on(dataset, tmp_path, capsys):
         "explained_motion",
         "explained_motion_by_quarter",
         "explained_motion_by_joint",
-        "duplicate_frames",
+        "repeated_images",
         "time_offset_s",
         "time_offset_confidence",
         "excitation_by_joint",

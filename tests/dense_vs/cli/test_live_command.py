@@ -17,7 +17,7 @@ from dense_vs.live.sources import from_driver
 
 pytest.importorskip("uvicorn", reason="the live extra is not installed")
 
-REFERENCE = Path(__file__).parents[2] / "reference"
+SUPPORT = Path(__file__).parents[2] / "support"
 DRIVER = """
 from sliding_scene import SlidingRobot
 def make():
@@ -37,7 +37,7 @@ def driver(tmp_path):
 
 @pytest.mark.parametrize("host", ["127.0.0.1", "0.0.0.0"])
 def test_it_serves_at_the_printed_link(driver, monkeypatch, host):
-    monkeypatch.setenv("PYTHONPATH", str(REFERENCE))
+    monkeypatch.setenv("PYTHONPATH", str(SUPPORT))
     words = [sys.executable, "-m", "dense_vs", "live", "--driver", f"{driver}:make", "--host", host, "--port", "0"]
     process = subprocess.Popen(words, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, cwd=driver.parent)
     try:
@@ -58,7 +58,7 @@ def test_it_serves_at_the_printed_link(driver, monkeypatch, host):
 
 
 def test_a_driver_file_gives_camera_and_robot(driver, monkeypatch):
-    monkeypatch.syspath_prepend(str(REFERENCE))
+    monkeypatch.syspath_prepend(str(SUPPORT))
     source = from_driver(f"{driver}:make")
     assert source.name == "board_driver"
     assert source.camera is source.robot

@@ -13,7 +13,7 @@ import pytest
 from dense_vs.drivers.watchdog import Hold, Watchdog
 from dense_vs.errors import DenseVSError
 
-REFERENCE = Path(__file__).parents[2] / "reference"
+SUPPORT = Path(__file__).parents[2] / "support"
 LOOP = """
 import sys, time
 from dense_vs.drivers.watchdog import Hold, Watchdog
@@ -27,7 +27,7 @@ while True:
 
 @pytest.fixture
 def path(tmp_path, monkeypatch):
-    monkeypatch.setenv("PYTHONPATH", str(REFERENCE))
+    monkeypatch.setenv("PYTHONPATH", str(SUPPORT))
     return tmp_path / "held.json"
 
 

@@ -1,7 +1,7 @@
 """A recording of a simulated arm, and a model of it, that the tests share."""
 
 import pytest
-from reference_recordings import record
+from arm_recordings import record
 
 from dense_vs.generative import GenerativeModel
 

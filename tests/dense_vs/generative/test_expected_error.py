@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from reference_recordings import record
+from arm_recordings import record
 
 from dense_vs.errors import DenseVSError
 from dense_vs.generative import GenerativeModel

@@ -4,7 +4,7 @@ from contextlib import suppress
 
 import numpy as np
 import pytest
-from reference_recordings import SIZE, record
+from arm_recordings import SIZE, record
 
 from dense_vs import DenseVSError
 from dense_vs.generative import GenerativeModel, Observations

@@ -4,7 +4,7 @@ import json
 
 import numpy as np
 import pytest
-from reference_recordings import SIZE
+from arm_recordings import SIZE
 
 from dense_vs.cli.main import main
 from dense_vs.generative import GenerativeModel
@@ -17,13 +17,13 @@ def arrays(case):
 def test_learns_and_reports(ur5, tmp_path, capsys):
     np.savez(tmp_path / "recording.npz", **arrays(ur5), intrinsics_sigma=(0.006, 5.0))
     out, report = tmp_path / "model.npz", tmp_path / "report.json"
-    options = ["--out", str(out), "--json", str(report), "--holdout", "10"]
+    options = ["--out", str(out), "--json", str(report), "--held-out", "10"]
     assert main(["learn-model", str(tmp_path / "recording.npz"), *options]) == 0
     said = capsys.readouterr().out
     assert "end to end" in said
     assert "10 postures held out" in said
     written = json.loads(report.read_text())
-    assert written["holdout_mean_error_px"] < 0.8
+    assert written["held_out_mean_error_px"] < 0.8
     assert written["expected_error_px"] < 0.3
     assert written["samples"] == 40
     assert ur5.validation_error(GenerativeModel.load(out)) < 0.75

@@ -2,8 +2,8 @@
 
 import numpy as np
 import pytest
+from arm_recordings import record
 from reference_arms import link_poses
-from reference_recordings import record
 from scipy.spatial.transform import Rotation
 
 from dense_vs.generative import GenerativeModel

@@ -5,9 +5,12 @@ import pytest
 
 from dense_vs.errors import DenseVSError
 from dense_vs.live.gate import PRESS_SECONDS, GatedRobot, PageGate
+from dense_vs.robot import JointGroup
 
 LIMITS = np.array([[-1.0, 1.0], [-np.inf, np.inf]])
 STEP = np.array([0.01, -0.02])
+TURNING = JointGroup.choose(None, ("a", "b"), limits=LIMITS)
+BOTH = JointGroup.choose(None, ("a", "b"), units=("rad", "m"))
 
 
 class Clock:
@@ -17,8 +20,8 @@ class Clock:
         return self.now
 
 
-def passed(gate, step=STEP, positions=(0.0, 0.0), seconds=1 / 30):
-    return gate.passed(np.asarray(step), np.asarray(positions), LIMITS, seconds)
+def passed(gate, step=STEP, positions=(0.0, 0.0), seconds=1 / 30, group=TURNING):
+    return gate.passed(np.asarray(step), np.asarray(positions), group, seconds)
 
 
 def test_it_is_closed_at_first_and_after_a_stop():
@@ -114,12 +117,26 @@ def test_a_stopped_robot_gets_zero_steps():
 def test_the_defaults_by_hand():
     gate = PageGate()
     assert gate.max_speed == 1.0
-    assert (gate.largest_step(0.02), gate.largest_step(0.1), gate.largest_step(0.2)) == (0.02, 0.1, 0.1)
+    for seconds, step in ((0.02, 0.02), (0.1, 0.1), (0.2, 0.1)):
+        np.testing.assert_array_equal(gate.largest_step(seconds, ("rad",)), [step])
     gate.allow()
     np.testing.assert_allclose(passed(gate, [0.02, -0.01], seconds=0.02), [0.02, -0.01])  # the border passes
     np.testing.assert_allclose(passed(gate, [0.04, -0.02], seconds=0.02), [0.02, -0.01])
     gate.max_speed = 0.5
     np.testing.assert_allclose(passed(gate, [0.04, -0.02], seconds=0.02), [0.01, -0.005])
+
+
+def test_a_sliding_joint_goes_at_a_quarter_of_the_number():
+    gate = PageGate()
+    assert gate.sliding_speed == 0.25
+    np.testing.assert_allclose(gate.largest_step(0.04, BOTH.units), [0.04, 0.01])
+    gate.allow()
+    np.testing.assert_allclose(passed(gate, [0.04, -0.01], seconds=0.04, group=BOTH), [0.04, -0.01])  # the border
+    np.testing.assert_allclose(passed(gate, [0.04, -0.02], seconds=0.04, group=BOTH), [0.02, -0.01])  # as a whole
+    np.testing.assert_allclose(passed(gate, [0.08, 0.0], seconds=0.04, group=BOTH), [0.04, 0.0])
+    gate.max_speed = 0.4
+    assert gate.sliding_speed == pytest.approx(0.1)
+    np.testing.assert_allclose(passed(gate, [0.0, 0.02], seconds=0.04, group=BOTH), [0.0, 0.004])
 
 
 @pytest.mark.parametrize(("after", "passes"), [(0.39, True), (0.4, False), (0.41, False)])
@@ -178,3 +195,23 @@ def test_a_gated_robot_is_limited_by_where_its_joints_were_read():
     np.testing.assert_array_equal(gated.last_command, robot.got)
     gated.command(np.array([0.0, 0.1]))
     np.testing.assert_allclose(robot.got, [0.0, 1 / 30])  # a rad/s for a frame
+
+
+def test_a_gated_robot_tells_sliding_joints_by_their_units():
+    class Robot:
+        joint_names, joint_limits, joint_units, got = ("a", "b"), None, ("m", "rad"), None
+
+        def joints(self):
+            return np.zeros(2), 7.0
+
+        def command(self, delta):
+            self.got = delta
+
+    gate, robot = PageGate(), Robot()
+    gated = GatedRobot(robot, gate)
+    gated.frame_seconds = 0.02
+    np.testing.assert_allclose(gated.largest_step, [0.005, 0.02])
+    gate.allow()
+    gated.joints()
+    gated.command(np.array([0.01, 0.01]))
+    np.testing.assert_allclose(robot.got, [0.005, 0.005])

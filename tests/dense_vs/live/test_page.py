@@ -206,6 +206,7 @@ def test_a_choice_stays_while_it_travels_and_follows_the_session_after(page, ses
         session.gate.dead_man, session.gate.max_speed = False, 1.0  # as by another page
         assert until(page, lambda: not page.locator("#dead-man").is_checked())
         assert until(page, lambda: page.locator("#speed").input_value() == "0")
+        assert page.locator("#speed-value").text_content() == "1.00 rad/s"
     finally:
         session.gate.dead_man = False
 
@@ -267,3 +268,17 @@ def test_a_wrong_token_shows_nothing_and_the_right_one_opens(chromium):
         assert page.url == f"http://{address}/"
         assert until(page, lambda: shown_frame(page) > 0, 60)
         context.close()
+
+
+@pytest.mark.parametrize(
+    ("units", "speed"), [(("m", "rad"), "1.00 rad/s, 0.250 m/s"), (("m", "m"), "0.250 m/s")], ids=["one", "both"]
+)
+def test_the_speed_is_shown_in_the_units_of_the_joints(chromium, units, speed):
+    robot = SlidingRobot()
+    robot.joint_units = units
+    session = LiveSession(LiveSource(robot, robot, "board"), LiveOptions(body=False, labels=False))
+    with served(session) as address:
+        page = opened(chromium, f"http://{address}/")
+        assert until(page, lambda: page.locator("#speed-value").text_content() == speed, 60)
+        assert not page.faults
+        page.close()

@@ -21,7 +21,7 @@ from dense_vs.live.recording_thread import RecordingThread
 from dense_vs.live.session import LiveSession
 from dense_vs.live.source import LiveSource
 
-REFERENCE = Path(__file__).parents[2] / "reference"
+SUPPORT = Path(__file__).parents[2] / "support"
 CENTER = (WIDTH / 2, HEIGHT / 2)
 
 
@@ -108,6 +108,35 @@ def test_a_stop_holds_back_the_command_in_work(robot):
     session.stop("now")
     gated.command(step)
     assert not robot.commands[-1][1].any()
+
+
+def test_a_robot_that_cannot_hold_is_said_and_stays_stopped(robot):
+    def hold():
+        raise OSError("the bus is gone")
+
+    robot.hold = hold
+    session = session_of(robot)
+    session.robot.joints()
+    session.gate.allow()
+    session.stop("a key")
+    (line,) = (line for line in session.board.lines() if line["level"] == "error")
+    assert line["text"] == "the robot was told to hold and did not: OSError: the bus is gone"
+    assert session.gate.reason == "a key"
+    session.robot.command(np.array([0.01, 0.01]))
+    assert not robot.commands[-1][1].any()
+
+
+def test_the_loop_knows_how_slow_a_sliding_joint_is(robot, tmp_path):
+    """It watches whether joints follow, so what it sends has to be what passes."""
+    robot.joint_units = ("rad", "m")
+    session = session_of(robot, folder=tmp_path, joints=("right", "left"), max_speed=0.08)
+    session.start()
+    try:
+        assert wait_for(lambda: session.mode is Mode.STILL and session.number > 2, 60), session.board.lines()
+        frame = session.robot.frame_seconds
+        np.testing.assert_allclose(session.running_loop().gate.max_step, [0.02 * frame, 0.08 * frame], rtol=1e-6)
+    finally:
+        session.end()
 
 
 @pytest.mark.parametrize("asked", ["learn", "go"])
@@ -246,7 +275,7 @@ time.sleep(120)
 
 
 def test_a_killed_session_leaves_a_robot_that_holds(tmp_path, monkeypatch):
-    monkeypatch.setenv("PYTHONPATH", str(REFERENCE))
+    monkeypatch.setenv("PYTHONPATH", str(SUPPORT))
     path = tmp_path / "held.json"
     words = [sys.executable, "-c", PROGRAM, str(path)]
     process = subprocess.Popen(words, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True)

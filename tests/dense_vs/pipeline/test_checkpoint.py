@@ -15,7 +15,7 @@ from dense_vs import DenseJacobian, DenseVSError, ServoLoop
 from dense_vs.pipeline.checkpoint import Checkpoint
 
 NAMES = ("left", "right")
-REFERENCE = Path(__file__).parents[2] / "reference"
+SUPPORT = Path(__file__).parents[2] / "support"
 BABBLER = """
 import sys
 from sliding_scene import SlidingRobot
@@ -142,7 +142,7 @@ def test_a_robot_that_is_where_it_was_keeps_its_bits(tmp_path):
 
 def test_killed_again_and_again_it_goes_on(tmp_path):
     path = tmp_path / "c.npz"
-    environment = {**os.environ, "PYTHONPATH": os.pathsep.join([str(REFERENCE), os.environ.get("PYTHONPATH", "")])}
+    environment = {**os.environ, "PYTHONPATH": os.pathsep.join([str(SUPPORT), os.environ.get("PYTHONPATH", "")])}
     begun = []
     for _ in range(2):
         process = subprocess.Popen(

@@ -47,7 +47,7 @@ def test_joints_that_moved_together_are_named(log):
 def test_advice_says_what_to_do():
     summary = {
         "frames": 100,
-        "duplicate_frames": 45,
+        "repeated_images": 45,
         "gaps": 2,
         "time_offset_s": 0.085,
         "time_offset_reason": "",
@@ -62,7 +62,7 @@ def test_advice_says_what_to_do():
     assert "still hardly moved" in said
     assert "elbow and wrist always moved together: move them apart" in said
     assert "Only 30% of the motion is explained" in said
-    fine = summary | {"duplicate_frames": 0, "gaps": 0, "time_offset_s": 0.0, "unmoved_joints": []}
+    fine = summary | {"repeated_images": 0, "gaps": 0, "time_offset_s": 0.0, "unmoved_joints": []}
     fine |= {"joints_moved_together": [], "explained_motion": 0.9}
     assert advice(fine) == []
     sway = {"motions_taken_out": 90, "motions_unknown": 10, "share_foretold_by_joints": 0.3}

@@ -14,7 +14,7 @@ from dense_vs.sims.batch.episode import EpisodeOptions
 from dense_vs.sims.batch.parts import CHECKPOINT, RESULTS, read_worlds, result_arrays, write_part
 from dense_vs.sims.batch.rank import Rank, run_ranks
 from dense_vs.sims.batch.run import gather, run_case, run_share
-from tests.reference import rank_work
+from tests.support import rank_work
 
 CASE = BatchCase(
     robot="planar",

@@ -140,7 +140,7 @@ def test_bad_arguments_are_one_line(arguments, tmp_path, capfd):
 
 
 @pytest.mark.parametrize("seed", ["-1", str(1 << 32), "9" * 30])
-@pytest.mark.parametrize("experiment", ["vosvs trial", "vosvs learn", "generative grasp", "dije labels"])
+@pytest.mark.parametrize("experiment", ["vosvs trial", "vosvs learn", "gothoskar grasp", "dije labels"])
 def test_a_seed_that_cannot_be_ends_an_experiment_before_it_begins(experiment, seed, tmp_path, capfd):
     assert main(["reproduce", *experiment.split(), "--seed", "1", seed, "--out", str(tmp_path / "out")]) == 2
     assert f"--seed is {seed[:20]}" in capfd.readouterr().err

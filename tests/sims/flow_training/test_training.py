@@ -1,5 +1,7 @@
 """A few steps of training on the CPU, and the exported file against the network it came from."""
 
+import argparse
+
 import numpy as np
 import pytest
 
@@ -11,11 +13,12 @@ import onnxruntime
 import torch
 
 from dense_vs.cli.main import main
+from dense_vs.sims.cli import flow_train
 from dense_vs.sims.flow_training.network import FlowRefiner, export, warp
 from dense_vs.sims.flow_training.training import PairRing, Trainer, TrainingOptions, score
 
 TINY = TrainingOptions(
-    device="cpu", height=32, width=48, batch=4, scenes=8, ring=8, first=8, seed=1, compiled=False, rate=2e-3
+    device="cpu", height=32, width=48, batch=4, scenes=8, ring=8, held_out=8, seed=1, compiled=False, rate=2e-3
 )
 WEIGHT_ROUNDING = 2e-2  # px, of weights in half precision
 
@@ -54,7 +57,7 @@ def test_the_exported_file_computes_what_the_network_does(sample, tmp_path):
 
 
 def test_the_command_trains_and_goes_on(tmp_path, capsys):
-    small = ["--device", "cpu", "--size", "48x32", "--batch", "4", "--first", "8", "--minutes", "0.02"]
+    small = ["--device", "cpu", "--size", "48x32", "--batch", "4", "--held-out", "8", "--minutes", "0.02"]
     assert main(["flow-train", "--out", str(tmp_path / "a.onnx"), *small]) == 0
     assert main(["flow-train", "--out", str(tmp_path / "b.onnx"), "--start", str(tmp_path / "a.pt"), *small]) == 0
     assert (tmp_path / "b.onnx").stat().st_size < 5e6
@@ -62,7 +65,37 @@ def test_the_command_trains_and_goes_on(tmp_path, capsys):
     assert sum(part.numel() for part in FlowRefiner().parameters()) < 1e6
 
 
-@pytest.mark.parametrize("wrong", [["--size", "50x32"], ["--minutes", "0"], ["--start", "nowhere.pt"]], ids=" ".join)
+@pytest.mark.parametrize(
+    "wrong", [["--size", "50x32"], ["--minutes", "0"], ["--start", "nowhere.pt"], ["--held-out", "0"]], ids=" ".join
+)
 def test_what_makes_no_sense_is_said(wrong, tmp_path, capsys):
     assert main(["flow-train", "--out", str(tmp_path / "a.onnx"), "--device", "cpu", *wrong]) == 2
     assert wrong[0] in capsys.readouterr().err
+
+
+def test_the_command_and_a_program_train_alike_unless_told():
+    parser = argparse.ArgumentParser()
+    flow_train.add_arguments(parser)
+    told, options = parser.parse_args(["--out", "a.onnx"]), TrainingOptions()
+    for name in ("minutes", "seed", "batch", "held_out", "reuse"):
+        assert getattr(told, name) == getattr(options, name), name
+    assert told.size == f"{options.width}x{options.height}"
+    assert told.batch == options.scenes
+
+
+def test_it_takes_the_cpu_where_there_is_no_gpu(tmp_path, monkeypatch, capsys):
+    taken = []
+
+    def train(options, *_):
+        taken.append((options.device, options.compiled))
+        return FlowRefiner()
+
+    monkeypatch.setattr("dense_vs.sims.flow_training.training.train", train)
+    monkeypatch.setattr("dense_vs.sims.flow_training.network.export", lambda *_: None)
+    for available in (False, True):
+        monkeypatch.setattr(torch.cuda, "is_available", lambda found=available: found)
+        assert main(["flow-train", "--out", str(tmp_path / "a.onnx")]) == 0
+    assert taken == [("cpu", False), ("cuda", True)]
+    monkeypatch.setattr(torch.cuda, "is_available", lambda: False)
+    assert main(["flow-train", "--out", str(tmp_path / "a.onnx"), "--device", "cuda:0"]) == 2
+    assert "--device is cuda:0 and PyTorch finds no GPU; expected auto or cpu" in capsys.readouterr().err

@@ -12,7 +12,7 @@ from dense_vs.sims.papers.dije.servo_record import TaskReach, TaskRun
 
 
 def one_reach(point, error, frames=30, lost=False):
-    return TaskReach(point, (0.0, 0.0), frames, error, 0.1, lost, np.zeros((1, 1, 3)), (0, 1))
+    return TaskReach(point, (0.0, 0.0), frames, error, lost, np.zeros((1, 1, 3)), (0, 1))
 
 
 def run(seed, median, reaches, moved=0):

@@ -19,7 +19,7 @@ from dense_vs.sims.papers.gothoskar.servo_runs import joint_tasks, moves_needed,
 def reproduce(folder, name, *options):
     """The rows of an experiment run from the command line, by name."""
     file = folder / "rows.json"
-    arguments = ["reproduce", "generative", name, "--out", str(folder), "--json", str(file), *options]
+    arguments = ["reproduce", "gothoskar", name, "--out", str(folder), "--json", str(file), *options]
     assert main(arguments) == 0
     return {row["name"]: row for row in json.loads(file.read_text())["rows"]}
 
@@ -140,7 +140,7 @@ def test_rows_of_a_spread():
 def test_every_experiment_has_help_and_arguments():
     from importlib import import_module
 
-    for experiment in PAPERS["generative"].experiments.values():
+    for experiment in PAPERS["gothoskar"].experiments.values():
         module = import_module(experiment.home)
         parser = argparse.ArgumentParser()
         module.add_arguments(parser)
@@ -159,5 +159,5 @@ def test_every_experiment_has_help_and_arguments():
     ],
 )
 def test_bad_options_are_answered(tmp_path, capsys, name, options, message):
-    assert main(["reproduce", "generative", name, "--out", str(tmp_path), *options]) == 2
+    assert main(["reproduce", "gothoskar", name, "--out", str(tmp_path), *options]) == 2
     assert message in capsys.readouterr().err

@@ -117,7 +117,7 @@ def asked(experiment):
         (few_samples, {"samples": [10, 15, 20, 30, 40, 50, 60, 70], "tolerances": "both", "kinematics": "poe"},
          {"LIMITS_PX": (1.0, 2.0), "PAPER": means(TABLE_5)}),
         (single_camera, {"samples": 50}, {"PAPER_LEARNED": (1.231, 0.705)}),
-        (camera_shift, {"metres": 0.02, "radians": 0.02},
+        (camera_shift, {"meters": 0.02, "radians": 0.02},
          {"BUFFER": 50, "PAPER": tuple(float(one) for one in TABLE_7.split())}),
         (noisy_states, {"samples": 50, "sigma": [0.01, 0.02, 0.03], "controller": ["joint", "cartesian"]},
          {"PAPER": {(float(sigma), state): (float(mean), float(off)) for sigma, state, mean, off in rows(TABLE_8)}}),

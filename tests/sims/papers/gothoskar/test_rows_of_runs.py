@@ -201,7 +201,7 @@ def test_alarms_and_wrongly_named_cameras_are_counted(monkeypatch, tmp_path):
     monkeypatch.setattr(camera_shift, "draw_lines", lambda *_, **__: None)
     model = SimpleNamespace(online=lambda capacity: SimpleNamespace(add=add))
     monkeypatch.setattr(GenerativeModel, "fit", lambda observations, seed: model)
-    arguments = Namespace(cameras=2, metres=0.02, radians=0.02, seeds=[0], arm=["ur5"], out=tmp_path)
+    arguments = Namespace(cameras=2, meters=0.02, radians=0.02, seeds=[0], arm=["ur5"], out=tmp_path)
     found = values(camera_shift.run(arguments))
     assert found["alarms in 100 samples before any shift"] == 3
     assert found["other cameras named in 20 samples after it"] == 2

@@ -18,7 +18,7 @@ def reproduce(tmp_path):
 
     def run(name, *options):
         file = tmp_path / "rows.json"
-        assert main(["reproduce", "generative", name, "--out", str(tmp_path), "--json", str(file), *options]) == 0
+        assert main(["reproduce", "gothoskar", name, "--out", str(tmp_path), "--json", str(file), *options]) == 0
         return {row["name"]: row["ours"] for row in json.loads(file.read_text())["rows"]}
 
     return run
