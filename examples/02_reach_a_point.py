@@ -2,8 +2,7 @@
 
 import numpy as np
 
-from dense_vs import Babbling, DenseJacobian, FlowEstimator, PointTracker, VisualServo
-from dense_vs.flow import to_gray
+from dense_vs import Babbling, DenseJacobian, FlowEstimator, PointTracker, VisualServo, to_gray
 from dense_vs.sims import SimWorld
 
 world = SimWorld("arm", seed=1)
