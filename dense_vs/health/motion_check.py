@@ -2,7 +2,8 @@
 
 At places on the robot the share |u - J s|^2 / (|u|^2 + |J s|^2) is near 0 where flow u and joint step s belong
 together, 1 where one of them is missing or the two are strangers. Its median over the places is compared with what is
-usual for this robot, so that a J that is known badly is no reason to stop learning it.
+usual for this robot, so that a J that is known badly is no reason to stop learning it. Nor is a motion in joint
+directions that J has not seen for long: by its own covariance the filter says how far off J s may be.
 """
 
 from collections import deque
@@ -23,6 +24,7 @@ LEFT_OUT_SHARE = (
     0.3  # at least, of what is left out: below, J may not be known yet in that direction, and has to learn it
 )
 TIMES_USUAL = 4.0
+UNKNOWN = 60.0  # times the share that the filter lets expect, whose variances are to a noise of the flow as it is set
 USUAL = 0.05  # weight of the newest judgment
 GIVEN_UP = (
     60  # judgments since the first that was wrong, after which not the images but the robot or the camera has changed
@@ -80,7 +82,13 @@ class MotionCheck:
         self._grave = False  # whether it is more than J that is known too little
 
     def judge(
-        self, flow: np.ndarray, jacobian: np.ndarray, span: np.ndarray, begin: float = 0.0, end: float = 0.0
+        self,
+        flow: np.ndarray,
+        jacobian: np.ndarray,
+        span: np.ndarray,
+        begin: float = 0.0,
+        end: float = 0.0,
+        variance: float = 0.0,
     ) -> Fault | None:
         """What is wrong with an image's motion, where something is.
 
@@ -89,6 +97,7 @@ class MotionCheck:
             jacobian: ``(K, 2, N)`` there [px/rad].
             span: ``(N,)`` joint displacement that the flow spans [rad].
             begin, end: stamps of the two images [s].
+            variance: of a component of J s, by what is not known of J [px^2].
         """
         size = np.linalg.norm(jacobian, axis=(1, 2))
         predicted = jacobian @ span
@@ -105,14 +114,19 @@ class MotionCheck:
             return None
         error = ((flow[chosen] - predicted[chosen]) ** 2).sum(axis=1)
         self.share = float(np.median(error / energy[chosen]))
-        wrong = known and self.usual is not None and self.share > max(self.least_share, TIMES_USUAL * self.usual)
+        plain = np.inf if self.usual is None else max(self.least_share, TIMES_USUAL * self.usual)
+        unknown = UNKNOWN * 2 * variance / float(np.median(energy[chosen]))
+        wrong = known and self.share > max(plain, unknown)
         if wrong and not self.recent:
             self.recent.append(motion)
-        self._grave = self._grave or (wrong and self.share > LEFT_OUT_SHARE)
+        self._grave = self._grave or (wrong and self.share > max(LEFT_OUT_SHARE, unknown))
         if self.recent:
             return self._doubted(wrong)
         self._judged += 1
-        self.usual = self.share if self.usual is None else self.usual + USUAL * (self.share - self.usual)
+        if self.usual is None:
+            self.usual = self.share
+        elif not known or self.share <= plain:  # what is not known yet is not usual
+            self.usual += USUAL * (self.share - self.usual)
         return None
 
     def _doubted(self, wrong: bool) -> Fault | None:

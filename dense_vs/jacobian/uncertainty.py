@@ -29,3 +29,13 @@ def own_covariance(rows: JacobianFilter) -> np.ndarray:
     factors = np.array(options.step_factors)
     scaled = kept * np.outer(factors, factors)  # 0 for a joint that is not learned
     return np.where(np.diag(factors == 0), np.inf, scaled)
+
+
+def motion_variance(rows: JacobianFilter, span: np.ndarray) -> float:
+    """Variance of a component of J s for a joint displacement s ``(N,)`` [rad], by what is not known of J [px^2].
+
+    Of one world, with a covariance that all pixels share; joints that are not learned say nothing.
+    """
+    options = rows.options
+    step = np.asarray(span, dtype=np.float64) * np.array(options.step_factors)
+    return float(step @ rows.stored_covariance()[0, : options.joints, : options.joints] @ step)

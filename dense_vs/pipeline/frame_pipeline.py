@@ -23,6 +23,7 @@ from dense_vs.health.image_watch import ImageWatch
 from dense_vs.health.motion_check import MotionCheck
 from dense_vs.jacobian.depth_image import depth_image
 from dense_vs.jacobian.estimator import DenseJacobian
+from dense_vs.jacobian.uncertainty import motion_variance
 from dense_vs.pipeline.body_prior import BodyPrior
 from dense_vs.pipeline.camera_sway import CameraSway
 
@@ -276,9 +277,10 @@ class FramePipeline:
         flow = raw = calculate() if self._span_frames == 1 else self.flow(first.gray, gray)
         flow, fault = flow if self.camera_sway is not None else self._uncovered(flow, q, span), None
         if self.check is not None and spans and self.estimator.updates > LEARNED_UPDATES:
-            columns, rows = self._grid.astype(int).T
+            at, when = tuple(self._grid.astype(int).T[::-1]), (first.time, shown.time)
             judged = raw if self.prior is not None and self.prior.doubtful else flow
-            fault = self.check.judge(judged[rows, columns], self._on_grid(), span, first.time, shown.time)
+            unknown = 0.0 if self.prior is not None else motion_variance(self.estimator.filter, span)
+            fault = self.check.judge(judged[at], self._on_grid(), span, *when, unknown)
         if fault is not None:
             followed = partial(followed, faults=(*shown.faults, fault))
             if fault.holds:
