@@ -23,6 +23,7 @@ class SlidingRobot:
     Attributes:
         commands: every step that came, ``(N,)`` each, with the time it came at.
         stalled: while set, the camera gives no image.
+        dark: while True, images are black.
         frozen: while True, joint readings keep their old stamp.
         broken: raised by the next reading of the camera, once.
         holds: times that it was told to hold.
@@ -40,6 +41,7 @@ class SlidingRobot:
         self.time = 0.0
         self.commands: list[tuple[float, np.ndarray]] = []
         self.stalled, self.broken, self.frozen, self.holds = threading.Event(), None, False, 0
+        self.dark = False
         self._stamp, self._pace, self._fps = 0.0, pace, fps
 
     def place(self, start) -> np.ndarray:
@@ -58,7 +60,7 @@ class SlidingRobot:
         shift = J @ self.q
         map_back = np.array([[1, 0, WIDTH - shift[0]], [0, 1, HEIGHT - shift[1]]])
         image = cv2.warpAffine(self._board, map_back, (WIDTH, HEIGHT), flags=cv2.INTER_CUBIC | cv2.WARP_INVERSE_MAP)
-        return image, self.time
+        return np.zeros_like(image) if self.dark else image, self.time
 
     def joints(self):
         if not self.frozen:

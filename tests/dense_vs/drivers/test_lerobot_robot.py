@@ -1,5 +1,8 @@
 """The LeRobot driver on a simulated SO-101."""
 
+import sys
+from types import ModuleType, SimpleNamespace
+
 import numpy as np
 import pytest
 from fake_so101 import NAMES, FakeSO101, FakeWithoutBus
@@ -104,6 +107,26 @@ def test_the_watchdog_holds_by_the_bus_alone(arm, monkeypatch):
     lerobot_robot.hold("so101_follower", "/dev/null")
     assert arm.bus.goal == arm.bus.position
     assert arm.bus.connected is False
+
+
+def test_the_motors_of_a_robot_keep_holding_when_it_is_left(monkeypatch):
+    """LeRobot lets go of them unless told otherwise, and an arm that lets go falls."""
+    configured = {}
+
+    def configuration(**options):
+        configured.update(options)
+        return options
+
+    robots, utils = ModuleType("lerobot.robots"), ModuleType("lerobot.robots.utils")
+    robots.__path__ = []
+    robots.RobotConfig = SimpleNamespace(get_known_choices=lambda: {"so101_follower": configuration})
+    utils.make_robot_from_config = lambda config: ("robot of", config)
+    for module in (ModuleType("lerobot"), robots, utils):
+        monkeypatch.setitem(sys.modules, module.__name__, module)
+    assert lerobot_robot.made("so101_follower", "/dev/x") == ("robot of", configured)
+    assert configured == {"port": "/dev/x", "disable_torque_on_disconnect": False}
+    with pytest.raises(DenseVSError, match="robot is 'so100'; expected one of so101_follower"):
+        lerobot_robot.made("so100", "/dev/x")
 
 
 def test_the_module_needs_no_lerobot():

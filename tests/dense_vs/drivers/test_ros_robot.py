@@ -97,6 +97,8 @@ def test_commands_go_out_as_a_trajectory(node, ros):
     assert message.points[0].time_from_start.nanosec == 100_000_000
     node.hold()
     np.testing.assert_allclose(ros.published[TOPIC][-1].points[0].positions, [0.5, -0.5])
+    node.command(np.array([0.1, 0.0]))  # from where it holds, not from the goal before
+    np.testing.assert_allclose(ros.published[TOPIC][-1].points[0].positions, [0.6, -0.5])
 
 
 def test_commands_go_out_as_positions(ros):

@@ -42,7 +42,9 @@ def held(path, seconds=20.0):
 def loop(path, request):
     """A process of its own that beats; ended here whatever the test does."""
     words = [sys.executable, "-c", LOOP, str(path), str(request.param)]
-    process = subprocess.Popen(words, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True)
+    process = subprocess.Popen(
+        words, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True, start_new_session=True
+    )
     assert process.stdout.readline() == "running\n"
     time.sleep(1.0)  # the watchdog has begun to read
     assert not path.exists()
@@ -57,6 +59,12 @@ def test_a_killed_loop_leaves_a_robot_that_holds(loop, path):
     os.kill(loop.pid, signal.SIGKILL)
     assert held(path)
     assert json.loads(path.read_text()) == {"held": "arm"}
+
+
+@pytest.mark.parametrize("loop", [30.0], indirect=True)
+def test_what_ends_everything_in_the_loop_s_terminal_leaves_the_watchdog(loop, path):
+    os.killpg(loop.pid, signal.SIGTERM)  # Ctrl+C's goes the same way, but may be ignored from the start
+    assert held(path)
 
 
 @pytest.mark.parametrize("loop", [0.5], indirect=True)

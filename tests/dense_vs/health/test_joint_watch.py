@@ -66,6 +66,17 @@ def test_a_jump_that_stays_is_never_believed_until_the_watch_begins_anew():
         assert robot.step(off=(0.7, 0.0)) == []
 
 
+def test_what_is_commanded_while_a_reading_is_doubted_allows_no_jump():
+    robot = Robot()
+    robot.time += FRAME
+    assert kinds(robot.read(off=(3.0, 0.0))) == [FaultKind.READING]
+    for _ in range(10):
+        robot.watch.commanded(np.array([0.1, 0.0]))
+    robot.time += FRAME
+    assert kinds(robot.read(off=(0.8, 0.0))) == [FaultKind.READING]
+    assert robot.read() == []
+
+
 @pytest.mark.parametrize("late", [0.3, -0.5, 1e9, -1e9, np.nan, np.inf])
 def test_a_stamp_of_another_clock(late):
     robot = Robot()

@@ -5,6 +5,7 @@ import signal
 import subprocess
 import sys
 from pathlib import Path
+from threading import Event
 from types import SimpleNamespace
 
 import numpy as np
@@ -66,6 +67,32 @@ def test_what_was_kept_comes_back_bit_by_bit(tmp_path):
     np.testing.assert_array_equal(kept.estimator.to_numpy(), estimator.to_numpy())
     # It is a saved Jacobian, too.
     assert DenseJacobian.load(tmp_path / "c.npz", device="cpu").updates == 5
+
+
+def test_what_is_written_is_of_when_it_was_kept(tmp_path, monkeypatch):
+    """The disk is slow, and the estimator goes on meanwhile."""
+    rng, go_on, write = np.random.default_rng(0), Event(), Checkpoint._write
+
+    def slow(checkpoint, *given):
+        go_on.wait(60)
+        write(checkpoint, *given)
+
+    monkeypatch.setattr(Checkpoint, "_write", slow)
+    estimator = estimator_of(rng)
+    J = estimator.to_numpy().copy()
+    checkpoint = Checkpoint(tmp_path / "c.npz", NAMES)
+    checkpoint.keep(pipeline_of(estimator), 4.5)
+    try:
+        for _ in range(4):
+            estimator.update(rng.normal(0, 1, (24, 32, 2)).astype(np.float32), rng.normal(0, 0.02, 2))
+        assert not (tmp_path / "c.npz").exists()
+    finally:
+        go_on.set()
+        checkpoint.end()
+    kept = checkpoint.resume((24, 32), device="cpu", threads=1)
+    assert kept.estimator.updates == 5
+    np.testing.assert_array_equal(kept.estimator.to_numpy(), J)
+    assert np.abs(estimator.to_numpy() - J).max() > 0
 
 
 def test_no_file_is_no_checkpoint_yet(tmp_path):

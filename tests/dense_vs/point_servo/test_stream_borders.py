@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from dense_vs.health import Fault, FaultKind, JointWatch
+from dense_vs.health.gain_check import GainChange
 from dense_vs.point_servo import joint_stream
 from dense_vs.point_servo.joint_stream import JointStream
 from dense_vs.point_servo.tracker import sample
@@ -177,6 +178,21 @@ def test_a_delay_that_changed_is_taken_out(monkeypatch, now, found, text):
     assert since == 1  # the end of the first
     assert (fault.kind, fault.text, fault.stops, fault.holds) == (FaultKind.LATE, text, False, False)
     assert stream.delay == found
+
+
+def test_a_slip_is_taken_out_from_the_image_on_that_first_shows_it():
+    """Readings come three frames late: that of an image bears a later stamp, and so does the slip's beginning."""
+    stream, robot = stream_of(delay=3 * FRAME)
+    read(stream, robot, 12)
+    begin = 5 + 2 * FRAME
+    stream._gain_check = SimpleNamespace(judge=lambda *_: GainChange(0, 0.7, begin), restart=lambda: None)
+    last = SimpleNamespace(begin=5 + 6 * FRAME, end=5 + 8 * FRAME, trusted=True)
+    fault, since = stream.judge_motion(SimpleNamespace(time=last.end, faults=()), SimpleNamespace(last=last))
+    assert (fault.kind, since) == (FaultKind.SLIP, begin)
+    for k in range(9):  # images
+        a = 1.03 + 0.01 * k if k <= 2 else 1.05 + 0.007 * (k - 2)
+        np.testing.assert_allclose(stream.at(5 + k * FRAME), [a, 2.06 + 0.02 * k])
+    np.testing.assert_allclose(stream.newest, [1.05 + 0.007 * 6, 2.22])
 
 
 def test_samples_are_bilinear_and_those_of_the_border_outside():

@@ -163,6 +163,16 @@ def test_targets_may_be_given_for_every_world():
             BatchServo._targets(robots, wrong, 0)
 
 
+def test_every_world_s_jacobian_is_compared_with_its_own_truth():
+    world = SimWorld("planar", worlds=3, device="cpu", seed=0, randomization=RANDOMIZATION, height=48, width=64)
+    estimated = world.true_jacobian()
+    assert not np.array_equal(estimated[0], estimated[2])
+    estimated[1] = 0.0
+    errors = BatchServo.jacobian_errors(SimpleNamespace(world=world, jacobian=SimpleNamespace(numpy=lambda: estimated)))
+    assert [error.median for error in errors] == pytest.approx([0.0, 1.0, 0.0])
+    assert [error.pixels for error in errors] == world.robot_mask().sum(axis=(1, 2)).tolist()
+
+
 def test_a_robot_has_five_seconds_for_a_reach_and_stays_for_five_frames():
     usual = EpisodeOptions()
     assert (usual.babble_seconds, usual.tolerance, usual.settle_frames, usual.max_frames) == (10.0, 1.0, 5, 5 * 30)

@@ -117,6 +117,17 @@ def test_the_camera_gives_depth_of_its_image(world):
     assert known[:, 1:][outline].mean() < 0.5 * known.mean()
 
 
+def test_the_seed_decides_a_camera_s_noise(world):
+    seen = []
+    for seed in (0, 1, 0):
+        camera = SimDepthCamera(world, DepthSensor(), seed=seed)
+        camera.read()
+        seen.append(camera.depth())
+    known = (seen[0] > 0) & (seen[1] > 0)
+    assert (seen[0] != seen[1])[known].mean() > 0.5  # others fall on the same step
+    np.testing.assert_array_equal(seen[0], seen[2])
+
+
 def test_refuses(world):
     for options in ({"noise": -1}, {"grain": 0}, {"steepest": 90}, {"dropout": 2}, {"baseline": "wide"}):
         with pytest.raises(DenseVSError, match=next(iter(options))):

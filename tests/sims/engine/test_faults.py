@@ -62,6 +62,19 @@ def test_a_bump_shifts_what_the_camera_shows_while_it_lasts(world):
     assert injector.shift.tolist() == [0, 0]
 
 
+@pytest.mark.parametrize("percent", [2, 10])
+def test_half_of_the_salt_and_pepper_is_black_and_half_is_white(world, percent):
+    injector = FaultInjector(world, seed=2)
+    injector.begin(f"salt and pepper {percent} %")
+    shown = np.array([injector.read()[0] for _ in range(20)])
+    true = world.frame().rgb
+    for level in (0, 255):
+        drawn = (shown == level).all(axis=-1) & (true != level).any(axis=-1)
+        assert drawn.mean() == pytest.approx(percent / 200, rel=0.2)
+    unchanged = (shown == true).all(axis=-1)
+    assert unchanged.mean() == pytest.approx(1 - percent / 100, abs=0.02)
+
+
 def test_late_images_are_old_and_delayed_ones_say_so(world):
     injector = FaultInjector(world)
     first = frames(world, injector, 4)

@@ -1,5 +1,7 @@
 """Realism changes what is seen and read, as much as it says, and nothing of the truth."""
 
+from dataclasses import asdict
+
 import numpy as np
 import pytest
 import warp as wp
@@ -154,6 +156,66 @@ def test_presets_are_named():
     for name in PRESETS:
         assert SimWorld("planar", seed=2, realism=name, **SIZE).realism is PRESETS[name]
     assert SimWorld("planar", seed=2, realism=True, **SIZE).realism is PRESETS["realistic"]
+
+
+def test_presets_are_what_they_are():
+    """Every figure of a simulated robot that names one depends on these numbers."""
+    assert {name: asdict(preset) for name, preset in PRESETS.items()} == {
+        "realistic": {
+            "noise": 4.0,
+            "flicker": 0.03,
+            "vignette": 0.25,
+            "jpeg_quality": 70,
+            "blur": 0.3,
+            "readout": 0.5,
+            "distortion": (-0.08, 0.02),
+            "shadows": True,
+            "sway": 0.001,
+            "late_frames": 1,
+            "joint_noise": 0.0002,
+            "joint_resolution": 0.0005,
+        },
+        "sensor": {
+            "noise": 4.0,
+            "flicker": 0.03,
+            "vignette": 0.0,
+            "jpeg_quality": 70,
+            "blur": 0.0,
+            "readout": 0.0,
+            "distortion": (0.0, 0.0),
+            "shadows": False,
+            "sway": 0.0,
+            "late_frames": 1,
+            "joint_noise": 0.0,
+            "joint_resolution": 0.0,
+        },
+    }
+
+
+def test_a_realistic_camera_is_noisy_and_sways_before_what_rests():
+    world = SimWorld("planar", seed=2, realism="realistic", device="cpu")
+    for _ in range(60):
+        world.step()
+    point = world.track_point((20, 20))  # of the wall
+    images, places = [], []
+    for _ in range(4):
+        world.step()
+        images.append(world.frame().rgb.astype(float).mean(axis=-1))
+        places.append(world.project(point))
+    images = [image * images[0].mean() / image.mean() for image in images]  # without flicker
+    noise = np.median(np.abs(np.diff(images, axis=0))) / 0.6745 / np.sqrt(2)  # the standard deviation of normal noise
+    assert 2.0 < noise < 5.0  # levels of 255; the compression alone makes less than 1.5
+    assert 0.05 < np.hypot(*np.ptp(places, axis=0)) < 5.0
+
+
+@pytest.mark.parametrize(("one", "other"), [((0, 1), (0, 0)), ((1, 0), (0, 0))])
+def test_noise_of_two_worlds_and_of_two_seeds_has_nothing_in_common(one, other):
+    def noise(seed, number):
+        options = {"seed": seed, "worlds": 2, **SIZE}
+        noisy, clean = (SimWorld("planar", realism=realism, **options) for realism in (Realism(noise=5.0), False))
+        return (noisy.frame().rgb.astype(float) - clean.frame().rgb)[number]
+
+    assert abs(np.corrcoef(noise(*one).ravel(), noise(*other).ravel())[0, 1]) < 0.1
 
 
 def test_worlds_of_a_batch_are_degraded_apart():

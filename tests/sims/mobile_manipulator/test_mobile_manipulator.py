@@ -100,6 +100,14 @@ def test_lift_carries_the_camera_along_its_axis(room):
     np.testing.assert_allclose(true_centroid(room, "grasp", "Tuna"), before, atol=6.0)
 
 
+def test_images_are_as_noisy_as_asked(room):
+    one, other = (room.image("grasp").astype(float) for _ in range(2))
+    unbounded = (one > 12) & (one < 243)
+    assert (one - other)[unbounded].std() == pytest.approx(2 * np.sqrt(2), rel=0.05)  # of both, 2 levels each
+    clean = MobileWorld(["Washer"], noise=0.0, device="cpu")
+    np.testing.assert_array_equal(clean.image("grasp"), clean.image("grasp"))
+
+
 def test_camera_and_robot_are_what_the_algorithms_know(room):
     camera, robot = ManipulatorCamera(room, "head"), ManipulatorRobot(room)
     assert isinstance(camera, Camera)
