@@ -174,7 +174,7 @@ def test_what_passes_by_is_shown_with_its_own_truth_and_nothing_where_it_is_away
 
 
 def test_the_first_image_has_nothing_before_it_and_is_in_no_score(monkeypatch):
-    """Three images an object, of which the first shows all; each is seen by one that follows and one that forgets."""
+    """Three images an object, of which the first shows all; who forgets marks what who follows does not."""
     reported, made = {}, []
 
     class Segmenter(Remembered):
@@ -184,6 +184,9 @@ def test_the_first_image_has_nothing_before_it_and_is_in_no_score(monkeypatch):
 
         def fit(self, images, masks):
             return self
+
+        def segment(self, image):
+            return ~image if self.resets else image
 
     def passing(world, name, count, rng):
         assert count == 3
@@ -204,8 +207,8 @@ def test_the_first_image_has_nothing_before_it_and_is_in_no_score(monkeypatch):
     monkeypatch.setattr(tracking, "report", lambda metrics, _: 5 if metrics == "metrics" else 0)
     monkeypatch.setattr(sys, "argv", ["tracking.py", "--objects", "Mug", "Tuna", "--images", "3"])
     assert tracking.main() == 5
-    for images in reported.values():
-        assert [(one.shown, one.masked) for one in images] == [(40, 40), (0, 40)] * 2
+    shown = {name: [(one.shown, one.masked) for one in images] for name, images in reported.items()}
+    assert shown == {"tracked": [(40, 40), (0, 40)] * 2, "anew": [(40, 60), (0, 60)] * 2}
     assert [one.resets for one in made] == [0, 0]  # the one that forgets is a copy
 
 
