@@ -11,7 +11,8 @@ import pytest
 sys.path.insert(0, str(Path(__file__).parents[2] / "profiling"))
 
 import depth_row
-from depth_scores import DepthScore, SpaceReach
+from depth_row import SeedResult
+from depth_scores import DepthScore, RowScore, SpaceReach
 
 MASK = np.array([[True, True, False], [False, True, False]])
 TRUE = np.full((2, 3), 2.0)  # m
@@ -204,3 +205,36 @@ def test_a_model_is_asked_at_postures_of_the_range_that_the_babbling_covered(mon
     at[1:], asked[:] = [], []
     depth_row.ask(world, model, 6)
     assert np.abs(np.array(at[1:]) - went).max() > 0.01  # other seeds, other postures
+
+
+def test_every_figure_of_the_seeds_has_its_own_metric(capsys):
+    """Of the second seed every figure is larger by 1."""
+
+    def seed(number):
+        figures = iter(number + np.arange(1, 14) / 100)
+        parts = [RowScore(*(next(figures) for _ in range(3)))]
+        parts += [DepthScore(*(next(figures) for _ in range(3))) for _ in range(3)]
+        return SeedResult(number, next(figures), *parts, [SpaceReach("reached", 0.001 + number, 0.2, 0.001, 10)])
+
+    results = [seed(0), seed(1)]
+    metrics = depth_row.metrics_of(results)
+    values = {metric.name: metric.value for metric in metrics}
+    assert list(values.values())[:13] == pytest.approx([0.63, *np.arange(0.51, 0.625, 0.01)])
+    assert list(values)[:6] == [
+        "J error, pixel rows",
+        "J error, row of depth, median",
+        "J error, row of depth, 90 %",
+        "J error, row of depth by the whole motion",
+        "depth of robot pixels, as measured, median",
+        "depth of robot pixels, as measured, 90 %",
+    ]
+    assert list(values)[9:13:3] == [
+        "depth of robot pixels, filtered, share not known",
+        "depth of robot pixels, body model at unseen postures, share not known",
+    ]
+    assert all(metric.better == "lower" for metric in metrics[:13])
+    assert values["reaches below 8 mm"] == 1
+    depth_row.print_results(results)
+    first, second = capsys.readouterr().out.splitlines()[-2:]
+    assert first.split() == ["0", "0.130", "0.010", "0.02", "0.030", "0.0400", "0.0700", "0.090", "0.1000", "1.0"]
+    assert second.split()[-1] == "1001.0"

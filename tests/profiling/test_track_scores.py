@@ -150,9 +150,24 @@ def test_only_who_forgets_is_reset():
     assert segmenter.resets == 1
 
 
-def test_what_passes_by_is_shown_with_its_own_truth_and_nothing_where_it_is_away():
+def test_times_are_those_between_the_image_and_its_mask(monkeypatch):
+    cpu, wall = iter([10.0, 10.5]), iter([20.0, 20.25])
+    clock = SimpleNamespace(process_time=lambda: next(cpu), perf_counter=lambda: next(wall))
+    monkeypatch.setattr(tracking, "time", clock)
+    one = tracking.ask(Remembered(), mask(0, 4), mask(2, 6))
+    assert (one.cpu_s, one.wall_s) == (0.5, 0.25)
+
+
+def test_what_passes_by_is_shown_with_its_own_truth_and_nothing_where_it_is_away(monkeypatch):
     """The world shows its number of postures; the object is in the first two images."""
-    placed, stood = {}, []
+    placed, stood, ways = {}, [], []
+
+    def path(start, count):
+        ways.append((np.abs(start).max(), count))
+        return np.array([[0.1, 0.2], [0.3, -0.4], [-0.5, 0.6]])[:count]
+
+    monkeypatch.setattr(tracking, "above", lambda x, y, height: (x, y, height))
+    monkeypatch.setattr(tracking, "path", path)
     world = SimpleNamespace(
         objects={"Mug": SimpleNamespace(links=0), "Plastic Chain": SimpleNamespace(links=9)},
         place=lambda name, place, turn: placed.update({name: place}),
@@ -166,6 +181,11 @@ def test_what_passes_by_is_shown_with_its_own_truth_and_nothing_where_it_is_away
     for (_, true), shown in zip(found, (40, 40, 0), strict=True):
         assert true.sum() == shown
     x, y, z = tracking.SUPPORTS[1]
+    offsets = np.array([[0.1, 0.2, 0.75], [0.3, -0.4, 0.747], [-0.5, 0.6, 0.744]])  # slowly nearer
+    np.testing.assert_allclose(stood, offsets + np.array([x, y, 0.0]))
+    ((off, count),) = ways
+    assert 0 < off <= 0.06
+    assert count == 3
     assert placed.pop("Mug") == (x, y, z)
     assert sorted(placed.values()) == [(x, y - 0.16, z), (x, y + 0.16, z)]  # two others beside it
     assert set(placed) < set(tracking.BESIDE)
