@@ -122,6 +122,8 @@ def test_a_model_is_asked_about_postures_that_it_has_not_seen(monkeypatch):
     assert (inside > joints.min(axis=0) - 0.005).all()
     assert (inside < joints.max(axis=0) + 0.005).all()
     assert np.ptp(inside, axis=0).min() > 0.1
+    assert np.abs(inside[:, None] - joints).max(axis=2).min() > 0.01  # none was seen
+    assert np.abs(inside[:, None] - inside)[~np.eye(8, dtype=bool)].max(axis=-1).min() > 0.01  # nor is one asked twice
     assert max(world.steps) <= 0.03
 
 

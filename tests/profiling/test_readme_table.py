@@ -55,6 +55,14 @@ def test_times_of_a_frame_are_of_the_run_that_is_named_above_them(results):
 
 
 @pytest.mark.parametrize(
+    ("reaches", "share", "text"),
+    [(100, 0.93, "93 of 100"), (40.0, 0.975, "39 of 40"), (7, 2 / 7, "2 of 7"), (5, 0.0, "0 of 5"), (3, 1.0, "3 of 3")],
+)
+def test_reaches_are_those_below_2_px_of_all(reaches, share, text):
+    assert readme_table._reaches({"reaches": reaches, "reaches below 2 px": share}) == text
+
+
+@pytest.mark.parametrize(
     ("file", "figure", "lines"),
     [
         ("real_robot", "E, flow dis", readme_real_robot.real_robot_lines),

@@ -18,7 +18,7 @@ import accuracy
 import results_file
 import surface_table
 import surfaces
-from surface_scores import ReachScore, Tally, ViewScore, label_quality, metrics_of
+from surface_scores import ReachScore, Tally, ViewScore, label_quality, mean_of, metrics_of
 
 
 def reach(true_error, believed=True, frames=10):
@@ -124,6 +124,43 @@ def test_a_view_comes_back_from_its_file(tmp_path, monkeypatch):
     assert "stopped" not in "\n".join([*surface_table.surface_lines(), *surface_table.few_surface_lines()])
     monkeypatch.setattr(surface_table, "RESULTS", tmp_path / "nowhere")
     assert surface_table.surface_lines() == surface_table.few_surface_lines() == []
+
+
+def test_a_view_that_failed_is_known_whether_it_has_learned_or_not():
+    learned = view("panda", "A", j_median=0.2, finished=False)
+    failed = view("panda", "B", finished=False, failure="gone")
+    learned_and_failed = view("ur5e", "A", j_median=0.3, finished=False, failure="no tip in view")
+    unknown = view("ur5e", "B", finished=False)
+    known = surfaces._known([learned, failed, unknown, learned_and_failed])
+    assert [one is other for one, other in zip(known, [learned, failed, learned_and_failed], strict=True)] == [True] * 3
+
+
+def test_what_a_view_learned_before_it_failed_is_in_the_means():
+    learned = view("panda", "A", j_median=0.2, overlap=0.9)
+    failed = view("panda", "B", j_median=0.6, overlap=0.5, finished=False, failure="no tip in view")
+    unlearned = view("panda", "C", finished=False, failure="gone")
+    assert mean_of([learned, failed, unlearned], "j_median") == pytest.approx(0.4)
+    assert mean_of([learned, failed, unlearned], "overlap") == pytest.approx(0.7)
+    assert np.isnan(mean_of([unlearned], "j_median"))
+
+
+def test_rows_of_the_readme_hold_every_view_that_is_known(monkeypatch):
+    """One that was learned and then failed counts with all targets, one that was stopped with the reaches it made."""
+    views = [
+        view("panda", "A", j_median=0.2, reaches=[THERE, WRONG]),
+        view("panda", "B", j_median=0.3, reaches=[LOST], targets=5, finished=False, failure="no tip in view"),
+        view("ur5e", "A", j_median=0.7, reaches=[THERE, THERE, LOST], targets=5, finished=False),
+        view("ur5e", "B", targets=5, finished=False),  # it had only begun
+        view("fetch", "A", targets=4, finished=False, failure="gone"),
+        view("arm", j_median=0.01, reaches=[THERE]),  # ours
+    ]
+    content = {"rows": [asdict(one) for one in views]}
+    monkeypatch.setattr(surface_table, "committed", lambda name: content)
+    errors, reaches, said = surface_table.few_surface_lines()
+    assert errors == "| J error on 3 commercial arms as they come, clean / realistic images | 0.40 / - |"
+    assert "of those made until the run was stopped" in reaches
+    assert reaches.endswith("| 3 of 14 / 0 of 0 |")
+    assert said.endswith("| 4 (1) / 0 (0) |")
 
 
 def test_labels_against_the_true_robot():

@@ -3,6 +3,7 @@
 import json
 import sys
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -149,9 +150,91 @@ def test_only_who_forgets_is_reset():
     assert segmenter.resets == 1
 
 
+def test_times_are_those_between_the_image_and_its_mask(monkeypatch):
+    cpu, wall = iter([10.0, 10.5]), iter([20.0, 20.25])
+    clock = SimpleNamespace(process_time=lambda: next(cpu), perf_counter=lambda: next(wall))
+    monkeypatch.setattr(tracking, "time", clock)
+    one = tracking.ask(Remembered(), mask(0, 4), mask(2, 6))
+    assert (one.cpu_s, one.wall_s) == (0.5, 0.25)
+
+
+def test_what_passes_by_is_shown_with_its_own_truth_and_nothing_where_it_is_away(monkeypatch):
+    """The world shows its number of postures; the object is in the first two images."""
+    placed, stood, ways = {}, [], []
+
+    def path(start, count):
+        ways.append((np.abs(start).max(), count))
+        return np.array([[0.1, 0.2], [0.3, -0.4], [-0.5, 0.6]])[:count]
+
+    monkeypatch.setattr(tracking, "above", lambda x, y, height: (x, y, height))
+    monkeypatch.setattr(tracking, "path", path)
+    world = SimpleNamespace(
+        objects={"Mug": SimpleNamespace(links=0), "Plastic Chain": SimpleNamespace(links=9)},
+        place=lambda name, place, turn: placed.update({name: place}),
+        lay_chain=lambda name, place, rng: placed.update({name: place}),
+        set_posture=stood.append,
+        image=lambda camera: (camera, "image", len(stood)),
+        true_mask=lambda camera, name: mask(0, 4) if len(stood) < 3 else mask(0, 0),
+    )
+    found = list(tracking.passing(world, "Mug", 3, np.random.default_rng(0)))
+    assert [image for image, _ in found] == [("grasp", "image", number) for number in (1, 2, 3)]
+    for (_, true), shown in zip(found, (40, 40, 0), strict=True):
+        assert true.sum() == shown
+    x, y, z = tracking.SUPPORTS[1]
+    offsets = np.array([[0.1, 0.2, 0.75], [0.3, -0.4, 0.747], [-0.5, 0.6, 0.744]])  # slowly nearer
+    np.testing.assert_allclose(stood, offsets + np.array([x, y, 0.0]))
+    ((off, count),) = ways
+    assert 0 < off <= 0.06
+    assert count == 3
+    assert placed.pop("Mug") == (x, y, z)
+    assert sorted(placed.values()) == [(x, y - 0.16, z), (x, y + 0.16, z)]  # two others beside it
+    assert set(placed) < set(tracking.BESIDE)
+    list(tracking.passing(world, "Plastic Chain", 1, np.random.default_rng(0)))
+    assert placed["Plastic Chain"] == (x, y, z)
+
+
+def test_the_first_image_has_nothing_before_it_and_is_in_no_score(monkeypatch):
+    """Three images an object, of which the first shows all; who forgets marks what who follows does not."""
+    reported, made = {}, []
+
+    class Segmenter(Remembered):
+        def __init__(self, seed):
+            super().__init__()
+            made.append(self)
+
+        def fit(self, images, masks):
+            return self
+
+        def segment(self, image):
+            return ~image if self.resets else image
+
+    def passing(world, name, count, rng):
+        assert count == 3
+        yield mask(0, 10), mask(0, 10)
+        yield mask(0, 4), mask(2, 6)
+        yield mask(0, 4), mask(0, 0)
+
+    def track_metrics(tracked, anew):
+        reported.update(tracked=tracked, anew=anew)
+        return "metrics"
+
+    world = SimpleNamespace(store=lambda: None)
+    monkeypatch.setattr(tracking, "MobileWorld", lambda *_, **__: world)
+    monkeypatch.setattr(tracking, "annotate", lambda *_: SimpleNamespace(images=[], masks=[]))
+    monkeypatch.setattr(tracking, "FewShotSegmenter", Segmenter)
+    monkeypatch.setattr(tracking, "passing", passing)
+    monkeypatch.setattr(tracking, "track_metrics", track_metrics)
+    monkeypatch.setattr(tracking, "report", lambda metrics, _: 5 if metrics == "metrics" else 0)
+    monkeypatch.setattr(sys, "argv", ["tracking.py", "--objects", "Mug", "Tuna", "--images", "3"])
+    assert tracking.main() == 5
+    shown = {name: [(one.shown, one.masked) for one in images] for name, images in reported.items()}
+    assert shown == {"tracked": [(40, 40), (0, 40)] * 2, "anew": [(40, 60), (0, 60)] * 2}
+    assert [one.resets for one in made] == [0, 0]  # the one that forgets is a copy
+
+
 def test_lines_are_of_a_result_that_is_there(tmp_path, monkeypatch):
-    monkeypatch.setattr(readme_tracking, "RESULTS", tmp_path)
     monkeypatch.setattr(results_file, "RESULTS", tmp_path)
+    monkeypatch.setattr(results_file, "OPTIONAL", frozenset({"tracking"}))
     assert readme_tracking.tracking_lines() == []
     assert readme_tracking.few_tracking_lines() == []
     tracked = [scored(overlap=0.8, cpu=0.02), scored(overlap=0.4, cpu=0.02, everywhere=True, doubted=True)]

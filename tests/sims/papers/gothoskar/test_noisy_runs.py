@@ -182,6 +182,45 @@ def test_a_cartesian_servo_goes_from_where_it_is_seen_to_where_it_is_wanted(monk
     np.testing.assert_allclose(errors, [[40, 0, 0], [40, 0, 0], [40, 40, 40]], atol=1e-9)
 
 
+@pytest.mark.parametrize("servo", ["joints", "hand", "classical"])
+def test_the_present_is_seen_with_noise_of_its_own_at_every_move(monkeypatch, servo):
+    """Of 200 tasks that stay where they are: what is noted of every image is where its features are seen."""
+    monkeypatch.setattr(servo_runs, "PIXEL_NOISE", 0.5)
+    count, moves, rng, noted = 200, 3, np.random.default_rng(0), []
+    still = SimpleNamespace(joint_step=lambda step: 0 * step)
+    if servo == "hand":
+        arm, start = Hand(), np.tile(np.eye(4), (count, 1, 1))
+        start[:, 0, 3] = np.linspace(0.1, 0.3, count)
+        exact = arm.pixels_of_poses(start)
+        monkeypatch.setattr(servo_runs, "executed", lambda controller, action, pose: pose)
+        poses = SimpleNamespace(infer_poses=lambda images: noted.append(images.copy()) or start)
+        servo_model_cartesian(poses, arm, Tasks(start, exact + 90.0, exact), moves, rng, None)
+        assert (noted.pop(0) == exact + 90.0).all()  # the goals, as they were seen once
+    else:
+        arm, start = Arm(), np.linspace(0.1, 0.3, 2 * count).reshape(count, 2)
+        exact = arm.pixels(start)
+        tasks = Tasks(start, exact + 90.0, exact)
+        if servo == "joints":
+
+            class Noting(Exact):
+                def infer_joints(self, images, near=None):
+                    noted.append(images.copy())
+                    return near
+
+            servo_model(Noting(), arm, tasks, moves, rng, still, np.copy)
+            assert all((goal == exact + 90.0).all() for goal in noted[1::2])
+            noted = noted[::2]
+        else:
+            monkeypatch.setattr(servo_runs, "ibvs_step", lambda arm, at, seen, *_: noted.append(seen) or np.zeros(2))
+            servo_ibvs(arm, tasks, moves, 0.5, rng, still, np.copy)
+            noted = [np.array(noted[count * move : count * (move + 1)]) for move in range(moves)]
+    off = np.array(noted) - exact
+    assert len(off) == moves
+    assert off.std(axis=(1, 2, 3, 4)) == pytest.approx(0.5, rel=0.1)
+    assert off.mean() == pytest.approx(0.0, abs=0.05)
+    assert np.abs(np.corrcoef(off.reshape(moves, -1))[~np.eye(moves, dtype=bool)]).max() < 0.15
+
+
 @pytest.mark.parametrize("law", ["independent", "proportional"])
 def test_noise_is_as_large_as_its_law_says(law):
     step = np.array([0.3, 0.4])

@@ -17,19 +17,20 @@ def attempt(outcome):
 
 
 class Heights:
-    """A world that knows only how high an object reaches and where it lies."""
+    """A world that knows only how high an object reaches, and where it lies once it has been let go and has fallen."""
 
     def __init__(self, heights, center):
         self._heights, self._center = iter(heights), np.array(center)
+        self.done = []  # what was asked of world and gripper
 
     def highest_point(self, _):
         return next(self._heights)
 
     def object_center(self, _):
-        return self._center
+        return self._center if self.done[-2:] == ["open", ("wait", 20)] else np.array(IN_HAND)
 
-    def wait(self, _):
-        pass
+    def wait(self, frames):
+        self.done.append(("wait", frames))
 
 
 @pytest.fixture
@@ -50,7 +51,8 @@ def picked(monkeypatch):
 
         trial = ObjectTrial("Mug", 0.0)
         trial.approach = SimpleNamespace(z_object=0.3)
-        tool = SimpleNamespace(open=lambda: None)
+        world = Heights(heights, center)
+        tool = SimpleNamespace(open=lambda: world.done.append("open"))
         for name, value in (
             ("locate", lambda *_, **__: trial),
             ("GraspLoop", Loop),
@@ -58,14 +60,15 @@ def picked(monkeypatch):
             ("ManipulatorRobot", lambda _: None),
             ("ManipulatorCamera", lambda *_: None),
             ("hand_geometry", lambda _: None),
-            ("carry_to_bin", lambda *_: None),
+            ("carry_to_bin", lambda *_: world.done.append("carry")),
         ):
             monkeypatch.setattr(object_pick, name, value)
-        return object_pick.pick_and_place(Heights(heights, center), "Mug", 0.0, None, np.eye(2), np.eye(2))
+        return object_pick.pick_and_place(world, "Mug", 0.0, None, np.eye(2), np.eye(2))
 
     return run
 
 
+IN_HAND = (*object_pick.DROP, 0.5)  # above the bin
 IN_BIN, BESIDE = (*object_pick.BIN, 0.05), (object_pick.BIN[0] + 1.0, object_pick.BIN[1], 0.05)
 
 

@@ -111,7 +111,8 @@ def test_first_and_last_view_of_an_approach_are_kept(monkeypatch):
     """With the truth of the moment that each was taken at."""
     trues = [np.full((4, 4), k % 2 == 0) for k in range(3)]
     world = SimpleNamespace(true_mask=lambda camera, name: trues.pop(0))
-    inner = SimpleNamespace(segment=lambda image: np.ones((4, 4), bool), forgot=[])
+    half = np.arange(16).reshape(4, 4) % 4 < 2  # of what it is asked for the segmenter finds the left
+    inner = SimpleNamespace(segment=lambda image: half.copy(), forgot=[])
     inner.reset = lambda: inner.forgot.append(True)
     witness = segmentations.Witness(world, "Plate", inner)
     witness.reset()
@@ -128,7 +129,10 @@ def test_first_and_last_view_of_an_approach_are_kept(monkeypatch):
     one = segmentations.approach_one(world, witness, 0.25, "J+", "robust", 2)
     assert one.higher.image[0, 0, 0] == 0
     assert one.closer.image[0, 0, 0] == 2
-    assert (one.higher.iou, one.closer.iou) == (1.0, 1.0)
+    assert (one.higher.iou, one.closer.iou) == (0.5, 0.5)
+    for seen in (one.higher, one.closer):
+        np.testing.assert_array_equal(seen.mask, half)
+        assert seen.true.all()
     monkeypatch.setattr(segmentations, "locate", lambda *_, **__: ObjectTrial("Plate", 0.25))
     assert segmentations.approach_one(world, witness, 0.25, "J+", "robust", 2).closer is None
 

@@ -205,12 +205,23 @@ def test_a_servo_is_scored_by_the_true_centroid(monkeypatch, end, offset, good):
     assert made["joints"] == ("base_forward", "base_lateral")
 
 
-def approached(monkeypatch, end, z_object, nearest):
+FAR_OFF = TrueView(9.0, 9.0, 9.0, 0.1, 9.0)
+
+
+def true_view(z):
+    """From the lift at z [m], of an object whose outline is at 0.01 m."""
+    return TrueView(z - 0.01, z, z - 0.02, 0.8, z + CAMERA_ABOVE_LIFT)
+
+
+NEARING = (FAR_OFF, FAR_OFF, true_view(0.35))
+
+
+def approached(monkeypatch, end, z_object, nearest, views=NEARING):
     camera_z = np.array([0.6, 0.45, 0.35, 0.4])
     areas = (30.0 / (camera_z - 0.01)) ** 2
     whole = np.array([True, True, True, False])
     approach = Approach(end, z_object, None, 0.1, camera_z, areas, whole, nearest)
-    views = iter([TrueView(9.0, 9.0, 9.0, 0.1, 9.0)] * 2 + [TrueView(0.34, 0.35, 0.33, 0.8, 0.35 + CAMERA_ABOVE_LIFT)])
+    views = iter(views)
     made = {}
 
     class Depth:
@@ -239,6 +250,14 @@ def test_a_depth_is_scored_on_the_nearest_view_by_both_methods(monkeypatch):
     assert result.depth.error == pytest.approx(0.35 / 0.34 - 1)
     assert result.printed_depth.error == pytest.approx(0.34 / 0.34 - 1, abs=1e-6)  # its fit is of whole views alone
     assert result.approach.z_object == 0.0
+
+
+def test_the_nearest_view_need_not_be_the_last(monkeypatch):
+    """Where the object leaves the image, as the last views of an approach may show."""
+    result = approached(monkeypatch, ApproachEnd.LOST, 0.0, 1, (FAR_OFF, true_view(0.45), FAR_OFF))
+    assert result.iou == (0.9, 0.8)
+    assert result.depth.error == pytest.approx(0.45 / 0.44 - 1)
+    assert result.printed_depth.error == pytest.approx(0.44 / 0.44 - 1, abs=1e-6)
 
 
 def test_an_approach_without_a_view_or_an_estimate_has_no_depth(monkeypatch):
