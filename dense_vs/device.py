@@ -4,7 +4,7 @@ import functools
 import os
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
-from typing import Any
+from typing import Any, NoReturn
 
 import warp as wp
 from threadpoolctl import ThreadpoolController
@@ -72,6 +72,14 @@ def room_for(what: str, worlds: int, bytes_per_world: int, device: wp.Device) ->
         if device.is_cuda:
             _forget_failure(device)
         raise DenseVSError(message) from error
+
+
+class NotCopied:
+    """Refuses ``copy`` and ``pickle`` in words: memory of a device, a thread or another library cannot go along."""
+
+    def __reduce_ex__(self, _: Any) -> NoReturn:
+        what = "save() and load()" if hasattr(self, "save") else "one made anew"
+        raise DenseVSError(f"a {type(self).__name__} cannot be copied or pickled; expected {what}")
 
 
 def _forget_failure(device: wp.Device) -> None:
