@@ -155,7 +155,7 @@ def check_methods(name: str, value: Any, *methods: str) -> None:
     Raises:
         DenseVSError: it lacks one of them.
     """
-    missing = [method for method in methods if not callable(getattr(value, method, None))]
+    missing = [method for method in methods if not _has(value, method)]
     if missing:
         raise DenseVSError(
             f"{name} is a {type(value).__name__} without {', '.join(missing)}; expected methods {', '.join(methods)}"
@@ -184,6 +184,13 @@ def shown(value: Any) -> str:
     except Exception:  # the value's own code, or an int of more digits than Python writes
         return f"a {type(value).__name__}"
     return text if len(text) <= LONGEST_SHOWN else f"{text[:LONGEST_SHOWN]}..."
+
+
+def _has(value: Any, method: str) -> bool:
+    try:
+        return callable(getattr(value, method, None))
+    except Exception:  # the value's own code
+        return False
 
 
 def _finite(value: Any) -> bool:

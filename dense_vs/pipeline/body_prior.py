@@ -106,7 +106,7 @@ class BodyPrior:
         if lacking:
             raise DenseVSError(f"body is a {type(body).__name__} without {', '.join(lacking)}; expected a known body")
         size = check_pair("size", size, least=1, most=LARGEST_SIDE)
-        joints = check_whole("joints", joints, least=1)
+        joints = check_whole("joints", joints, least=1, most=4096)
         scale = size[1] / body.size[1]
         if joints != body.joint_count or abs(scale * body.size[0] - size[0]) > 1:
             raise DenseVSError(

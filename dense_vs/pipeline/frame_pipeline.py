@@ -224,7 +224,7 @@ class FramePipeline(NotCopied):
         Args:
             forget: J as well. What the body is labeled by fades by itself.
         """
-        if forget:
+        if check_flag("forget", forget):
             self.estimator.reset()
         self.frame = self._corrected = self._seen = None
         self._span_frames = 0

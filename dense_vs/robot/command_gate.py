@@ -10,7 +10,8 @@ from typing import Any
 import numpy as np
 
 from dense_vs.arrays import real_vector
-from dense_vs.checks import check_kind, check_methods, check_number
+from dense_vs.checks import check_kind, check_methods, check_number, shown
+from dense_vs.errors import DenseVSError
 from dense_vs.robot.joint_group import JointGroup
 from dense_vs.robot.per_joint import per_joint, stamp_of
 from dense_vs.robot.protocols import Robot
@@ -71,7 +72,8 @@ class CommandGate:
             stop: a reason not to move, where there is one.
 
         Raises:
-            DenseVSError: not n finite numbers, or a stamp that is no number; nothing is sent then.
+            DenseVSError: not n finite numbers, a stamp that is no number, or a reason that is no text; nothing is sent
+                then.
         """
         count = len(self.group.names)
         step = real_vector(delta, "command", (count,))
@@ -79,6 +81,8 @@ class CommandGate:
         image_time = None if image_time is None else stamp_of("image_time", image_time)
         now = None if now is None else stamp_of("now", now)
         reading_time = None if reading_time is None else stamp_of("reading_time", reading_time)
+        if not isinstance(stop, str):
+            raise DenseVSError(f"stop is {shown(stop)}; expected a reason, empty where there is none")
         self.stopped = stop or self._old(image_time, now, reading_time)
         if self.stopped:
             step = np.zeros(count)

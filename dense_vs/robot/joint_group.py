@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from dense_vs.arrays import number_array, plain_array
-from dense_vs.checks import check_names, check_number
+from dense_vs.checks import check_names, check_number, shown
 from dense_vs.errors import DenseVSError
 from dense_vs.robot.protocols import JointUnits, Robot
 
@@ -56,10 +56,10 @@ def checked_limits(limits: Any, joints: int) -> np.ndarray:
     expected = f"{joints} pairs of least and greatest position"
     pairs = plain_array(limits, "joint_limits", expected)
     if pairs.dtype.kind not in "iuf":
-        raise DenseVSError(f"joint_limits are {limits!r}; expected {expected}")
+        raise DenseVSError(f"joint_limits are {shown(limits)}; expected {expected}")
     pairs = pairs.astype(np.float64)
     if pairs.shape != (joints, 2) or not (pairs[:, 0] < pairs[:, 1]).all():
-        raise DenseVSError(f"joint_limits are {pairs.tolist()}; expected {expected}")
+        raise DenseVSError(f"joint_limits are {shown(pairs.tolist())}; expected {expected}")
     return pairs
 
 
@@ -112,7 +112,7 @@ class JointGroup:
         if units is not None:
             all_units = tuple(units) if isinstance(units, (list, tuple, str)) else ()
         if len(all_units) != len(every) or not all(isinstance(one, str) and one in UNITS for one in all_units):
-            raise DenseVSError(f"units are {units!r}; expected {len(every)}, each one of {', '.join(UNITS)}")
+            raise DenseVSError(f"units are {shown(units)}; expected {len(every)}, each one of {', '.join(UNITS)}")
         return cls(tuple(chosen), indices, bounds[indices], tuple(str(all_units[i]) for i in indices), len(every))
 
     @classmethod

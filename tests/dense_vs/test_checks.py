@@ -106,5 +106,8 @@ def test_kinds_methods_and_functions():
         check_options("count", "3", int)
     with pytest.raises(DenseVSError, match=r"^log is a tuple without append, pop; expected methods append, index, pop"):
         check_methods("log", (), "append", "index", "pop")
+    rude = type("Rude", (), {"read": property(lambda self: 1 // 0)})()
+    with pytest.raises(DenseVSError, match=r"^camera is a Rude without read; expected methods read$"):
+        check_methods("camera", rude, "read")
     with pytest.raises(DenseVSError, match=r"^on_look is 3; expected a function, or None$"):
         check_function("on_look", 3)

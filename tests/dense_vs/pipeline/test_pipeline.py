@@ -123,6 +123,8 @@ def test_steps_and_places_are_checked(wrong):
     pipeline = FramePipeline(DenseJacobian(height=96, width=128, joints=4, device="cpu"))
     with pytest.raises(DenseVSError, match=r"joint_step .*; expected"):
         pipeline.motion(wrong)
+    with pytest.raises(DenseVSError, match=r"forget is .*; expected True or False"):
+        pipeline.restart(forget=wrong)
     with pytest.raises(DenseVSError, match=r"point .*; expected"):
         pipeline.hidden_at(wrong)
 

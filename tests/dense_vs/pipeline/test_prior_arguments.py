@@ -83,6 +83,7 @@ def test_huge_motion_leaves_the_agreement_finite(parts):
         ((KNOWN, 5, 2), "size is 5; expected two whole numbers"),
         ((KNOWN, (H, "x"), 2), r"size\[1\] is 'x'"),
         ((KNOWN, (H, W), "x"), "joints is 'x'"),
+        ((KNOWN, (H, W), 10**5000), "joints is a int"),
         ((3, (H, W), 2), "body is a int without known; expected methods known"),
         ((BodyPrior(KNOWN.known), (H, W), 2), "body is a BodyPrior without size, joint_count"),
         ((SimpleNamespace(**vars(KNOWN), told=3), (H, W), 2), "told is 3; expected a function, or None"),

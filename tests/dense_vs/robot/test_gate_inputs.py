@@ -65,6 +65,14 @@ def test_what_is_no_stamp_sends_nothing(name, wrong):
     assert robot.sent == []
 
 
+@pytest.mark.parametrize("stop", [None, 1, True, b"no", np.zeros(2), 10**5000], ids=type)
+def test_what_is_no_reason_to_stop_sends_nothing(stop):
+    robot = Robot()
+    with pytest.raises(DenseVSError, match=r"^stop is .*; expected a reason"):
+        gate_of(robot).send(np.full(2, 0.05), np.zeros(2), stop=stop)
+    assert robot.sent == []
+
+
 @pytest.mark.parametrize("stamp", [1, np.float32(1.0), np.int64(1), 2**62])
 def test_stamps_are_whole_numbers_too(stamp):
     assert gate_of(Robot()).send(np.full(2, 0.05), np.zeros(2), image_time=stamp, now=stamp, reading_time=stamp).all()
