@@ -2,12 +2,13 @@
 
 import math
 from collections.abc import Iterable
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 
 from dense_vs.errors import DenseVSError
 
+Kind = TypeVar("Kind")
 LONGEST_SHOWN = 300  # characters of a value in an error
 
 
@@ -90,7 +91,7 @@ def check_pair(name: str, value: Any, *, least: int, most: int) -> tuple[int, in
     Raises:
         DenseVSError: anything else.
     """
-    if not isinstance(value, (list, tuple, np.ndarray)) or len(value) != 2:
+    if not is_list(value) or len(value) != 2:
         raise DenseVSError(f"{name} is {shown(value)}; expected two whole numbers")
     first, second = value
     return check_whole(f"{name}[0]", first, least=least, most=most), check_whole(
@@ -104,10 +105,76 @@ def check_names(name: str, value: Any) -> tuple[str, ...]:
     Raises:
         DenseVSError: one text alone, or anything else.
     """
-    names = () if isinstance(value, (str, bytes)) or not isinstance(value, Iterable) else tuple(value)
+    try:
+        names = () if isinstance(value, (str, bytes)) else tuple(value)
+    except Exception:  # it cannot be gone through, as an array of no dimension, or its own code fails
+        names = ()
     if not names or not all(isinstance(one, str) for one in names):
         raise DenseVSError(f"{name} is {shown(value)}; expected a sequence of names")
     return names
+
+
+def check_flags(name: str, value: Any, count: int) -> np.ndarray:
+    """Several flags, bool ``(count,)``.
+
+    Raises:
+        DenseVSError: another number of them, or anything else: a text is true to NumPy, and one flag is all.
+    """
+    try:
+        flags = np.asarray(value)
+    except Exception:  # a ragged list, or the value's own code
+        flags = np.zeros(0)
+    if flags.dtype != bool or flags.shape != (count,) or np.ma.is_masked(value):
+        raise DenseVSError(f"{name} is {shown(value)}; expected True or False for each of {count}")
+    return flags
+
+
+def check_kind(name: str, value: Any, kind: type[Kind]) -> Kind:
+    """A value of a class.
+
+    Raises:
+        DenseVSError: one of another class.
+    """
+    if not isinstance(value, kind):
+        raise DenseVSError(f"{name} is {shown(value)}; expected a {kind.__name__}")
+    return value
+
+
+def check_options(name: str, value: Any, kind: type[Kind]) -> Kind:
+    """Options of a class, its defaults for None.
+
+    Raises:
+        DenseVSError: a value of another class.
+    """
+    return kind() if value is None else check_kind(name, value, kind)
+
+
+def check_methods(name: str, value: Any, *methods: str) -> None:
+    """An object of any class with some methods, as an interface names them.
+
+    Raises:
+        DenseVSError: it lacks one of them.
+    """
+    missing = [method for method in methods if not _has(value, method)]
+    if missing:
+        raise DenseVSError(
+            f"{name} is a {type(value).__name__} without {', '.join(missing)}; expected methods {', '.join(methods)}"
+        )
+
+
+def check_function(name: str, value: Any) -> None:
+    """A function, or None.
+
+    Raises:
+        DenseVSError: anything else.
+    """
+    if value is not None and not callable(value):
+        raise DenseVSError(f"{name} is {shown(value)}; expected a function, or None")
+
+
+def is_list(value: Any) -> bool:
+    """Whether a value is a list, a tuple or an array that has a length."""
+    return isinstance(value, (list, tuple)) or (isinstance(value, np.ndarray) and value.ndim > 0)
 
 
 def shown(value: Any) -> str:
@@ -117,6 +184,13 @@ def shown(value: Any) -> str:
     except Exception:  # the value's own code, or an int of more digits than Python writes
         return f"a {type(value).__name__}"
     return text if len(text) <= LONGEST_SHOWN else f"{text[:LONGEST_SHOWN]}..."
+
+
+def _has(value: Any, method: str) -> bool:
+    try:
+        return callable(getattr(value, method, None))
+    except Exception:  # the value's own code
+        return False
 
 
 def _finite(value: Any) -> bool:

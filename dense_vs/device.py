@@ -4,12 +4,12 @@ import functools
 import os
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
-from typing import Any
+from typing import Any, NoReturn
 
 import warp as wp
 from threadpoolctl import ThreadpoolController
 
-from dense_vs.checks import check_whole
+from dense_vs.checks import check_whole, shown
 from dense_vs.errors import DenseVSError
 from dense_vs.kernels.launch import available_cores
 from dense_vs.memory import free_memory
@@ -28,12 +28,13 @@ def resolve_device(device: str = "auto") -> wp.Device:
     if isinstance(device, wp.Device):
         return device
     present = [d.alias for d in wp.get_devices()]
-    if device == "auto":
+    if isinstance(device, str) and device == "auto":
         return wp.get_device("cuda:0" if wp.is_cuda_available() else "cpu")
-    name = "cuda:0" if device == "cuda" else device
+    name = "cuda:0" if isinstance(device, str) and device == "cuda" else device
     if not isinstance(name, str) or name not in present:
         raise DenseVSError(
-            f"device {device!r} is not present; expected 'auto' or one of {', '.join(present)}{_driver_remark(name)}"
+            f"device {shown(device)} is not present; expected 'auto' or one of {', '.join(present)}"
+            f"{_driver_remark(name)}"
         )
     return wp.get_device(name)
 
@@ -73,6 +74,14 @@ def room_for(what: str, worlds: int, bytes_per_world: int, device: wp.Device) ->
         raise DenseVSError(message) from error
 
 
+class NotCopied:
+    """Refuses ``copy`` and ``pickle`` in words: memory of a device, a thread or another library cannot go along."""
+
+    def __reduce_ex__(self, _: Any) -> NoReturn:
+        what = "save() and load()" if hasattr(self, "save") else "one made anew"
+        raise DenseVSError(f"a {type(self).__name__} cannot be copied or pickled; expected {what}")
+
+
 def _forget_failure(device: wp.Device) -> None:
     """Let the driver's note of a failed allocation go; else the next copy of rows reports it as its own."""
     rows: Any = wp.zeros((2, 2), dtype=wp.float32, device=device)
@@ -80,11 +89,11 @@ def _forget_failure(device: wp.Device) -> None:
         wp.copy(wp.zeros((2, 1), dtype=wp.float32, device=device), rows[:, :1])
 
 
-def _driver_remark(name: str) -> str:
+def _driver_remark(name: Any) -> str:
     """Why a GPU is not there, where Warp knows."""
     runtime: Any = wp._src.context.runtime
     found, needed = runtime.driver_version, runtime.min_driver_version
-    if not str(name).startswith("cuda") or found is None or needed is None or found >= needed:
+    if not isinstance(name, str) or not name.startswith("cuda") or found is None or needed is None or found >= needed:
         return ""
     return f"; the NVIDIA driver is for CUDA {found[0]}.{found[1]}, Warp needs at least {needed[0]}.{needed[1]}"
 

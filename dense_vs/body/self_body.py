@@ -16,7 +16,7 @@ from typing import Any, Literal, get_args
 import numpy as np
 import warp as wp
 
-from dense_vs.arrays import real_vector, vec2_image
+from dense_vs.arrays import plain_array, real_vector, vec2_image
 from dense_vs.body.cluster_evaluation import Reading
 from dense_vs.body.cluster_worker import ClusterWorker, EvaluatedClusters, SelfBodyStatus
 from dense_vs.body.host_mirror import HostMirror
@@ -24,7 +24,7 @@ from dense_vs.body.k_means import MAX_CLUSTERS
 from dense_vs.body.motion_evidence import SelfMotion, SelfMotionOptions
 from dense_vs.body.refined_labels import LEAST_JACOBIAN, RefinedLabels
 from dense_vs.checks import check_choice, check_flag, check_number, check_whole
-from dense_vs.device import resolve_device, resolve_threads
+from dense_vs.device import NotCopied, resolve_device, resolve_threads
 from dense_vs.errors import DenseVSError
 from dense_vs.jacobian.image import array_shape, jacobian_image
 from dense_vs.jacobian.options import refuse_large_steps, step_factors
@@ -32,9 +32,10 @@ from dense_vs.kernels.body.kmeans import kmeans_kernels
 from dense_vs.kernels.launch import PixelLaunch
 
 Method = Literal["motion", "paper"]
+LONGEST_WAIT = 1e6  # s; a lock takes no more than some centuries
 
 
-class SelfBody:
+class SelfBody(NotCopied):
     """Labels every pixel as the robot's own body, as not, or as unknown where nothing has moved yet.
 
     Arrays lead with ``worlds`` where that is above 1. A pixel whose J is not finite is unknown and in no cluster.
@@ -122,11 +123,13 @@ class SelfBody:
         """Allocate for a size now, before the first array.
 
         Raises:
-            DenseVSError: it has another one already.
+            DenseVSError: a size out of range, or it has another one already.
         """
+        height = check_whole("height", height, least=2, most=16384)
+        width = check_whole("width", width, least=2, most=16384)
+        joints = check_whole("joints", joints, least=1, most=64)
         if self._shape is None:
-            height = check_whole("height", height, least=2, most=16384)
-            self._prepare(height, check_whole("width", width, least=2, most=16384), joints)
+            self._prepare(height, width, joints)
         elif (*self._shape[1:], self._joints) != (height, width, joints):
             raise DenseVSError(
                 f"body is for {self._shape[1:]} pixels and {self._joints} joints; "
@@ -253,7 +256,16 @@ class SelfBody:
         return SelfBodyStatus() if self._worker is None else self._worker.status()
 
     def wait(self, timeout: float | None = None) -> bool:
-        """Wait for the run of Algorithm 1 under way [s]; whether none is left."""
+        """Wait for the run of Algorithm 1 under way; whether none is left.
+
+        Args:
+            timeout: longest wait [s]; without end unless given.
+
+        Raises:
+            DenseVSError: a time that is no number of at least 0.
+        """
+        if timeout is not None:
+            timeout = check_number("timeout", timeout, least=0, most=LONGEST_WAIT)
         done = self._worker is None or self._worker.wait(timeout)
         self._adopt()
         return done
@@ -328,7 +340,7 @@ class SelfBody:
 
     def _images(self, image: Any, flow_shape: tuple[int, ...]) -> list[np.ndarray]:
         """An image a world, of the flow's size."""
-        array = np.asarray(image)
+        array = plain_array(image, "image", "uint8 of shape (H, W, 3) or (H, W)")
         size = tuple(flow_shape[:-1])
         if array.dtype != np.uint8 or array.shape not in (size, (*size, 3)):
             raise DenseVSError(

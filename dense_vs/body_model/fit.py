@@ -24,7 +24,7 @@ from dense_vs.body_model.start import FOCAL_HELD, LEAST_TRACKS, WELL_SEEN, Start
 from dense_vs.body_model.track_jacobian import LEAST_SEEN, TrackJacobians, track_jacobians
 from dense_vs.body_model.track_problem import BodyState
 from dense_vs.body_model.tracks import PointTracks
-from dense_vs.checks import check_number, check_whole
+from dense_vs.checks import check_flags, check_kind, check_number, check_options, check_whole, is_list, shown
 from dense_vs.errors import DenseVSError
 
 MOVING = 1.5  # px from its mean place that a point must get, or it is taken for background
@@ -74,9 +74,23 @@ class BodyFitOptions:
         for name in ("starts", "rounds", "most_tracks", "most_images"):
             check_whole(name, getattr(self, name), least=1)
         check_whole("seed", self.seed, least=0)
+        for name in ("parents", "slides"):
+            if getattr(self, name) is not None and not is_list(getattr(self, name)):
+                raise DenseVSError(f"{name} is {shown(getattr(self, name))}; expected a value for each joint, or None")
+        if self.parents is not None:
+            parents = tuple(check_whole("one of parents", one, least=-1) for one in self.parents)
+            object.__setattr__(self, "parents", parents)
+        if self.slides is not None:
+            slides = check_flags("slides", self.slides, len(self.slides))
+            object.__setattr__(self, "slides", tuple(slides.tolist()))
 
     def focal_prior(self, width: int) -> tuple[float, float]:
-        """Mean of the focal length [px] in images of a width [px], and standard deviation of its logarithm."""
+        """Mean of the focal length [px] in images of a width [px], and standard deviation of its logarithm.
+
+        Raises:
+            DenseVSError: a width that is not above 0.
+        """
+        width = check_whole("width", width, least=1)
         return (float(width), self.focal_deviation) if self.focal_length is None else (self.focal_length, 0.0)
 
 
@@ -119,10 +133,13 @@ def fit_body(tracks: PointTracks, options: BodyFitOptions | None = None, dense: 
         dense: a filter's J, where one has run: it helps to find where the fit starts.
 
     Raises:
-        DenseVSError: too few tracks that move, joints that move nothing, or no start that fits.
+        DenseVSError: parts of another kind, too few tracks that move, joints that move nothing, or no start that
+            fits.
     """
-    options = options or BodyFitOptions()
-    height, width = tracks.size
+    options = check_options("options", options, BodyFitOptions)
+    height, width = check_kind("tracks", tracks, PointTracks).size
+    if dense is not None:
+        check_kind("dense", dense, DenseMotion)
     center = (width - 1) / 2, (height - 1) / 2
     prior = options.focal_prior(width)
     focal = prior[0]

@@ -11,8 +11,8 @@ from typing import Any
 
 import numpy as np
 
-from dense_vs.arrays import real_vector
-from dense_vs.checks import check_number, check_whole
+from dense_vs.arrays import number_array, real_vector
+from dense_vs.checks import check_flags, check_number, check_options, check_whole, shown
 from dense_vs.errors import DenseVSError
 
 MOST, LEAST = 1e9, 1e-9  # of joints in their units, and of what joints that move go
@@ -67,6 +67,24 @@ class Keyframes:
     usual: np.ndarray
     basis: np.ndarray
 
+    def __post_init__(self):
+        positions = bounded_joints(self.positions, "positions", (-1, -1))
+        count, joints = positions.shape
+        checked = {
+            "positions": positions,
+            "steps": bounded_joints(self.steps, "steps", positions.shape),
+            "lengths": number_array(self.lengths, "lengths", (joints,), finite=False),
+            "usual": number_array(self.usual, "usual", (joints,)),
+            "basis": real_vector(self.basis, "basis", (count, -1)),
+        }
+        if not (checked["lengths"] > 0).all() or (checked["usual"] < 0).any():
+            raise DenseVSError(
+                f"lengths are {shown(self.lengths)}, usual steps {shown(self.usual)}; expected lengths above 0 and "
+                "steps of at least 0"
+            )
+        for name, array in checked.items():
+            object.__setattr__(self, name, array)
+
     @classmethod
     def choose(
         cls, positions: Any, steps: Any, learned: Any = None, options: MemoryOptions | None = None
@@ -79,22 +97,22 @@ class Keyframes:
             learned: bool ``(N,)``, joints that count; all that move unless given.
 
         Raises:
-            DenseVSError: shapes that differ, or joints that never move.
+            DenseVSError: shapes that differ, another number of flags, or joints that never move.
         """
-        options = options or MemoryOptions()
+        options = check_options("options", options, MemoryOptions)
         q = bounded_joints(positions, "positions", (-1, -1))
         dq = bounded_joints(steps, "steps", q.shape)
         usual = np.sqrt(np.mean(dq**2, axis=0)) if len(dq) else np.zeros(q.shape[1])
         spread = q.std(axis=0) if len(q) else usual
         counted = (usual > LEAST) & (spread > LEAST)
         if learned is not None:
-            counted &= np.asarray(learned, dtype=bool)
+            counted &= check_flags("learned", learned, q.shape[1])
         if not counted.any():
             raise DenseVSError(f"none of {q.shape[1]} joints moves in {len(q)} images; expected joints that move")
         lengths, units = np.where(counted, options.length * spread, np.inf), np.where(counted, usual, 0.0)
         nothing = cls(q[:0], dq[:0], lengths, units, np.zeros((0, 0)))
         pivots = nothing._pivots(q, dq, options.keyframes)
-        chosen = replace(nothing, positions=q[pivots], steps=dq[pivots])
+        chosen = replace(nothing, positions=q[pivots], steps=dq[pivots], basis=np.zeros((len(pivots), 0)))
         values, vectors = np.linalg.eigh(chosen._covariance(chosen.positions, chosen.steps))
         kept = values > _LEAST_SHARE * values[-1]
         return replace(chosen, basis=vectors[:, kept] / np.sqrt(values[kept]))
@@ -120,22 +138,36 @@ class Keyframes:
         """R."""
         return self.basis.shape[1]
 
-    def features(self, positions: np.ndarray, steps: np.ndarray) -> np.ndarray:
-        """``(K, R)``, what each image is multiplied by for the flow at postures ``(K, N)`` by steps ``(K, N)``."""
-        return self._covariance(positions, steps) @ self.basis
+    def features(self, positions: Any, steps: Any) -> np.ndarray:
+        """``(K, R)``, what each image is multiplied by for the flow at postures ``(K, N)`` by steps ``(K, N)``.
 
-    def columns(self, q: np.ndarray) -> np.ndarray:
-        """What each image is multiplied by for J at a posture ``(N,)``: ``(R, N)`` [1/rad]."""
+        Raises:
+            DenseVSError: other shapes, or joints that are not finite.
+        """
+        q = bounded_joints(positions, "positions", (-1, self.positions.shape[1]))
+        return self._covariance(q, bounded_joints(steps, "steps", q.shape)) @ self.basis
+
+    def columns(self, q: Any) -> np.ndarray:
+        """What each image is multiplied by for J at a posture ``(N,)``: ``(R, N)`` [1/rad].
+
+        Raises:
+            DenseVSError: not N finite numbers.
+        """
+        posture = bounded_joints(q, "q", self.positions.shape[1:])
         unit = self._unit(self._unit(self.steps))  # dq . dq_m in these units, by each joint of dq
-        return self.basis.T @ (self.alike(q[None])[0][:, None] * unit)
+        return self.basis.T @ (self._alike(posture[None], self.positions)[0][:, None] * unit)
 
-    def alike(self, positions: np.ndarray) -> np.ndarray:
-        """``(K, M)`` how alike J is at postures ``(K, N)`` and the keyframes', 0 to 1."""
-        return self._alike(positions, self.positions)
+    def alike(self, positions: Any) -> np.ndarray:
+        """``(K, M)`` how alike J is at postures ``(K, N)`` and the keyframes', 0 to 1.
+
+        Raises:
+            DenseVSError: another shape, or joints that are not finite.
+        """
+        return self._alike(bounded_joints(positions, "positions", (-1, self.positions.shape[1])), self.positions)
 
     def _covariance(self, positions: np.ndarray, steps: np.ndarray) -> np.ndarray:
         """``(K, M)`` of flows at postures by steps with those of the keyframes."""
-        return self.alike(positions) * (self._unit(steps) @ self._unit(self.steps).T)
+        return self._alike(positions, self.positions) * (self._unit(steps) @ self._unit(self.steps).T)
 
     def learned_units(self) -> np.ndarray:
         """Steps ``(N,)`` [rad] that are 1 in the model's units; 0 for a joint that is not learned."""

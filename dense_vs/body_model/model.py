@@ -16,21 +16,22 @@ from typing import Any
 
 import numpy as np
 
-from dense_vs.arrays import points_array, real_vector
+from dense_vs.arrays import plain_array, points_array, real_vector
 from dense_vs.body_model.chain import BACKGROUND, Chain
 from dense_vs.body_model.dense_motion import DenseMotion
 from dense_vs.body_model.fit import BodyFit, BodyFitOptions, fit_body
 from dense_vs.body_model.lens import Lens
 from dense_vs.body_model.model_file import ModelContent, read_body, write_body
+from dense_vs.body_model.nearest_point import nearest_point
 from dense_vs.body_model.precision import covariances, precision_of
 from dense_vs.body_model.refit import refit
 from dense_vs.body_model.surface import Surface, SurfaceOptions, find_surface
 from dense_vs.body_model.surface_image import FrontPoints, SurfaceImage
-from dense_vs.body_model.tracks import PointTrackOptions, PointTracks, follow_points, moving_pixels
+from dense_vs.body_model.tracks import PointTrackOptions, PointTracks, follow_points, gray_images, moving_pixels
+from dense_vs.checks import check_kind, check_options, is_list
 from dense_vs.errors import DenseVSError
 
 LEAST_WITH_DEPTH = 50  # pixels of the body
-BESIDE = 3  # px off the body at which a pixel still counts as on it where points are traced
 
 
 @dataclass(frozen=True)
@@ -143,18 +144,21 @@ class BodyModel:
             dense: a filter's J, where one has run: it helps to find where the fit starts.
 
         Raises:
-            DenseVSError: images or joints that do not fit each other, too little that moves, or no body that fits.
+            DenseVSError: images, joints or options that do not fit each other, too little that moves, or no body that
+                fits.
         """
-        followed = track_options or PointTrackOptions()
+        followed = check_options("track_options", track_options, PointTrackOptions)
+        fit_options = check_options("fit_options", fit_options, BodyFitOptions)
+        surface_options = check_options("surface_options", surface_options, SurfaceOptions)
+        images = gray_images(images)
         q = real_vector(joints, "joints", (len(images), -1))
         if tracks is None:
             tracks = follow_points(images, q, followed)
-        elif tracks.size != np.shape(images[0]) or tracks.joints.shape[1] != q.shape[1]:
+        elif check_kind("tracks", tracks, PointTracks).size != images[0].shape or tracks.joints.shape[1] != q.shape[1]:
             raise DenseVSError(
                 f"tracks are of images {tracks.size} and {tracks.joints.shape[1]} joints; "
-                f"expected {np.shape(images[0])} and {q.shape[1]}"
+                f"expected {images[0].shape} and {q.shape[1]}"
             )
-        fit_options = fit_options or BodyFitOptions()
         found = fit_body(tracks, fit_options, dense)
         looked = [np.ascontiguousarray(images[k]) for k in range(0, len(images), followed.stride)]
         if len(looked) == len(tracks.joints):
@@ -241,10 +245,13 @@ class BodyModel:
             DenseVSError: depth images of another size or whole numbers, another number of postures, or less than 50
                 pixels of the body with depth.
         """
+        if not is_list(depths):
+            raise DenseVSError(f"depths are a {type(depths).__name__}; expected a list or array of depth images")
         postures = real_vector(joints, "joints", (len(depths), self.joint_count))
         ratios = [np.zeros(0)]
         for depth, q in zip(depths, postures, strict=True):
-            seen = real_vector(np.nan_to_num(np.asarray(depth), posinf=0.0), "depth", self.size)
+            image = plain_array(depth, "depth", f"floating-point numbers of shape {self.size}")
+            seen = real_vector(np.nan_to_num(image, posinf=0.0), "depth", self.size)
             of_body = self.image(q).depths
             both = np.isfinite(of_body) & (seen > 0)
             ratios.append(seen[both] / of_body[both])
@@ -304,16 +311,20 @@ class BodyModel:
         """
         places, posture = points_array(pixels, "pixels"), self._posture(q, "q")
         there = self.image(q_seen)
-        index = _nearest_point(there.points, places)
+        index = nearest_point(there.points, places)
         found = np.full((len(places), 2), np.nan)
         on_body = index >= 0
         if on_body.any():
             found[on_body] = self._moved(places[on_body], index[on_body], q_seen, posture)
         return found
 
-    def rays(self, pixels: np.ndarray) -> np.ndarray:
-        """Directions ``(K, 3)`` before the camera, of depth 1, in which pixels ``(K, 2)`` are seen."""
-        away = (self.lens.straight(pixels) - self.center) / self.focal_length
+    def rays(self, pixels: Any) -> np.ndarray:
+        """Directions ``(K, 3)`` before the camera, of depth 1, in which pixels ``(K, 2)`` are seen.
+
+        Raises:
+            DenseVSError: pixels that are not finite numbers.
+        """
+        away = (self.lens.straight(points_array(pixels, "pixels")) - self.center) / self.focal_length
         return np.column_stack([away, np.ones(len(away))])
 
     def save(self, path: str | os.PathLike[str]) -> None:
@@ -380,16 +391,3 @@ class BodyModel:
         rays = self.rays(places)
         home = np.einsum("pji,pj->pi", rotation[0, links], rays * seen[:, 2:] - translation[0, links])
         return self._project(np.einsum("pij,pj->pi", rotation[1, links], home) + translation[1, links])
-
-
-def _nearest_point(points: np.ndarray, places: np.ndarray) -> np.ndarray:
-    """Index of the surface point ``(K,)`` at or next to each place ``(K, 2)`` [px], -1 where none is near."""
-    height, width = points.shape
-    offsets = [(x, y) for x in range(-BESIDE, BESIDE + 1) for y in range(-BESIDE, BESIDE + 1)]
-    offsets = sorted((o for o in offsets if o[0] ** 2 + o[1] ** 2 <= BESIDE**2), key=lambda o: o[0] ** 2 + o[1] ** 2)
-    u, v = np.rint(np.clip(places, -2 * BESIDE, 2 * max(height, width))).astype(int).T
-    index = np.full(len(places), -1)
-    for x, y in offsets:
-        inside = (index < 0) & (u + x >= 0) & (u + x < width) & (v + y >= 0) & (v + y < height)
-        index[inside] = points[v[inside] + y, u[inside] + x]
-    return index

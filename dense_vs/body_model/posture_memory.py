@@ -22,6 +22,7 @@ import cv2
 import numpy as np
 from scipy.linalg import cho_factor, cho_solve
 
+from dense_vs.arrays import plain_array, real_vector
 from dense_vs.body_model.keyframes import (
     LEAST,
     MOST,
@@ -31,7 +32,7 @@ from dense_vs.body_model.keyframes import (
     MemoryOptions,
     bounded_joints,
 )
-from dense_vs.checks import check_pair
+from dense_vs.checks import check_kind, check_number, check_options, check_pair
 from dense_vs.errors import DenseVSError
 from dense_vs.files import atomic_write, read_format, stored_array
 
@@ -48,11 +49,15 @@ class MemoryFit:
         size: (height, width) of the images [px].
         keyframes: of the recording.
         options: as given, or the defaults.
+
+    Raises:
+        DenseVSError: no size, or keyframes or options of another kind.
     """
 
     def __init__(self, size: Any, keyframes: Keyframes, options: MemoryOptions | None = None):
         self.size = check_pair("size", size, least=1, most=LARGEST_SIDE)
-        self.keyframes, self.options = keyframes, options or MemoryOptions()
+        self.keyframes = check_kind("keyframes", keyframes, Keyframes)
+        self.options = check_options("options", options, MemoryOptions)
         self._grid = -(-self.size[0] // self.options.step), -(-self.size[1] // self.options.step)
         self._squares = np.zeros((keyframes.rank, keyframes.rank))
         self._products = np.zeros((keyframes.rank, self._grid[0] * self._grid[1] * 2), np.float32)
@@ -72,7 +77,7 @@ class MemoryFit:
         """
         joints = self.keyframes.positions.shape[1]
         q, dq = bounded_joints(positions, "positions", (joints,)), bounded_joints(step, "step", (joints,))
-        image = np.asarray(flow)
+        image = plain_array(flow, "flow", f"floating point {(*self.size, 2)}")
         if image.shape != (*self.size, 2) or image.dtype.kind != "f":
             raise DenseVSError(
                 f"flow has shape {image.shape} and dtype {image.dtype}; expected floating point {(*self.size, 2)}"
@@ -112,13 +117,23 @@ class PostureMemory:
         images: float32 ``(R, h, w, 2)``, what each eigenvector of theirs adds to the flow [px].
         certainty: ``(R, R)``, share of each of them that the recording told; 1 if it told all.
         body: see :class:`MemoryOptions`.
+
+    Raises:
+        DenseVSError: parts that do not fit each other, or values that are not finite.
     """
 
     def __init__(
         self, size: tuple[int, int], keyframes: Keyframes, images: np.ndarray, certainty: np.ndarray, body: float
     ):
-        self.size, self.keyframes, self.certainty, self.body = size, keyframes, certainty, body
-        self.images = np.ascontiguousarray(images, dtype=np.float32)
+        self.size = height, width = check_pair("size", size, least=1, most=LARGEST_SIDE)
+        self.keyframes = check_kind("keyframes", keyframes, Keyframes)
+        rank = keyframes.rank
+        self.images = np.ascontiguousarray(real_vector(images, "images", (rank, -1, -1, 2), np.float32))
+        self.certainty = real_vector(certainty, "certainty", (rank, rank))
+        self.body = check_number("body", body, above=0, below=1)
+        h, w = self.images.shape[1:3]
+        if not (0 < h <= height and 0 < w <= width):
+            raise DenseVSError(f"images have {h} x {w} px; expected at least one and at most {height} x {width}")
 
     @property
     def joint_count(self) -> int:

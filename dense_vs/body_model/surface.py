@@ -21,7 +21,7 @@ from dense_vs.body_model.lens import Lens
 from dense_vs.body_model.link_sweep import BLUR, TRUNCATION, depth_hypotheses, link_costs
 from dense_vs.body_model.spread import spread
 from dense_vs.body_model.surface_image import SurfaceImage
-from dense_vs.checks import check_number, check_whole
+from dense_vs.checks import check_number, check_options, check_whole
 
 _FIRST = 3  # keyframes that come before the background is known
 _MARGIN = 4  # px around what moves
@@ -104,7 +104,7 @@ def find_surface(
         anchors: points ``(M, 3)`` in the home posture and their links ``(M,)``, between whose depths is searched.
         options: as given, or the defaults.
     """
-    options = options or SurfaceOptions()
+    options = check_options("options", options, SurfaceOptions)
     sought = chain, focal, center, images, joints
     first = _joined(sought, moving, anchors, options, min(_FIRST, options.keyframes), None)
     background = _background(sought, first) if len(first.links) else None

@@ -16,12 +16,13 @@ import numpy as np
 from dense_vs.arrays import number_array, plain_array, real_vector
 from dense_vs.body_model.image_directions import direction_weights
 from dense_vs.body_model.spread import spread
-from dense_vs.checks import check_number, check_whole
+from dense_vs.checks import check_number, check_options, check_pair, check_whole, is_list, shown
 from dense_vs.errors import DenseVSError
 
 _NOISE_FACTOR = 4.0  # changes of a pixel below this many times the usual one are noise
 _LEAST_CHANGE = 6.0  # gray levels
 _CELL = 16  # px, side of the cells that share the corners out
+LARGEST_SIDE = 1 << 14  # px
 _EDGE = 3  # px from the image border at which a point is given up
 
 
@@ -91,7 +92,8 @@ class PointTracks:
                 f"references have shape {references.shape} and dtype {references.dtype}; expected whole numbers of "
                 f"shape ({points},)"
             )
-        for name, array in (("joints", joints), ("pixels", pixels), ("references", references)):
+        size = check_pair("size", self.size, least=1, most=LARGEST_SIDE)
+        for name, array in (("joints", joints), ("pixels", pixels), ("references", references), ("size", size)):
             object.__setattr__(self, name, array)
         if self.directions is not None:
             shape = (*pixels.shape, 2)
@@ -102,17 +104,31 @@ class PointTracks:
         """Bool ``(T, M)``, where a point was found."""
         return np.isfinite(self.pixels[..., 0])
 
-    def select(self, points: np.ndarray) -> "PointTracks":
-        """Some of the points, by index or mask."""
+    def select(self, points: Any) -> "PointTracks":
+        """Some of the points, by index or mask.
+
+        Raises:
+            DenseVSError: neither, or none of them.
+        """
+        points = _chosen(points, "points", self.pixels.shape[1])
         directions = None if self.directions is None else self.directions[:, points]
         return PointTracks(self.joints, self.pixels[:, points], self.references[points], self.size, directions)
 
     def in_images(self, most: int) -> "PointTracks":
-        """All of the points, in at most so many of the images."""
-        return self.of_images(spread(len(self.joints), most))
+        """All of the points, in at most so many of the images.
 
-    def of_images(self, images: np.ndarray | slice) -> "PointTracks":
-        """All of the points, in some of the images, by index."""
+        Raises:
+            DenseVSError: no whole number of at least 1.
+        """
+        return self.of_images(spread(len(self.joints), check_whole("most", most, least=1)))
+
+    def of_images(self, images: Any) -> "PointTracks":
+        """All of the points, in some of the images, by index, mask or slice.
+
+        Raises:
+            DenseVSError: none of these, or no image.
+        """
+        images = _chosen(images, "images", len(self.joints))
         directions = None if self.directions is None else self.directions[images]
         return PointTracks(self.joints[images], self.pixels[images], self.references, self.size, directions)
 
@@ -130,8 +146,8 @@ def follow_points(
     Raises:
         DenseVSError: images of other kinds or sizes, fewer than 3 of them, or no corner on anything that moves.
     """
-    options = options or PointTrackOptions()
-    _check_images(images)
+    options = check_options("options", options, PointTrackOptions)
+    images = gray_images(images, fewest=3, least=32)
     q = real_vector(joints, "joints", (len(images), -1))
     chosen = np.arange(0, len(images), options.stride)
     looked = [np.ascontiguousarray(images[int(k)]) for k in chosen]
@@ -244,15 +260,33 @@ def _correlation(first: np.ndarray, second: np.ndarray, a: np.ndarray, b: np.nda
     return np.sum(patches[0] * patches[1], axis=1)
 
 
-def _check_images(images: Sequence[np.ndarray] | np.ndarray) -> None:
-    if not isinstance(images, (list, tuple, np.ndarray)):
+def gray_images(images: Any, *, fewest: int = 1, least: int = 1) -> list[np.ndarray]:
+    """Images of a recording as a list of gray ones, uint8 ``(H, W)`` of one shape.
+
+    Raises:
+        DenseVSError: anything else, fewer than ``fewest``, or sides of less than ``least`` px.
+    """
+    if not is_list(images):
         raise DenseVSError(f"images are a {type(images).__name__}; expected a list or array of gray images")
-    if len(images) < 3:
-        raise DenseVSError(f"{len(images)} images; expected at least 3")
-    shape = np.shape(images[0])
-    for image in images:
-        if np.shape(image) != shape or len(shape) != 2 or np.asarray(image).dtype != np.uint8 or min(shape) < 32:
-            raise DenseVSError(
-                f"image of shape {np.shape(image)} and dtype {np.asarray(image).dtype}; "
-                f"expected gray uint8 images of one shape (H, W), at least 32 x 32"
-            )
+    if len(images) < fewest:
+        raise DenseVSError(f"{len(images)} images; expected at least {fewest}")
+    expected = f"gray uint8 images of one shape (H, W), at least {least} x {least}"
+    arrays = [plain_array(image, "image", expected) for image in images]
+    for array in arrays:
+        if array.shape != arrays[0].shape or array.ndim != 2 or array.dtype != np.uint8 or min(array.shape) < least:
+            raise DenseVSError(f"image of shape {array.shape} and dtype {array.dtype}; expected {expected}")
+    return arrays
+
+
+def _chosen(value: Any, name: str, count: int) -> np.ndarray:
+    """Indices of some of ``count`` things, from indices, a mask or a slice."""
+    expected = f"indices below {count}, or bool of shape ({count},)"
+    try:
+        index = np.arange(count)[value] if isinstance(value, slice) else plain_array(value, name, expected)
+    except (TypeError, ValueError) as error:  # a slice by what is no whole number, or by steps of 0
+        raise DenseVSError(f"{name} is {shown(value)}; expected {expected} ({error})") from error
+    if index.dtype == bool and index.shape == (count,):
+        return np.flatnonzero(index)
+    if index.dtype.kind not in "iu" or index.ndim != 1 or (index >= count).any() or (index < -count).any():
+        raise DenseVSError(f"{name} is {shown(value)}; expected {expected}")
+    return index

@@ -12,7 +12,7 @@ from enum import Enum
 
 import numpy as np
 
-from dense_vs.checks import check_choice, check_number, check_whole, shown
+from dense_vs.checks import check_choice, check_function, check_methods, check_number, check_whole, shown
 from dense_vs.depth.area_fit import DepthUnobservableError, depth_from_areas
 from dense_vs.depth.mask_fit import METHODS, Method, depth_from_masks
 from dense_vs.errors import DenseVSError
@@ -20,8 +20,9 @@ from dense_vs.robot.command_gate import CommandGate
 from dense_vs.robot.joint_group import JointGroup
 from dense_vs.robot.protocols import Camera, Robot
 from dense_vs.robot.stamp_check import why_apart
+from dense_vs.robot.stamped import read_image, read_joints
 from dense_vs.segmentation import MaskQuality, MaskVerdict, Segmenter, assess_mask
-from dense_vs.segmentation.segmenter import check_mask, forget_images
+from dense_vs.segmentation.segmenter import check_mask, find_mask, forget_images
 
 LONGEST_STEP = 1.0  # m; a longer one is no step toward an object in view
 DOUBT = 1.5  # the distance may be so many times what it should be before an approach ends
@@ -78,7 +79,7 @@ class DepthApproach:
         on_view: called with index, image and mask of every view.
 
     Raises:
-        DenseVSError: a joint that the robot does not have, or an option out of range.
+        DenseVSError: a part of another kind, a joint that the robot does not have, or an option out of range.
     """
 
     def __init__(
@@ -96,8 +97,9 @@ class DepthApproach:
         on_view: Callable[[int, np.ndarray, np.ndarray], None] | None = None,
     ):
         check_choice("method", method, METHODS)
-        if on_view is not None and not callable(on_view):
-            raise DenseVSError(f"on_view is {shown(on_view)}; expected a function, or None")
+        check_function("on_view", on_view)
+        check_methods("camera", camera, "read")
+        check_methods("segmenter", segmenter, "segment")
         if not isinstance(steps, (tuple, list)) or len(steps) != 2:
             raise DenseVSError(f"steps are {shown(steps)}; expected the smallest and the largest step [m]")
         least = check_number("the smallest of steps", steps[0], above=0.0)
@@ -125,11 +127,11 @@ class DepthApproach:
         end = ApproachEnd.EXHAUSTED
         last = -np.inf
         while len(masks) < self.views:
-            image, seen_at = self.camera.read()
+            image, seen_at = read_image(self.camera)
             positions.append(self._position_at(seen_at, last))  # before the mask: the robot may move in its time
             last = seen_at
             forget_images(self.segmenter)  # views are far apart
-            masks.append(self.segmenter.segment(image))
+            masks.append(find_mask(self.segmenter, image))
             qualities.append(assess_mask(masks[-1], hidden=self.hidden))
             if self.on_view is not None:
                 self.on_view(len(masks) - 1, image, masks[-1])
@@ -170,7 +172,7 @@ class DepthApproach:
 
     def _advance(self, step: float, seen_at: float) -> bool:
         """Step toward the object; False where the joint does not follow, at its limit or against something."""
-        positions, read_at = self.robot.joints()
+        positions, read_at = read_joints(self.robot)
         before = float(self.group.take(positions)[0])
         step = min(step, before - float(self.group.limits[0, 0]))
         if step < 0.5 * self.steps[0]:
@@ -180,7 +182,7 @@ class DepthApproach:
         return before - self._position() > 0.5 * step
 
     def _position(self) -> float:
-        return float(self.group.take(self.robot.joints()[0])[0])
+        return float(self.group.take(read_joints(self.robot)[0])[0])
 
     def _position_at(self, seen_at: float, last: float) -> float:
         """Where the camera was when it saw an image [m].
@@ -191,7 +193,7 @@ class DepthApproach:
         Raises:
             DenseVSError: an image that is no newer than the view before, or not of the reading's time.
         """
-        positions, read_at = self.robot.joints()
+        positions, read_at = read_joints(self.robot)
         why = why_apart(seen_at, read_at, self.gate.max_age)
         if not why and seen_at <= last:
             why = f"the image is that of the view before, from {last:.3f} s"

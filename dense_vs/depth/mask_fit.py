@@ -11,6 +11,7 @@ from typing import Any, Literal, get_args
 
 import numpy as np
 
+from dense_vs.checks import check_choice, check_pair, is_list, shown
 from dense_vs.depth.area_fit import check_motion, checked_positions, depth_from_areas
 from dense_vs.depth.evidence import OBSERVABLE_LOG_STD, MaskDepth, gather_evidence
 from dense_vs.depth.learned_depth import LearnedDepth
@@ -19,6 +20,7 @@ from dense_vs.errors import DenseVSError
 
 Method = Literal["vos-de", "robust", "learned"]
 METHODS: tuple[str, ...] = get_args(Method)
+LARGEST_SIDE = 1 << 14  # px
 
 
 def depth_from_masks(masks: Any, camera_back: Any, method: Method = "robust") -> MaskDepth:
@@ -43,9 +45,21 @@ def depth_from_regions(
     image_size: tuple[int, int],
     method: Method = "robust",
 ) -> MaskDepth:
-    """As :func:`depth_from_masks`, from the regions that :func:`mask_regions` found; ``image_size`` is (H, W)."""
-    if method not in METHODS:
-        raise DenseVSError(f"method is {method!r}; expected one of {', '.join(METHODS)}")
+    """As :func:`depth_from_masks`, from the regions that :func:`mask_regions` found.
+
+    Args:
+        views: of each view its regions, the largest first.
+        camera_back, method: as of :func:`depth_from_masks`.
+        image_size: (H, W) [px].
+
+    Raises:
+        DepthUnobservableError: as :func:`depth_from_masks`.
+        DenseVSError: no regions, no size, or as :func:`depth_from_masks`.
+    """
+    check_choice("method", method, METHODS)
+    image_size = check_pair("image_size", image_size, least=1, most=LARGEST_SIDE)
+    if not is_list(views) or not all(is_list(ones) and all(isinstance(r, RegionShape) for r in ones) for ones in views):
+        raise DenseVSError(f"views are {shown(views)}; expected a list of regions for each view, as of mask_regions")
     back = checked_positions(camera_back, "camera_back")
     if len(back) != len(views):
         raise DenseVSError(f"there are {len(views)} masks and {len(back)} values of camera_back; expected as many")

@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 import warp as wp
 
-from dense_vs.checks import check_whole
+from dense_vs.checks import check_whole, shown
 from dense_vs.device import resolve_device, resolve_threads, room_for
 from dense_vs.errors import DenseVSError
 from dense_vs.kernels.flow.farneback import SMALLEST_IMAGE, Farneback, FarnebackOptions
@@ -71,7 +71,7 @@ class BatchFlow:
         if options is None:
             methods = BATCH_METHODS | GUIDED_METHODS
             if not isinstance(method, str) or method not in methods:
-                raise DenseVSError(f"flow method {method!r} is unknown; expected one of {', '.join(methods)}")
+                raise DenseVSError(f"flow method {shown(method)} is unknown; expected one of {', '.join(methods)}")
             options = methods[method]
         worlds = check_whole("worlds", worlds, least=1, most=65536)
         height = check_whole("height", height, least=SMALLEST_IMAGE, most=16384)

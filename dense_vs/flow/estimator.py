@@ -12,7 +12,8 @@ import cv2
 import numpy as np
 
 from dense_vs.arrays import plain_array
-from dense_vs.checks import check_whole
+from dense_vs.checks import check_whole, shown
+from dense_vs.device import NotCopied, resolve_device, resolve_threads
 from dense_vs.errors import DenseVSError
 from dense_vs.flow.lucas_kanade import LucasKanade
 
@@ -96,7 +97,7 @@ METHODS: dict[str, Callable[..., Callable]] = {
 }
 
 
-class FlowEstimator:
+class FlowEstimator(NotCopied):
     """Dense flow by one of OpenCV's methods, or by Warp kernels on all cores or a GPU.
 
     Args:
@@ -114,7 +115,8 @@ class FlowEstimator:
             on the CPU; ``"lucas-kanade"`` and the network take ``threads`` too.
 
     Raises:
-        DenseVSError: unknown method or device, a size below 16, or ONNX Runtime is missing for the learned ones.
+        DenseVSError: unknown method or device, threads or a size out of range, or ONNX Runtime is missing for the
+            learned ones.
     """
 
     def __init__(
@@ -127,10 +129,14 @@ class FlowEstimator:
         threads: int | None = None,
     ):
         if not isinstance(method, str) or method not in METHODS:
-            raise DenseVSError(f"flow method {method!r} is unknown; expected one of {', '.join(METHODS)}")
+            raise DenseVSError(f"flow method {shown(method)} is unknown; expected one of {', '.join(METHODS)}")
         self.method = method
         self.height = check_whole("height", height, least=16, most=16384)
         self.width = check_whole("width", width, least=16, most=16384)
+        if threads is not None:
+            resolve_threads(threads)
+        if not isinstance(device, str) or device != "auto":
+            resolve_device(device)
         arguments = (device, threads) if method in ON_DEVICE else (threads,) if method in TAKES_THREADS else ()
         self._calculate = METHODS[method](*arguments)
 

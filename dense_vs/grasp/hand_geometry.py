@@ -8,6 +8,7 @@ from dense_vs.arrays import number_array
 from dense_vs.checks import check_number, shown
 from dense_vs.errors import DenseVSError
 from dense_vs.grasp.gripper_mask import GripperModel
+from dense_vs.segmentation.segmenter import check_mask
 
 IN_HAND = 60.0  # px
 FARTHEST = 10.0  # m; a longer way is no motion of a hand
@@ -54,11 +55,23 @@ class HandGeometry:
             object.__setattr__(self, name, value)
 
     def target_at(self, distance: float) -> np.ndarray:
-        """s* of an object under the gripper that is farther away than the fingertips [px]."""
-        center = np.array(self.center)
-        return center + (np.array(self.target) - center) * self.z_gripper / distance
+        """s* of an object under the gripper that is farther away than the fingertips [px].
+
+        Raises:
+            DenseVSError: a distance that is not above 0 [m], or so near that no pixel is there.
+        """
+        distance, center = check_number("distance", distance, above=0.0), np.array(self.center)
+        with np.errstate(over="ignore", invalid="ignore"):
+            place = center + (np.array(self.target) - center) * self.z_gripper / distance
+        if not np.isfinite(place).all():
+            raise DenseVSError(f"distance is {distance} m; expected one at which the target is a pixel")
+        return place
 
     def holds(self, mask: np.ndarray) -> bool:
-        """Whether a mask is, in part, where an object in the gripper is: near s*, within :data:`IN_HAND` pixels."""
-        y, x = np.nonzero(mask)
+        """Whether a mask is, in part, where an object in the gripper is: near s*, within :data:`IN_HAND` pixels.
+
+        Raises:
+            DenseVSError: no mask.
+        """
+        y, x = np.nonzero(check_mask(mask))
         return bool(x.size and np.hypot(x - self.target[0], y - self.target[1]).min() <= IN_HAND)

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from dense_vs.arrays import number_array
-from dense_vs.checks import check_names, check_number, shown
+from dense_vs.checks import check_function, check_kind, check_methods, check_names, check_number, check_options, shown
 from dense_vs.errors import DenseVSError
 from dense_vs.grasp.camera_height import grasp_camera_position
 from dense_vs.grasp.grasp_check import GraspCheck, GraspOutcome, check_grasp
@@ -26,11 +26,13 @@ from dense_vs.grasp.wrist_angle import WristChoice, WristVerdict, choose_wrist_a
 from dense_vs.mask_servo.loop import MaskServo, ServoEnd
 from dense_vs.mask_servo.object_search import search_object
 from dense_vs.robot.command_gate import CommandGate
+from dense_vs.robot.gripper_reply import close_gripper, open_gripper
 from dense_vs.robot.joint_group import JointGroup
 from dense_vs.robot.protocols import Camera, Gripper, Robot
 from dense_vs.robot.stamp_check import why_apart
+from dense_vs.robot.stamped import read_image, read_joints
 from dense_vs.segmentation import Segmenter, assess_mask
-from dense_vs.segmentation.segmenter import forget_images
+from dense_vs.segmentation.segmenter import find_mask, forget_images
 
 LEAST_STEP = 1e-3  # m, rad; of the bound on one command, which bounds the commands of a way
 WILD = 10 * FARTHEST  # m, rad; a way so long comes from a reading that is wrong
@@ -92,7 +94,8 @@ class GraspLoop:
         on_attempt: called after the check of every attempt, before what follows it; and where one was stopped.
 
     Raises:
-        DenseVSError: a joint that the robot does not have, not two for the base, or an option out of range.
+        DenseVSError: a part of another kind, a joint that the robot does not have, not two for the base, or an option
+            out of range.
     """
 
     def __init__(
@@ -116,12 +119,11 @@ class GraspLoop:
         on_attempt: Callable[[GraspAttempt], None] | None = None,
     ):
         self.camera, self.robot, self.segmenter, self.gripper, self.hand = camera, robot, segmenter, gripper, hand
-        if not isinstance(hand, HandGeometry):
-            raise DenseVSError(f"hand is {shown(hand)}; expected a HandGeometry")
-        if policy is not None and not isinstance(policy, RegraspPolicy):
-            raise DenseVSError(f"policy is {shown(policy)}; expected a RegraspPolicy, or None")
-        if on_attempt is not None and not callable(on_attempt):
-            raise DenseVSError(f"on_attempt is {shown(on_attempt)}; expected a function, or None")
+        check_methods("camera", camera, "read")
+        check_methods("segmenter", segmenter, "segment")
+        check_methods("gripper", gripper, "open", "close")
+        check_kind("hand", hand, HandGeometry)
+        check_function("on_attempt", on_attempt)
         self._base = JointGroup.of_robot(robot, check_names("base", base))
         if len(base) != 2:
             raise DenseVSError(f"base is {list(base)}; expected two joints out of {', '.join(robot.joint_names)}")
@@ -130,7 +132,7 @@ class GraspLoop:
         self._pinv = number_array(pinv, "pinv", (len(base), 2))
         max_step = check_number("max_step", max_step, least=LEAST_STEP)
         self._gates = {g.names: CommandGate(robot, g, max_step=max_step) for g in (self._lift, self._wrist, self._base)}
-        self.policy = policy if policy is not None else RegraspPolicy()
+        self.policy = check_options("policy", policy, RegraspPolicy)
         self._raise_by = check_number("raise_by", raise_by, above=0.0, most=FARTHEST)
         self._lag = check_number("contact_lag", contact_lag, above=0.0)
         self._others = _segmenters(others)
@@ -172,12 +174,13 @@ class GraspLoop:
             gate.restart()
         self.policy.reset()
         start = self._joint(self._wrist)
-        self._seen_from = self._base.take(self.robot.joints()[0]).astype(np.float64)
+        self._seen_from = self._base.take(read_joints(self.robot)[0]).astype(np.float64)
         deeper, rank = 0.0, 0
         self._back = None
         while True:
-            if self.gripper.open().jammed:
-                run.attempts.append(_nothing(ServoEnd.EXHAUSTED, GraspOutcome.JAMMED, self.gripper.open().opening))
+            if open_gripper(self.gripper).jammed:
+                opening = open_gripper(self.gripper).opening
+                run.attempts.append(_nothing(ServoEnd.EXHAUSTED, GraspOutcome.JAMMED, opening))
                 step = self.policy.decide(GraspOutcome.JAMMED)
             else:
                 attempt = self._attempt(z_object, deeper, rank)
@@ -192,7 +195,7 @@ class GraspLoop:
                 return
             if self._back is not None:
                 self._move(self._lift, -self._raise_by)  # it is put down, not dropped
-            self.gripper.open()
+            open_gripper(self.gripper)
             self._move(self._lift, hover - self._joint(self._lift))
             self._move(self._wrist, start - self._joint(self._wrist))
             if self._back is not None:
@@ -235,18 +238,18 @@ class GraspLoop:
             stages.append(_nothing(end.end, GraspOutcome.LOST))
             return
         stages.append(_nothing(end.end, GraspOutcome.STOPPED))
-        self._seen_from = self._base.take(self.robot.joints()[0]).astype(np.float64)
+        self._seen_from = self._base.take(read_joints(self.robot)[0]).astype(np.float64)
         choice = self._turn(end.mask, rank)
         stages.append(replace(stages[-1], wrist=choice.verdict, angle=choice.angle))
         contact = self._descend(z_object, deeper)
-        opening = self.gripper.close().opening
+        opening = close_gripper(self.gripper).opening
         stages.append(replace(stages[-1], contact=contact, opening=opening))
         area = self._area()
         self._move(self._lift, self._raise_by)
         if self._aside is not None:
-            self._back = self._base.take(self.robot.joints()[0]).astype(np.float64)
+            self._back = self._base.take(read_joints(self.robot)[0]).astype(np.float64)
             self._move(self._base, self._aside)
-            self._back -= self._base.take(self.robot.joints()[0])
+            self._back -= self._base.take(read_joints(self.robot)[0])
         check, raised = self._check(area)
         stages.append(replace(stages[-1], check=check, areas=(area, raised)))
 
@@ -267,7 +270,7 @@ class GraspLoop:
         image = self._look()
         for other in self._others:
             forget_images(other)
-            found = other.segment(image)
+            found = find_mask(other, image)
             if 2 * np.count_nonzero(found & mask) < np.count_nonzero(found):
                 around |= found
         return around
@@ -277,17 +280,17 @@ class GraspLoop:
         behind = (self.hand.z_gripper / (self.hand.z_gripper + self._raise_by)) ** 2  # VOS-VS (15)
         if self._aside is None:
             raised = self._area(remember=True)
-            return check_grasp(area, raised, opening=self.gripper.close().opening, behind=behind), raised
+            return check_grasp(area, raised, opening=close_gripper(self.gripper).opening, behind=behind), raised
         image = self._look()
         claims = [self._claim(segmenter, image) for segmenter in (self.segmenter, *self._others)]
         areas = settle_claims(claims)
-        check = check_grasp(area, areas[0], opening=self.gripper.close().opening, behind=0.0, others=areas[1:])
+        check = check_grasp(area, areas[0], opening=close_gripper(self.gripper).opening, behind=0.0, others=areas[1:])
         return check, areas[0]
 
     def _claim(self, segmenter: Segmenter, image: np.ndarray) -> HandClaim:
         """What a segmenter takes for its object in the hand."""
         forget_images(segmenter)
-        mask = segmenter.segment(image)
+        mask = find_mask(segmenter, image)
         if not self.hand.holds(mask):
             mask = np.zeros_like(mask)
         return HandClaim(mask, float(getattr(segmenter, "score", np.nan)))
@@ -304,7 +307,7 @@ class GraspLoop:
         for offset in (0.0, self._aside):
             if offset is None:
                 break
-            self._move(self._base, self._seen_from + offset - self._base.take(self.robot.joints()[0]))
+            self._move(self._base, self._seen_from + offset - self._base.take(read_joints(self.robot)[0]))
             search = search_object(
                 self.camera, self.robot, self.segmenter, joints=self._base.names, reach=(reach, reach)
             )
@@ -336,19 +339,19 @@ class GraspLoop:
         if not remember:
             forget_images(self.segmenter)
         image = self._look()
-        return float(assess_mask(self.segmenter.segment(image)).area)
+        return float(assess_mask(find_mask(self.segmenter, image)).area)
 
     def _look(self) -> np.ndarray:
         """The next image, of the time of the joints."""
-        image, seen_at = self.camera.read()
-        apart = why_apart(seen_at, self.robot.joints()[1])
+        image, seen_at = read_image(self.camera)
+        apart = why_apart(seen_at, read_joints(self.robot)[1])
         if apart:
             raise _StoppedError(apart)
         self._newest = max(self._newest, seen_at)
         return image
 
     def _joint(self, joint: JointGroup) -> float:
-        return float(joint.take(self.robot.joints()[0])[0])
+        return float(joint.take(read_joints(self.robot)[0])[0])
 
     def _move(self, joints: JointGroup, by: float | np.ndarray) -> None:
         """Move as far as the gate lets; in several commands where it is too far for one."""
@@ -358,7 +361,7 @@ class GraspLoop:
             if not left.any():
                 break
             asked = left * min(1.0, float(np.min(gate.max_step / np.maximum(np.abs(left), 1e-12))))
-            reading, read_at = self.robot.joints()
+            reading, read_at = read_joints(self.robot)
             sent = gate.send(asked, joints.take(reading), now=max(self._newest, read_at), reading_time=read_at)
             if gate.stopped:
                 raise _StoppedError(gate.stopped)

@@ -16,7 +16,8 @@ import numpy as np
 import warp as wp
 
 from dense_vs.arrays import points_array, real_vector, vec2_image
-from dense_vs.device import resolve_device, resolve_threads, room_for
+from dense_vs.checks import check_flag
+from dense_vs.device import NotCopied, resolve_device, resolve_threads, room_for
 from dense_vs.errors import DenseVSError
 from dense_vs.files import atomic_write
 from dense_vs.jacobian.depth_filter import DepthFilter, depth_bytes
@@ -30,7 +31,7 @@ from dense_vs.kernels.views import seen_as
 MOST_AWAY = 50.0  # rad in standard units, of a joint from the posture that the filter's state belongs to
 
 
-class DenseJacobian:
+class DenseJacobian(NotCopied):
     """Estimates, frame by frame, how every pixel of the image answers to every joint.
 
     Units are px and rad (m for a prismatic joint). Only the ratios of the three variances matter: scaling all of
@@ -299,7 +300,7 @@ class DenseJacobian:
         Returns:
             float32 ``(K, 2, N)`` [px/rad]; ``(K, 3, N)`` with depth [m/rad] as the third row.
         """
-        worlds = self.options.worlds
+        worlds, depth = self.options.worlds, check_flag("depth", depth)
         if worlds == 1:
             batch = points_array(points, "points")[None]
         else:

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from dense_vs.arrays import number_array
-from dense_vs.checks import check_number, check_whole, shown
+from dense_vs.checks import check_function, check_methods, check_number, check_whole
 from dense_vs.errors import DenseVSError
 from dense_vs.mask_servo.featurewise_broyden import FeaturewiseBroyden
 from dense_vs.mask_servo.hadamard_broyden import HadamardBroyden
@@ -23,8 +23,9 @@ from dense_vs.robot.command_gate import CommandGate
 from dense_vs.robot.joint_group import JointGroup
 from dense_vs.robot.protocols import Camera, Robot
 from dense_vs.robot.stamp_check import why_apart
+from dense_vs.robot.stamped import read_image, read_joints
 from dense_vs.segmentation import MaskQuality, Segmenter, assess_mask
-from dense_vs.segmentation.segmenter import forget_images
+from dense_vs.segmentation.segmenter import find_mask, forget_images
 
 _TURNED = 200.0  # px^2, product of two errors of opposite sign that is no noise
 
@@ -108,7 +109,7 @@ class MaskServo:
         on_look: called with every look, its image and its mask.
 
     Raises:
-        DenseVSError: a joint that the robot does not have, or an option out of range.
+        DenseVSError: a part of another kind, a joint that the robot does not have, or an option out of range.
     """
 
     def __init__(
@@ -128,6 +129,8 @@ class MaskServo:
         stalled: int = 4,
         on_look: Callable[[ServoLook, np.ndarray, np.ndarray], None] | None = None,
     ):
+        check_methods("camera", camera, "read")
+        check_methods("segmenter", segmenter, "segment")
         self.camera, self.robot, self.segmenter = camera, robot, segmenter
         self.group = JointGroup.of_robot(robot, joints)
         self.learner = pinv if isinstance(pinv, (HadamardBroyden, FeaturewiseBroyden)) else None
@@ -135,8 +138,7 @@ class MaskServo:
         self._fixed = None if self.learner is not None else number_array(pinv, "pinv", shape)
         if self.learner is not None and self.learner.pinv.shape != shape:
             raise DenseVSError(f"pinv learns J+ of shape {self.learner.pinv.shape}; expected {shape}, as joints")
-        if on_look is not None and not callable(on_look):
-            raise DenseVSError(f"on_look is {shown(on_look)}; expected a function, or None")
+        check_function("on_look", on_look)
         largest = check_number("max_step", max_step, above=0.0)
         self.gate = CommandGate(robot, self.group, max_step=largest)
         image_step = check_number("max_image_step", max_image_step, above=0.0)
@@ -180,12 +182,12 @@ class MaskServo:
         mask = None
         held, least = 0, np.inf
         for _ in range(max_looks):
-            image, seen_at = self.camera.read()
+            image, seen_at = read_image(self.camera)
             # The robot moved since the last image: where the object was says little about where it is.
             forget_images(self.segmenter)
-            mask = self.segmenter.segment(image)
+            mask = find_mask(self.segmenter, image)
             quality = assess_mask(mask)
-            reading, read_at = self.robot.joints()
+            reading, read_at = read_joints(self.robot)
             positions = self.group.take(reading).astype(np.float64)
             features = np.array(quality.centroid) if quality.servoable else None
             whole = self._learn(quality, positions, looks[-1].joints if looks else None)

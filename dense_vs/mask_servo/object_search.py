@@ -10,14 +10,15 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from dense_vs.arrays import number_array
-from dense_vs.checks import check_names, check_number, check_whole
+from dense_vs.checks import check_methods, check_names, check_number, check_whole, shown
 from dense_vs.errors import DenseVSError
 from dense_vs.robot.command_gate import CommandGate
 from dense_vs.robot.joint_group import JointGroup
 from dense_vs.robot.protocols import Camera, Robot
 from dense_vs.robot.stamp_check import why_apart
+from dense_vs.robot.stamped import read_image, read_joints
 from dense_vs.segmentation import MaskQuality, Segmenter, assess_mask
-from dense_vs.segmentation.segmenter import forget_images
+from dense_vs.segmentation.segmenter import find_mask, forget_images
 
 FARTHEST = 100.0  # m; what is farther out is not around a place
 
@@ -54,7 +55,7 @@ def search_offsets(reach: Sequence[float], rings: int = 1) -> np.ndarray:
     """
     spacing = number_array(reach, "reach", (2,), expected="two lengths above 0 [m]")
     if not (spacing > 0).all():
-        raise DenseVSError(f"reach is {reach!r}; expected two lengths above 0 [m]")
+        raise DenseVSError(f"reach is {shown(reach)}; expected two lengths above 0 [m]")
     rings = check_whole("rings", rings, least=0, most=100)
     grid = [(i, j) for i in range(-rings, rings + 1) for j in range(-rings, rings + 1)]
     grid.sort(key=lambda place: (max(map(abs, place)), abs(place[0]) + abs(place[1]), np.arctan2(*place)))
@@ -82,16 +83,18 @@ def search_object(
         min_area: smallest mask [px] that counts as the object.
 
     Raises:
-        DenseVSError: a joint that the robot does not have, or an option out of range.
+        DenseVSError: a part of another kind, a joint that the robot does not have, or an option out of range.
     """
+    check_methods("camera", camera, "read")
+    check_methods("segmenter", segmenter, "segment")
     group = JointGroup.of_robot(robot, check_names("joints", joints))
     if len(group.names) != 2:
         raise DenseVSError(f"joints are {list(joints)}; expected two of {', '.join(robot.joint_names)}")
     offsets = search_offsets(reach, rings)
     min_area = check_number("min_area", min_area, least=0.0)
     if np.max(reach) * max(rings, 1) > FARTHEST:
-        raise DenseVSError(f"reach is {reach!r} with {rings} rings; expected a ring at most {FARTHEST:g} m away")
-    start = group.take(robot.joints()[0]).astype(np.float64)
+        raise DenseVSError(f"reach is {shown(reach)} with {rings} rings; expected a ring at most {FARTHEST:g} m away")
+    start = group.take(read_joints(robot)[0]).astype(np.float64)
     # From one side of the outermost ring to the other; back to the start is less.
     gate = CommandGate(robot, group, max_step=2 * max(rings, 1) * np.asarray(reach, dtype=np.float64))
     result, newest = _look(camera, robot, segmenter, min_area)
@@ -116,9 +119,9 @@ def _look(
 ) -> tuple[SearchResult, float]:
     """What is seen from here, and the stamp of the image [s]."""
     forget_images(segmenter)
-    image, seen_at = camera.read()
-    apart = why_apart(seen_at, robot.joints()[1])
-    mask = segmenter.segment(image)
+    image, seen_at = read_image(camera)
+    apart = why_apart(seen_at, read_joints(robot)[1])
+    mask = find_mask(segmenter, image)
     quality = assess_mask(mask)
     found = quality.servoable and quality.area >= min_area and not apart
     return SearchResult(found, looks, quality, mask, apart), seen_at
@@ -126,7 +129,7 @@ def _look(
 
 def _go(robot: Robot, gate: CommandGate, place: np.ndarray, newest: float) -> None:
     """Move to a place by a reading that is not old beside the newest image."""
-    reading, read_at = robot.joints()
+    reading, read_at = read_joints(robot)
     positions = gate.group.take(reading).astype(np.float64)
     if np.abs(place - positions).max() > 1e-3:
         gate.send(place - positions, positions, now=max(newest, read_at), reading_time=read_at)

@@ -6,19 +6,21 @@ wrong: the share of the image motion that it explains is watched, and below a bo
 """
 
 from collections.abc import Callable
-from typing import Protocol
+from typing import Any, Protocol
 
 import cv2
 import numpy as np
 
+from dense_vs.arrays import plain_array, real_vector
 from dense_vs.body.guided_filter import guided_filter
-from dense_vs.checks import check_number
+from dense_vs.checks import check_function, check_methods, check_number, check_pair, check_whole, shown
 from dense_vs.device import one_blas_thread
 from dense_vs.errors import DenseVSError
 from dense_vs.jacobian.estimator import DenseJacobian
 from dense_vs.pipeline.occlusion import Occlusion
 from dense_vs.pipeline.vacated import Vacated
 
+LARGEST_SIDE = 1 << 14  # px
 MEMORY = 0.9  # of the agreement, from one measured motion to the next
 MOVING = 0.5  # px by the model: pixels that move less say nothing
 LEAST_PIXELS = 50
@@ -63,7 +65,7 @@ class BodyPrior:
             as J remembered by posture can be, is worse than no model.
 
     Raises:
-        DenseVSError: a share out of (0, 1], or an agreement above 1.
+        DenseVSError: what is no function, a share out of (0, 1], or an agreement above 1.
     """
 
     def __init__(
@@ -74,6 +76,9 @@ class BodyPrior:
         least_agreement: float = 0.5,
         told: Callable[[np.ndarray], np.ndarray] | None = None,
     ):
+        if not callable(known):
+            raise DenseVSError(f"known is {shown(known)}; expected a function of joint positions")
+        check_function("told", told)
         self.known, self.told = known, told
         self.share = check_number("share", share, above=0, most=1)
         self.least_agreement = check_number("least_agreement", least_agreement, most=1)
@@ -94,8 +99,14 @@ class BodyPrior:
             joints: of the estimator.
 
         Raises:
-            DenseVSError: another number of joints, or images of another shape.
+            DenseVSError: no body, another number of joints, or images of another shape.
         """
+        check_methods("body", body, "known")
+        lacking = [member for member in ("size", "joint_count") if not hasattr(body, member)]
+        if lacking:
+            raise DenseVSError(f"body is a {type(body).__name__} without {', '.join(lacking)}; expected a known body")
+        size = check_pair("size", size, least=1, most=LARGEST_SIDE)
+        joints = check_whole("joints", joints, least=1, most=4096)
         scale = size[1] / body.size[1]
         if joints != body.joint_count or abs(scale * body.size[0] - size[0]) > 1:
             raise DenseVSError(
@@ -122,8 +133,14 @@ class BodyPrior:
         """Whether the model has a say."""
         return self.agreement >= self.least_agreement
 
-    def begin(self, estimator: DenseJacobian, positions: np.ndarray, share: float = 1.0) -> None:
-        """Start from the model's J at a posture ``(N,)`` [rad], or draw what is there to it by a share."""
+    def begin(self, estimator: DenseJacobian, positions: Any, share: float = 1.0) -> None:
+        """Start from the model's J at a posture ``(N,)`` [rad], or draw what is there to it by a share.
+
+        Raises:
+            DenseVSError: no estimator, positions that are not finite numbers, or a share out of 0 to 1.
+        """
+        positions = _posture(estimator, positions)
+        share = check_number("share", share, least=0, most=1)
         J, body = self._at(positions)
         estimator.blend(self._completed(J, estimator, positions), np.float32(share) * body.astype(np.float32))
 
@@ -137,7 +154,7 @@ class BodyPrior:
         """Whether nearly all of the body seemed covered by the last motion: rather, this was not the joints'."""
         return self._occlusion is not None and self._occlusion.doubtful
 
-    def labels(self, own: np.ndarray, positions: np.ndarray, image: np.ndarray) -> np.ndarray:
+    def labels(self, own: Any, positions: Any, image: Any) -> np.ndarray:
         """Labels ``(H, W)`` of the body: what was seen, what the model has to the image's edges, and what is hidden.
 
         Motion says little of plain surfaces, which the model knows from where their edges were seen.
@@ -146,32 +163,50 @@ class BodyPrior:
             own: bool ``(H, W)``, labels by what was seen.
             positions: ``(N,)`` [rad].
             image: RGB uint8 ``(H, W, 3)`` or gray ``(H, W)``.
+
+        Raises:
+            DenseVSError: labels, positions or an image of another kind or size.
         """
+        positions = real_vector(positions, "positions", (-1,))
+        own = plain_array(own, "own", "bool of shape (H, W)")
+        if own.dtype != bool or own.ndim != 2:
+            raise DenseVSError(f"own has shape {own.shape} and dtype {own.dtype}; expected bool of shape (H, W)")
+        image = plain_array(image, "image", "uint8 of own's shape")
+        if image.dtype != np.uint8 or image.shape not in (own.shape, (*own.shape, 3)):
+            raise DenseVSError(
+                f"image has shape {image.shape} and dtype {image.dtype}; expected uint8 of shape {own.shape}, "
+                "or with 3 colors"
+            )
         if self.told is not None or not self.agrees:
             return own
         body = self._at(positions)[1]
+        if body.shape != own.shape:
+            raise DenseVSError(f"own has shape {own.shape}; expected the body's, {body.shape}")
         smooth = guided_filter(image, body.astype(np.float32), EDGE_RADIUS, FLATNESS)
         labels = own | (smooth > LABELED)
         if self._occlusion is not None:
             labels = np.where(self._occlusion.lately, body, labels)
         return labels
 
-    def uncovered(
-        self, estimator: DenseJacobian, positions: np.ndarray, flow: np.ndarray, span: np.ndarray
-    ) -> np.ndarray:
+    def uncovered(self, estimator: DenseJacobian, positions: Any, flow: Any, span: Any) -> np.ndarray:
         """A measured flow without what covers the body, NaN there, so that J is not unlearned; as it is for no outline.
 
         Args:
             estimator: before its update by this flow.
             positions, flow, span: as in :meth:`correct`.
+
+        Raises:
+            DenseVSError: as :meth:`correct`.
         """
+        positions, flow = _posture(estimator, positions), _flow(flow)
+        step = _step(span, positions)
         if self.told is not None or not self.agrees:
             self._occlusion = self._vacated = self._left = None
             return flow
         J, body = self._at(positions)
+        _flow(flow, body.shape)
         if self._occlusion is None or self._vacated is None:
             self._occlusion, self._vacated = Occlusion(body.shape), Vacated(body.shape)
-        step = np.asarray(span, dtype=np.float32)
         by_estimate = estimator.predicted_flow(step)
         self._left = self._vacated.observe(body, flow, by_estimate)
         hidden = self._occlusion.observe(body, flow, self._motion(J, step), by_estimate)
@@ -179,7 +214,8 @@ class BodyPrior:
             return flow
         return np.where(self._occlusion.around[..., None], np.float32(np.nan), flow)
 
-    def correct(self, estimator: DenseJacobian, positions: np.ndarray, flow: np.ndarray, span: np.ndarray) -> None:
+    @np.errstate(over="ignore", invalid="ignore")  # a motion that float32 does not hold counts for nothing
+    def correct(self, estimator: DenseJacobian, positions: Any, flow: Any, span: Any) -> None:
         """After a measured motion: judge the model by it, and draw J to the model's if it agrees.
 
         Args:
@@ -187,14 +223,20 @@ class BodyPrior:
             positions: ``(N,)`` [rad].
             flow: ``(H, W, 2)`` [px] that was measured; what is not finite does not count.
             span: ``(N,)`` joint displacement of that flow [rad].
+
+        Raises:
+            DenseVSError: no estimator, other shapes, or joints that are not finite; nothing has changed then.
         """
+        positions = _posture(estimator, positions)
+        step = _step(span, positions)
         J, body = self._at(positions)
+        flow = _flow(flow, body.shape)
         at = np.flatnonzero(body)  # faster than to choose pixels by the mask every time
-        predicted = self._motion(J, np.asarray(span, dtype=np.float32)).reshape(-1, 2)[at].T
-        measured = np.asarray(flow).reshape(-1, 2)[at].T
+        predicted = self._motion(J, step).reshape(-1, 2)[at].T
+        measured = flow.reshape(-1, 2)[at].T
         size = np.hypot(*predicted)
         off, seen = np.hypot(*(measured - predicted)), np.hypot(*measured)
-        counted = (size > MOVING) & np.isfinite(seen)
+        counted = (size > MOVING) & np.isfinite(seen) & np.isfinite(off)
         if np.count_nonzero(counted) >= LEAST_PIXELS:
             # Absolute values, not squares: where the flow fails it fails grossly. Where a chain says that something
             # moves and something else is seen, it may be covered: that explains nothing, but is not worse than that.
@@ -202,12 +244,17 @@ class BodyPrior:
             if self.told is None:
                 moved = size[counted]
                 off = np.minimum(off, moved)
-            self.agreement = MEMORY * self.agreement + (1 - MEMORY) * (1 - float(off.sum() / moved.sum()))
+            unexplained = float(off.sum(dtype=np.float64) / moved.sum(dtype=np.float64))
+            self.agreement = MEMORY * self.agreement + (1 - MEMORY) * (1 - unexplained)
         self._draw(estimator, positions, self._left)
 
-    def draw(self, estimator: DenseJacobian, positions: np.ndarray) -> None:
-        """Draw J to the model's at a posture ``(N,)`` [rad], if they agree; more where something covers the body."""
-        self._draw(estimator, positions, None)
+    def draw(self, estimator: DenseJacobian, positions: Any) -> None:
+        """Draw J to the model's at a posture ``(N,)`` [rad], if they agree; more where something covers the body.
+
+        Raises:
+            DenseVSError: no estimator, or positions that are not finite numbers.
+        """
+        self._draw(estimator, _posture(estimator, positions), None)
 
     def _draw(self, estimator: DenseJacobian, positions: np.ndarray, left: np.ndarray | None) -> None:
         """As :meth:`draw`; to 0 on what the body has left, bool ``(H, W)``."""
@@ -223,7 +270,7 @@ class BodyPrior:
 
     def _at(self, positions: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """What the model knows at a posture, which is asked for twice a motion."""
-        posture = np.asarray(positions, dtype=np.float64).tobytes()
+        posture = positions.tobytes()
         if self._kept is None or self._kept[0] != posture:
             self._kept = posture, *self.known(positions)
         return self._kept[1:]
@@ -242,3 +289,23 @@ class BodyPrior:
             with one_blas_thread():
                 self._moved = J, asked, (J.reshape(-1, len(step)) @ step).reshape(J.shape[:3])
         return self._moved[2]
+
+
+def _posture(estimator: Any, positions: Any) -> np.ndarray:
+    """Positions as float64, of an estimator that J can be blended into."""
+    check_methods("estimator", estimator, "blend")
+    return real_vector(positions, "positions", (-1,))
+
+
+def _step(span: Any, positions: np.ndarray) -> np.ndarray:
+    return real_vector(span, "span", positions.shape, np.float32)
+
+
+def _flow(flow: Any, shape: tuple[int, ...] | None = None) -> np.ndarray:
+    """A flow ``(H, W, 2)``, of a size where that is known."""
+    expected = f"floating point of shape {'(H, W, 2)' if shape is None else (*shape, 2)}"
+    array = plain_array(flow, "flow", expected)
+    fits = array.shape[-1:] == (2,) and array.ndim == 3 if shape is None else array.shape == (*shape, 2)
+    if array.dtype.kind != "f" or not fits:
+        raise DenseVSError(f"flow has shape {array.shape} and dtype {array.dtype}; expected {expected}")
+    return array

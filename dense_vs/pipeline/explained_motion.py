@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from dense_vs.arrays import number_array
+from dense_vs.arrays import number_array, plain_array
 from dense_vs.checks import check_number, check_whole
 from dense_vs.errors import DenseVSError
 from dense_vs.jacobian.estimator import DenseJacobian
@@ -53,16 +53,19 @@ class ExplainedMotion:
         self.spans: list[MotionSums] = []
         self._frames_in_span, self._waiting = 1, []
 
+    @np.errstate(over="ignore", invalid="ignore")  # what is not finite then is refused
     def observe(self, time: float, flow: np.ndarray, jacobian: np.ndarray, dq: np.ndarray) -> None:
         """Compare a flow ``(H, W, 2)`` [px] with J ``(H, W, 2, N)`` before the frame and the joint step ``(N,)``.
 
         Raises:
-            DenseVSError: arrays that are no such numbers, or a time that is not finite.
+            DenseVSError: arrays that are no such numbers, or a time that is not finite. NaN of J or of the step counts
+                as 0, a pixel whose flow is not finite is left out, and infinities of J or the step are refused.
         """
         time = check_number("time", time)
-        step = np.nan_to_num(number_array(dq, "dq", (self.joints,), finite=False))
-        height, width = _check_image("flow", flow, (-1, -1, 2)).shape[:2]
-        _check_image("jacobian", jacobian, (height, width, 2, self.joints))
+        step = np.nan_to_num(number_array(dq, "dq", (self.joints,), finite=False), posinf=np.inf, neginf=-np.inf)
+        flow = _check_image("flow", flow, (-1, -1, 2))
+        height, width = flow.shape[:2]
+        jacobian = _check_image("jacobian", jacobian, (height, width, 2, self.joints))
         stride = max(1, round(width / POINTS_ACROSS))
         rows, columns = np.mgrid[0:height:stride, 0:width:stride]
         u = flow[rows, columns].astype(np.float64)
@@ -71,13 +74,16 @@ class ExplainedMotion:
         row, column = rows, columns
         J = np.zeros((len(rows), 2, self.joints))
         for _ in range(3):  # the place that came here: y = x - J(y) dq
-            J = np.nan_to_num(jacobian[row, column].astype(np.float64))
+            J = np.nan_to_num(jacobian[row, column].astype(np.float64), posinf=np.inf, neginf=-np.inf)
             predicted = J @ step
+            _check_finite(predicted)
             column = np.clip(np.rint(columns - predicted[:, 0]), 0, width - 1).astype(int)
             row = np.clip(np.rint(rows - predicted[:, 1]), 0, height - 1).astype(int)
         predicted = J @ step
         parts = np.einsum("pc,pcn->n", 2 * u - predicted, J) * step
-        self._add(MotionSums(time, float(np.sum(u * u)), parts))
+        energy = float(np.sum(u * u))
+        _check_finite(np.append(parts, energy))
+        self._add(MotionSums(time, energy, parts))
 
     def explained(self, begin: float = -np.inf, end: float = np.inf) -> float:
         """E of the frames with ``begin < time <= end``; NaN where nothing moved.
@@ -137,12 +143,19 @@ class ExplainedMotion:
 
 def _check_image(name: str, image: Any, shape: tuple[int, ...]) -> np.ndarray:
     """The image, if it is floating-point numbers of a shape, in which -1 takes any length but 0."""
+    if isinstance(image, np.ndarray):
+        image = plain_array(image, name, "floating-point numbers")
     sizes = image.shape if isinstance(image, np.ndarray) and image.dtype.kind == "f" and image.size else ()
     if len(sizes) != len(shape) or any(want not in (-1, got) for want, got in zip(shape, sizes, strict=True)):
         got = f"has shape {image.shape} and dtype {image.dtype}" if isinstance(image, np.ndarray) else "is no array"
         expected = str(tuple("any" if n < 0 else n for n in shape)).replace("'", "")
         raise DenseVSError(f"{name} {got}; expected floating-point numbers of shape {expected}")
     return image
+
+
+def _check_finite(numbers: np.ndarray) -> None:
+    if not np.isfinite(numbers).all():
+        raise DenseVSError("flow, jacobian or dq make a motion that is not finite; expected finite ones, NaN aside")
 
 
 def _joined(spans: list[MotionSums]) -> MotionSums:

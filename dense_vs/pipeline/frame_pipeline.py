@@ -13,9 +13,10 @@ from typing import Any
 import cv2
 import numpy as np
 
-from dense_vs.arrays import plain_array, real_vector
+from dense_vs.arrays import number_array, plain_array, real_vector
 from dense_vs.body.self_body import SelfBody
-from dense_vs.checks import check_flag, check_number, check_pair, check_whole
+from dense_vs.checks import check_flag, check_function, check_methods, check_number, check_whole
+from dense_vs.device import NotCopied
 from dense_vs.errors import DenseVSError
 from dense_vs.flow.estimator import FlowEstimator, to_gray
 from dense_vs.health.faults import Fault, check_faults
@@ -26,6 +27,7 @@ from dense_vs.jacobian.estimator import DenseJacobian
 from dense_vs.jacobian.uncertainty import motion_variance
 from dense_vs.pipeline.body_prior import BodyPrior
 from dense_vs.pipeline.camera_sway import CameraSway
+from dense_vs.pipeline.scaled_size import scaled_size
 
 BASELINE = 3.0  # px, image motion by J dq at which J is corrected
 MAX_SPAN = 8  # frames after which it is corrected in any case
@@ -77,7 +79,7 @@ class ProcessedFrame:
         return any(fault.holds for fault in self.faults)
 
 
-class FramePipeline:
+class FramePipeline(NotCopied):
     """Feeds an estimator from images and joint positions.
 
     Args:
@@ -105,8 +107,8 @@ class FramePipeline:
         camera_sway: what is known of it; None without ``sway``.
 
     Raises:
-        DenseVSError: sizes that differ, several worlds, a scale out of (0, 1], a baseline below 0, sway of an estimator
-            with depth.
+        DenseVSError: a part of another kind, sizes that differ, several worlds, a scale out of (0, 1], a baseline below
+            0, sway of an estimator with depth.
     """
 
     def __init__(
@@ -124,10 +126,15 @@ class FramePipeline:
         sway: bool = False,
         body_step: int = 1,
     ):
+        check_methods("estimator", estimator, "update", "predict", "at")
+        for name, part, methods in (("flow", flow, "__call__"), ("body", body, "observe"), ("prior", prior, "correct")):
+            if part is not None:
+                check_methods(name, part, methods)
+        check_function("before_update", before_update)
         size = estimator.options.height, estimator.options.width
         if estimator.options.worlds != 1:
             raise DenseVSError(f"estimator has {estimator.options.worlds} worlds; a pipeline takes one")
-        check_number("scale", scale, above=0, most=1)
+        self.scale = check_number("scale", scale, above=0, most=1)
         self.baseline = check_number("baseline", baseline, least=0) if estimator.takes_spans else 0.0
         joints = estimator.options.joints
         given = None if still is None else real_vector(still, "still", (joints,))
@@ -139,14 +146,13 @@ class FramePipeline:
         self._grid = np.stack([x.ravel(), y.ravel()], axis=1).astype(np.float32)
         self._known: tuple[int, np.ndarray] | None = None  # J there, and of which state
         self.estimator = estimator
-        self.flow = flow or FlowEstimator(height=size[0], width=size[1])
-        if (self.flow.height, self.flow.width) != size:
-            raise DenseVSError(f"flow is for images of {self.flow.height, self.flow.width}; the estimator has {size}")
+        self.flow = flow if flow is not None else FlowEstimator(height=size[0], width=size[1])
+        if (found := (getattr(self.flow, "height", None), getattr(self.flow, "width", None))) != size:
+            raise DenseVSError(f"flow is for images of {found}; the estimator has {size}")
         self._body_step = check_whole("body_step", body_step, least=1, most=min(size) // 16)
         self._body_size = size[0] // self._body_step, size[1] // self._body_step
         if body is not None:
             body.fix_size(*self._body_size, estimator.options.joints)
-        self.scale = scale
         self.body = body
         self._body_flow = self.flow if body is None else FlowEstimator(BODY_FLOW, *self._body_size)
         self.before_update = before_update
@@ -157,7 +163,7 @@ class FramePipeline:
             )
         self.camera_sway = CameraSway(*size, joints) if sway else None
         self.frame: ProcessedFrame | None = None
-        self._watch = ImageWatch() if watched else None
+        self._watch = ImageWatch() if check_flag("watched", watched) else None
         self.check = MotionCheck() if watched else None
         self._seen: tuple[float, np.ndarray | None] | None = None  # stamp and positions of the last image, used or not
 
@@ -218,7 +224,7 @@ class FramePipeline:
         Args:
             forget: J as well. What the body is labeled by fades by itself.
         """
-        if forget:
+        if check_flag("forget", forget):
             self.estimator.reset()
         self.frame = self._corrected = self._seen = None
         self._span_frames = 0
@@ -235,7 +241,8 @@ class FramePipeline:
 
     def motion(self, joint_step: np.ndarray) -> float:
         """How fast a joint step ``(N,)`` moves the robot in the image: 95 % of what moves by J dq is slower [px]."""
-        moved = np.abs(self._on_grid() @ joint_step).max(axis=1)
+        step = number_array(joint_step, "joint_step", self._moved_to.shape)
+        moved = np.abs(self._on_grid() @ step).max(axis=1)
         moving = moved[moved > _MOVING * moved.max(initial=0.0)]
         return float(np.quantile(moving, 0.95)) if moving.size else 0.0
 
@@ -317,7 +324,8 @@ class FramePipeline:
 
     def hidden_at(self, point: np.ndarray) -> bool:
         """Whether something else covers the robot's own body at a place ``(2,)`` [px]; not outside of the image."""
-        x, y = np.rint(np.clip(point, -1, 1 << 20)).astype(int)
+        place = np.nan_to_num(number_array(point, "point", (2,), finite=False), nan=-1.0)
+        x, y = np.rint(np.clip(place, -1, 1 << 20)).astype(int)
         options = self.estimator.options
         return bool(0 <= x < options.width and 0 <= y < options.height and self.hidden[y, x])
 
@@ -387,14 +395,3 @@ class FramePipeline:
             height, width = scaled_size(shape, self.scale)
             checked = cv2.resize(checked, (width, height), interpolation=cv2.INTER_NEAREST)
         return checked if checked.any() else None
-
-
-def scaled_size(shape: tuple[int, ...], scale: float) -> tuple[int, int]:
-    """(height, width) of an image of ``shape`` scaled by ``scale``.
-
-    Raises:
-        DenseVSError: no size of an image, or a factor that is not above 0.
-    """
-    height, width = check_pair("shape", shape, least=1, most=1 << 24)
-    scale = check_number("scale", scale, above=0, most=1 << 24)
-    return round(height * scale), round(width * scale)

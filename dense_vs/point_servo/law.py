@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 
 from dense_vs.arrays import number_array, point_array, real_vector
-from dense_vs.checks import check_number, check_seed, check_whole
+from dense_vs.checks import check_flags, check_number, check_seed, check_whole
 from dense_vs.errors import DenseVSError
 from dense_vs.robot.joint_group import checked_limits
 
@@ -157,7 +157,7 @@ class VisualServo:
                 [np.minimum(self.joint_limits[:, 0] - q, 0.0), np.maximum(self.joint_limits[:, 1] - q, 0.0)], axis=1
             )
         if held is not None:
-            room[np.asarray(held, dtype=bool)] = 0.0
+            room[check_flags("held", held, self.joints)] = 0.0
         step = self._within(room, J, np.clip(motion, -MOST_MOTION, MOST_MOTION))
         if self.options.dither and np.any(step):
             step = step + self._random.normal(0.0, min(self.options.dither, np.abs(step).max()), self.joints)

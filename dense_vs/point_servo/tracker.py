@@ -15,6 +15,7 @@ import warp as wp
 
 from dense_vs.arrays import plain_array, points_array, real_vector
 from dense_vs.checks import check_choice, check_number, check_whole
+from dense_vs.device import NotCopied
 from dense_vs.errors import DenseVSError
 from dense_vs.kernels.tracking.point_tracking import TrackedPoints, begin_tracks, carry_tracks, locate_tracks
 from dense_vs.kernels.views import seen_as
@@ -51,7 +52,7 @@ class TrackerOptions:
         check_number("lost_after", self.lost_after, least=1, most=1e9)
 
 
-class PointTracker:
+class PointTracker(NotCopied):
     """Follows K points on moving surfaces, in one world or in many.
 
     Args:

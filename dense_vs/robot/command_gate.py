@@ -10,7 +10,8 @@ from typing import Any
 import numpy as np
 
 from dense_vs.arrays import real_vector
-from dense_vs.checks import check_number
+from dense_vs.checks import check_kind, check_methods, check_number, shown
+from dense_vs.errors import DenseVSError
 from dense_vs.robot.joint_group import JointGroup
 from dense_vs.robot.per_joint import per_joint, stamp_of
 from dense_vs.robot.protocols import Robot
@@ -34,11 +35,12 @@ class CommandGate:
         stopped: why the last command was a step of zero in place of what was asked for; empty where it was not.
 
     Raises:
-        DenseVSError: a bound that is not a finite number above 0, or another number of them.
+        DenseVSError: no robot or group, a bound that is not a finite number above 0, or another number of them.
     """
 
     def __init__(self, robot: Robot, group: JointGroup, *, max_step: Any, max_age: float = MAX_AGE):
-        self._robot, self.group = robot, group
+        check_methods("robot", robot, "command")
+        self._robot, self.group = robot, check_kind("group", group, JointGroup)
         self.max_step = per_joint("max_step", max_step, len(group.names), above=1 / MOST)
         self.max_age = check_number("max_age", max_age, above=0)
         self.stopped = ""
@@ -70,7 +72,8 @@ class CommandGate:
             stop: a reason not to move, where there is one.
 
         Raises:
-            DenseVSError: not n finite numbers, or a stamp that is no number; nothing is sent then.
+            DenseVSError: not n finite numbers, a stamp that is no number, or a reason that is no text; nothing is sent
+                then.
         """
         count = len(self.group.names)
         step = real_vector(delta, "command", (count,))
@@ -78,22 +81,35 @@ class CommandGate:
         image_time = None if image_time is None else stamp_of("image_time", image_time)
         now = None if now is None else stamp_of("now", now)
         reading_time = None if reading_time is None else stamp_of("reading_time", reading_time)
+        if not isinstance(stop, str):
+            raise DenseVSError(f"stop is {shown(stop)}; expected a reason, empty where there is none")
         self.stopped = stop or self._old(image_time, now, reading_time)
         if self.stopped:
             step = np.zeros(count)
         elif step.any() and image_time is not None:
             self._moved_on = image_time
-        step = self.bounded(step, q)
+        step = self._within(step, q)
         self._robot.command(self.group.spread(step))
         targets = q if self._targets is None else self._targets
         self._targets = targets + step + FOLLOWED * (q - targets)
         return step
 
-    def bounded(self, step: np.ndarray, positions: np.ndarray) -> np.ndarray:
+    def bounded(self, step: Any, positions: Any) -> np.ndarray:
         """The step no longer than allowed and not beyond the limits, from where the joints are and were sent to.
 
         A joint outside its limits may come back, not go further out.
+
+        Args:
+            step: ``(n,)`` [rad, m].
+            positions: ``(n,)`` [rad, m].
+
+        Raises:
+            DenseVSError: not n finite numbers.
         """
+        count = len(self.group.names)
+        return self._within(real_vector(step, "step", (count,)), real_vector(positions, "positions", (count,)))
+
+    def _within(self, step: np.ndarray, positions: np.ndarray) -> np.ndarray:
         # Clipped first where a quotient could be no number: the largest step is nothing beside it.
         step = np.clip(step, -MOST, MOST)
         longest = float((np.abs(step) / self.max_step).max(initial=0.0))

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from dense_vs.arrays import number_array, plain_array
-from dense_vs.checks import check_names
+from dense_vs.checks import check_names, check_number, shown
 from dense_vs.errors import DenseVSError
 from dense_vs.robot.protocols import JointUnits, Robot
 
@@ -56,10 +56,10 @@ def checked_limits(limits: Any, joints: int) -> np.ndarray:
     expected = f"{joints} pairs of least and greatest position"
     pairs = plain_array(limits, "joint_limits", expected)
     if pairs.dtype.kind not in "iuf":
-        raise DenseVSError(f"joint_limits are {limits!r}; expected {expected}")
+        raise DenseVSError(f"joint_limits are {shown(limits)}; expected {expected}")
     pairs = pairs.astype(np.float64)
     if pairs.shape != (joints, 2) or not (pairs[:, 0] < pairs[:, 1]).all():
-        raise DenseVSError(f"joint_limits are {pairs.tolist()}; expected {expected}")
+        raise DenseVSError(f"joint_limits are {shown(pairs.tolist())}; expected {expected}")
     return pairs
 
 
@@ -112,7 +112,7 @@ class JointGroup:
         if units is not None:
             all_units = tuple(units) if isinstance(units, (list, tuple, str)) else ()
         if len(all_units) != len(every) or not all(isinstance(one, str) and one in UNITS for one in all_units):
-            raise DenseVSError(f"units are {units!r}; expected {len(every)}, each one of {', '.join(UNITS)}")
+            raise DenseVSError(f"units are {shown(units)}; expected {len(every)}, each one of {', '.join(UNITS)}")
         return cls(tuple(chosen), indices, bounds[indices], tuple(str(all_units[i]) for i in indices), len(every))
 
     @classmethod
@@ -145,18 +145,32 @@ class JointGroup:
         return number_array(positions, "joint positions", (self.total,), finite=False)[self.indices]
 
     def spread(self, delta: Any) -> np.ndarray:
-        """A vector of all joints ``(N,)`` with the group's ``(n,)`` in place and zero elsewhere."""
+        """A vector of all joints ``(N,)`` with the group's ``(n,)`` in place and zero elsewhere.
+
+        Raises:
+            DenseVSError: anything but n finite numbers.
+        """
         vector = np.zeros(self.total)
-        vector[self.indices] = delta
+        vector[self.indices] = number_array(delta, "delta", self.indices.shape)
         return vector
 
-    def step_toward(self, posture: np.ndarray, positions: np.ndarray, longest: float) -> np.ndarray:
-        """The step ``(n,)`` from ``positions`` straight toward a posture, in no joint longer than so much [rad, m]."""
-        way = posture - positions
-        return self.clip_step(way * min(1.0, longest / max(float(np.abs(way).max()), 1e-12)), positions)
+    def step_toward(self, posture: Any, positions: Any, longest: float) -> np.ndarray:
+        """The step ``(n,)`` from ``positions`` straight toward a posture, in no joint longer than so much [rad, m].
 
-    def clip_step(self, delta: np.ndarray, positions: np.ndarray) -> np.ndarray:
-        """The step ``(n,)`` from ``positions``, cut at the limits; a joint beyond its limit is brought back."""
-        if not self.limited:
-            return delta
-        return np.clip(positions + delta, self.limits[:, 0], self.limits[:, 1]) - positions
+        Raises:
+            DenseVSError: anything but n finite numbers, or a length that is not above 0.
+        """
+        longest = check_number("longest", longest, above=0)
+        q = number_array(positions, "positions", (-1,))
+        way = number_array(posture, "posture", q.shape) - q
+        return self.clip_step(way * min(1.0, longest / max(float(np.abs(way).max(initial=0.0)), 1e-12)), q)
+
+    def clip_step(self, delta: Any, positions: Any) -> np.ndarray:
+        """The step ``(n,)`` from ``positions``, cut at the limits; a joint beyond its limit is brought back.
+
+        Raises:
+            DenseVSError: anything but n finite numbers.
+        """
+        count = self.indices.shape
+        step, q = number_array(delta, "delta", count), number_array(positions, "positions", count)
+        return np.clip(q + step, self.limits[:, 0], self.limits[:, 1]) - q if self.limited else step

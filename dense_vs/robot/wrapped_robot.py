@@ -5,6 +5,7 @@ from typing import Any
 
 import numpy as np
 
+from dense_vs.checks import check_methods
 from dense_vs.robot.protocols import Holding, JointUnits, Robot, Watched
 
 
@@ -13,9 +14,13 @@ class WrappedRobot:
 
     Args:
         robot: what everything is passed on to.
+
+    Raises:
+        DenseVSError: no robot.
     """
 
     def __init__(self, robot: Robot):
+        check_methods("robot", robot, "joints", "command")
         self._robot = robot
 
     @property

@@ -24,8 +24,21 @@ class Segmenter(Protocol):
 def forget_images(segmenter: Segmenter) -> None:
     """Reset a segmenter that remembers earlier images; the next one may show the object anywhere."""
     reset = getattr(segmenter, "reset", None)
-    if reset is not None:
+    if callable(reset):
         reset()
+
+
+def find_mask(segmenter: Segmenter, image: np.ndarray) -> np.ndarray:
+    """The mask that a segmenter finds in an image, as bool ``(H, W)``.
+
+    Raises:
+        DenseVSError: it gives something else, or a mask of another size.
+    """
+    name = f"the mask of a {type(segmenter).__name__}"
+    mask = check_mask(segmenter.segment(image), name)
+    if isinstance(image, np.ndarray) and mask.shape != image.shape[:2]:
+        raise DenseVSError(f"{name} has shape {mask.shape}; expected its image's, {image.shape[:2]}")
+    return mask
 
 
 def check_image(image: Any) -> np.ndarray:

@@ -4,7 +4,19 @@ import numpy as np
 import pytest
 
 from dense_vs import DenseVSError
-from dense_vs.checks import check_choice, check_flag, check_number, check_whole
+from dense_vs.checks import (
+    check_choice,
+    check_flag,
+    check_flags,
+    check_function,
+    check_kind,
+    check_methods,
+    check_names,
+    check_number,
+    check_options,
+    check_pair,
+    check_whole,
+)
 
 
 @pytest.mark.parametrize("value", [1, 1.0, np.float32(1), np.int64(1), np.uint8(1)])
@@ -59,3 +71,43 @@ def test_choices_and_flags():
     for wrong in (1, 0, "no", None):
         with pytest.raises(DenseVSError, match="expected True or False"):
             check_flag("warm", wrong)
+
+
+def test_arrays_without_a_dimension_are_no_sequences():
+    assert check_pair("size", np.array([3, 4]), least=1, most=9) == (3, 4)
+    assert check_names("names", np.array(["a", "b"])) == ("a", "b")
+    with pytest.raises(DenseVSError, match=r"^size is array\(3\); expected two whole numbers"):
+        check_pair("size", np.array(3), least=1, most=9)
+    with pytest.raises(DenseVSError, match=r"^names is array\(3\); expected a sequence of names"):
+        check_names("names", np.array(3))
+
+
+@pytest.mark.parametrize(
+    "value", ["no", True, [True], [True, False, 1], [1, 0, 1], [[True] * 3], [[True], [True, False]], None]
+)
+def test_several_flags(value):
+    np.testing.assert_array_equal(check_flags("held", (True, False, np.True_), 3), [True, False, True])
+    with pytest.raises(DenseVSError, match=r"^held is .*; expected True or False for each of 3$"):
+        check_flags("held", value, 3)
+
+
+def test_hidden_flags_are_none():
+    with pytest.raises(DenseVSError, match="held is"):
+        check_flags("held", np.ma.masked_array([True, False], mask=[False, True]), 2)
+
+
+def test_kinds_methods_and_functions():
+    assert check_kind("count", 3, int) == 3
+    assert check_options("count", None, int) == 0
+    check_methods("log", [], "append", "pop")
+    check_function("on_look", None)
+    check_function("on_look", len)
+    with pytest.raises(DenseVSError, match=r"^count is '3'; expected a int$"):
+        check_options("count", "3", int)
+    with pytest.raises(DenseVSError, match=r"^log is a tuple without append, pop; expected methods append, index, pop"):
+        check_methods("log", (), "append", "index", "pop")
+    rude = type("Rude", (), {"read": property(lambda self: 1 // 0)})()
+    with pytest.raises(DenseVSError, match=r"^camera is a Rude without read; expected methods read$"):
+        check_methods("camera", rude, "read")
+    with pytest.raises(DenseVSError, match=r"^on_look is 3; expected a function, or None$"):
+        check_function("on_look", 3)

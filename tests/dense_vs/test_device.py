@@ -23,6 +23,13 @@ def test_a_driver_that_is_too_old_is_named(monkeypatch):
         resolve_device("cuda:17")
 
 
+@pytest.mark.parametrize("device", [np.zeros(2), 10**5000, None, b"cpu", "x" * 9999, "cuda" * 9999], ids=type)
+def test_what_names_no_device_is_refused_in_a_few_words(device):
+    with pytest.raises(DenseVSError, match=r"^device .* is not present; expected 'auto' or one of .*cpu") as refused:
+        resolve_device(device)
+    assert len(str(refused.value)) < 600
+
+
 class FullDevice:
     alias, is_cuda, free_memory = "cuda:0", True, 3 * 2**30
 

@@ -93,8 +93,8 @@ def jacobian_targets() -> list[Target]:
         ),
         Target(
             "DenseJacobian, depth: at",
-            lambda self, points: self.at(points, depth=True),
-            lambda: {"self": estimator(depth=True), "points": np.array([[3.0, 4.0], [5.5, 6.5]])},
+            lambda self, points, depth: self.at(points, depth=depth),
+            lambda: {"self": estimator(depth=True), "points": np.array([[3.0, 4.0], [5.5, 6.5]]), "depth": True},
         ),
     ]
     return targets
@@ -126,6 +126,9 @@ def servo_targets() -> list[Target]:
         Target("VisualServo", lambda **o: VisualServo(**o).joint_limits,
                lambda: {"joints": N, "joint_limits": limits, "seed": 0, "gain": 0.2, "damping": 15.0,
                         "max_step": 0.03, "dither": 0.002}, may_be_nan=True),
+        Target("VisualServo, call", lambda **o: VisualServo(N, joint_limits=limits)(**o),
+               lambda: {"jacobian": np.ones((2, N)), "point": np.zeros(2), "target": np.full(2, 5.0),
+                        "positions": np.zeros(N), "held": np.array([True, False, False])}),
         Target("JointLog", lambda **o: JointLog(**o).at(np.array([1.5])), lambda: dict(log)),
         Target("JointLog.at", lambda self, times: self.at(times),
                lambda: {"self": JointLog(**log), "times": np.array([0.5, 1.5])}),

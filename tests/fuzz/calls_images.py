@@ -65,7 +65,9 @@ def image_targets() -> list[Target]:
         ]  # fmt: skip
     targets.append(
         Target(
-            "FlowEstimator", lambda **o: FlowEstimator(**o).height, lambda: {"method": "dis", "height": H, "width": W}
+            "FlowEstimator",
+            lambda **o: FlowEstimator(**o).height,
+            lambda: {"method": "dis", "height": H, "width": W, "threads": 1},
         )
     )
     return targets
@@ -73,7 +75,8 @@ def image_targets() -> list[Target]:
 
 def grasp_targets() -> list[Target]:
     """Depth and grasping."""
-    from dense_vs.depth import depth_from_areas, depth_from_masks
+    from dense_vs.depth import depth_from_areas, depth_from_masks, depth_from_regions
+    from dense_vs.depth.region_shape import mask_regions
     from dense_vs.grasp import GripperModel, RegraspPolicy, check_grasp, choose_wrist_angle, grasp_camera_position
 
     back = np.linspace(0.0, 0.3, 4)
@@ -92,6 +95,8 @@ def grasp_targets() -> list[Target]:
                lambda: {"masks": masks.copy(), "camera_back": back.copy(), "method": "vos-de"}),
         Target("depth_from_masks, robust", lambda **o: depth_from_masks(**o, method="robust").distance,
                lambda: {"masks": masks.copy(), "camera_back": back.copy()}, weight=0.3),
+        Target("depth_from_regions", lambda **o: depth_from_regions(mask_regions(masks), **o).distance,
+               lambda: {"camera_back": back.copy(), "image_size": (H, W), "method": "vos-de"}),
         Target("check_grasp", lambda **o: check_grasp(**o).outcome,
                lambda: {"area_grasp": 100.0, "area_raised": 80.0, "opening": 0.02, "behind": 0.5, "share": 0.5,
                         "min_area": 16.0, "closed": 0.0015, "others": [20.0, 30.0]}),

@@ -33,6 +33,13 @@ class Arm:
         self.q, self.time = self.q + delta, self.time + 1 / 30
 
 
+class Segmenter:
+    """Finds the bright half of an image."""
+
+    def segment(self, image: np.ndarray) -> np.ndarray:
+        return image[..., 0] > 127
+
+
 def robot_targets() -> list[Target]:
     """What stands between a law and a robot, and judges what comes back."""
     from dense_vs import ServoLoop
@@ -109,8 +116,40 @@ def robot_targets() -> list[Target]:
                lambda: {"self": explained(), **motion}, state=lambda one: len(one.spans), may_be_nan=True),
         Target("ExplainedMotion.explained", lambda self, **o: self.explained(**o),
                lambda: {"self": explained(), "begin": -1.0, "end": 2.0}, may_be_nan=True),
+        *part_targets(kept, gate),
         *buffer_targets(),
         *file_targets(),
+    ]  # fmt: skip
+
+
+def part_targets(kept: Any, gate: Any) -> list[Target]:
+    """Steps of a group of joints, and the parts of loops and of a pipeline."""
+    from dense_vs.pipeline import FramePipeline
+    from dense_vs.robot import JointGroup
+
+    def carried(camera: Any, segmenter: Any) -> Any:
+        from dense_vs import MaskServo
+
+        pinv = np.diag([0.01, 0.01])
+        return MaskServo(camera, Arm(), segmenter, joints=["a", "b"], pinv=pinv, target=(16.0, 12.0)).run(1).end
+
+    return [
+        Target("CommandGate.bounded", lambda self, **o: self.bounded(**o),
+               lambda: {"self": gate(), "step": dq(), "positions": np.zeros(N)}),
+        *[
+            Target(f"JointGroup.{name}", lambda name=name, **o: getattr(JointGroup.of_robot(Arm()), name)(**o),
+                   lambda good=good: dict(good), weight=0.5)
+            for name, good in (("spread", {"delta": dq()}), ("clip_step", {"delta": dq(), "positions": np.zeros(N)}),
+                               ("step_toward", {"posture": dq(), "positions": np.zeros(N), "longest": 0.1}))
+        ],
+        Target("MaskServo, parts", carried, lambda: {"camera": Arm(), "segmenter": Segmenter()}, weight=0.5),
+        Target("FramePipeline", lambda **o: FramePipeline(kept.estimator, **o).baseline,
+               lambda: {"flow": kept.pipeline.flow, "body": None, "prior": None, "watched": True, "scale": 0.5,
+                        "baseline": 3.0, "still": np.full(N, 0.001), "body_step": 1}, weight=0.5),
+        Target("FramePipeline.motion", lambda self, **o: self.motion(**o),
+               lambda: {"self": kept.pipeline, "joint_step": dq()}),
+        Target("FramePipeline.hidden_at", lambda self, **o: self.hidden_at(**o),
+               lambda: {"self": kept.pipeline, "point": np.array([3.0, 4.0])}),
     ]  # fmt: skip
 
 

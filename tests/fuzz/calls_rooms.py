@@ -6,7 +6,7 @@ from tempfile import mkdtemp
 from typing import Any
 
 import numpy as np
-from target import H, N, Target, W, gray, rgb
+from target import H, N, Target, W, flow, gray, mask, rgb
 
 
 @cache
@@ -108,6 +108,15 @@ def live_targets() -> list[Target]:
     ]  # fmt: skip
 
 
+def tracks() -> dict[str, Any]:
+    return {
+        "joints": np.zeros((5, 2)),
+        "pixels": np.random.default_rng(0).uniform(0, 20, (5, 4, 2)),
+        "references": np.zeros(4, int),
+        "size": (H, W),
+    }
+
+
 def learning_targets() -> list[Target]:
     """The body model's options and tracks, checkpoints, sweeps."""
     from dense_vs.body_model import (
@@ -123,24 +132,17 @@ def learning_targets() -> list[Target]:
     from dense_vs.pipeline.checkpoint import Checkpoint
     from dense_vs.sweep.run_sweep import run_sweep
 
-    def tracks() -> dict[str, Any]:
-        return {
-            "joints": np.zeros((5, 2)),
-            "pixels": np.random.default_rng(0).uniform(0, 20, (5, 4, 2)),
-            "references": np.zeros(4, int),
-            "size": (H, W),
-        }
-
     return [
         Target("PointTrackOptions", lambda **o: PointTrackOptions(**o).window,
                lambda: {"stride": 1, "reference_every": 4, "reach": 4, "per_cell": 2, "window": 9, "max_return": 0.7,
                         "min_correlation": 0.75}),
         Target("BodyFitOptions", lambda **o: BodyFitOptions(**o).noise,
                lambda: {"focal_length": 60.0, "focal_deviation": 0.15, "noise": 0.5, "starts": 2, "rounds": 2,
-                        "believed": 0.4, "seed": 0, "most_tracks": 40, "most_images": 10}),
+                        "believed": 0.4, "seed": 0, "most_tracks": 40, "most_images": 10, "parents": (-1, 0),
+                        "slides": (False, True)}),
         Target("SurfaceOptions", lambda **o: SurfaceOptions(**o).keyframes,
                lambda: {"keyframes": 9, "compared": 10, "reach": 40, "depth_steps": 12, "same_depth": 0.08}),
-        Target("PointTracks", lambda **o: PointTracks(**o).seen.sum(), tracks, kept=("size",), weight=2.0),
+        Target("PointTracks", lambda **o: PointTracks(**o).seen.sum(), tracks, weight=2.0),
         Target("follow_points",
                lambda images, joints: follow_points(images, joints, PointTrackOptions(stride=1)).seen.sum(),
                lambda: {"images": moving(), "joints": np.linspace(0, 0.1, 9)[:, None]}, weight=0.5),
@@ -167,6 +169,7 @@ def learning_targets() -> list[Target]:
         ],
         Target("PostureMemory.flow", lambda **o: memory().flow(**o),
                lambda: {"q": np.zeros(2), "dq": np.full(2, 0.01)}),
+        *body_targets(),
         Target("Checkpoint", lambda period: Checkpoint(folder() / "new.npz", ("a",), period=period).period,
                lambda: {"period": 3.0}),
         Target("Checkpoint.resume", lambda size: checkpoint().resume(size, device="cpu", threads=1).seconds,
@@ -175,4 +178,38 @@ def learning_targets() -> list[Target]:
             positions), lambda: {"positions": np.full(N, 0.01)}),
         Target("run_sweep", lambda jobs, threads: run_sweep([], folder() / "sweep", jobs=jobs, threads=threads),
                lambda: {"jobs": 1, "threads": 1}, weight=0.5),
+    ]  # fmt: skip
+
+
+def body_targets() -> list[Target]:
+    """Some of the tracks, scales and rays of a body, and what its prior takes."""
+    from dense_vs import DenseJacobian
+    from dense_vs.body_model import PointTracks
+    from dense_vs.pipeline.body_prior import BodyPrior
+
+    def motion() -> dict[str, Any]:
+        estimator = DenseJacobian(height=H, width=W, joints=2, device="cpu", threads=1)
+        return {"estimator": estimator, "positions": np.zeros(2), "flow": flow(), "span": np.full(2, 0.01)}
+
+    def labeled() -> dict[str, Any]:
+        return {"own": mask(), "positions": np.zeros(2), "image": rgb()}
+
+    return [
+        *[
+            Target(f"PointTracks.{name}", lambda name=name, **o: getattr(PointTracks(**tracks()), name)(**o).seen.sum(),
+                   lambda good=good: dict(good), weight=0.5)
+            for name, good in (("select", {"points": np.array([2, 0])}), ("of_images", {"images": np.array([4, 1])}),
+                               ("in_images", {"most": 3}))
+        ],
+        Target("BodyModel.rays", lambda pixels: body().rays(pixels), lambda: {"pixels": np.array([[16.0, 12.0]])}),
+        Target("BodyModel.in_meters", lambda depths, joints: body().in_meters(depths, joints).focal_length,
+               lambda: {"depths": np.full((1, H, W), 0.9), "joints": np.zeros((1, 2))}),
+        Target("BodyPrior.of", lambda size, joints: BodyPrior.of(body(), size, joints).share,
+               lambda: {"size": (H, W), "joints": 2}),
+        *[
+            Target(f"BodyPrior.{name}", lambda self, name=name, **o: (getattr(self, name)(**o), self.agreement)[1],
+                   lambda good=good: {"self": BodyPrior.of(body(), (H, W), 2), **good()},
+                   state=lambda one: one.agreement)
+            for name, good in (("correct", motion), ("uncovered", motion), ("labels", labeled))
+        ],
     ]  # fmt: skip

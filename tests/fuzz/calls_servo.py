@@ -68,6 +68,10 @@ def loop_targets() -> list[Target]:
 
     return [
         Target("HandGeometry", lambda **o: HandGeometry(**o).target_at(0.3), lambda: dict(geometry), weight=2.0),
+        Target("HandGeometry.target_at", lambda **o: HandGeometry(**geometry).target_at(**o),
+               lambda: {"distance": 0.3}),
+        Target("HandGeometry.holds", lambda **o: HandGeometry(**geometry).holds(**o),
+               lambda: {"mask": np.ones((H, W), bool)}),
         Target("HandGeometry in a grasp",
                lambda **o: grasping(Room(), **{**grasp, "hand": HandGeometry(**o)}).run(0.1).held,
                lambda: dict(geometry), weight=0.5),

@@ -15,7 +15,7 @@ from typing import Any
 import cv2
 import numpy as np
 
-from dense_vs.checks import check_number, check_whole
+from dense_vs.checks import check_number, check_whole, is_list
 from dense_vs.errors import DenseVSError
 from dense_vs.files import atomic_write, read_arrays, stored_array
 from dense_vs.segmentation.few_shot.candidate_regions import mask_share, overlaps, see
@@ -266,7 +266,7 @@ class FewShotSegmenter:
 
 
 def _checked_pairs(images: Sequence[np.ndarray], masks: Sequence[np.ndarray]) -> list[tuple[np.ndarray, np.ndarray]]:
-    if not all(isinstance(ones, (list, tuple, np.ndarray)) for ones in (images, masks)):
+    if not (is_list(images) and is_list(masks)):
         raise DenseVSError(f"images are a {type(images).__name__} and masks a {type(masks).__name__}; expected lists")
     if len(images) != len(masks) or not len(images):
         raise DenseVSError(f"{len(images)} images and {len(masks)} masks; expected as many of both, at least one")

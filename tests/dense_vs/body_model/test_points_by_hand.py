@@ -6,7 +6,7 @@ from synthetic_body import CENTER, FOCAL, postures, serial_body
 
 from dense_vs.body_model.chain import Chain
 from dense_vs.body_model.link_assignment import place_points
-from dense_vs.body_model.model import BESIDE, _nearest_point
+from dense_vs.body_model.nearest_point import BESIDE, nearest_point
 
 
 def test_a_place_takes_the_nearest_surface_point():
@@ -14,15 +14,15 @@ def test_a_place_takes_the_nearest_surface_point():
     points[10, 10], points[10, 13], points[0, 0], points[19, 29] = 1, 2, 3, 4
     places = np.array([[10.0, 10.0], [10.4, 9.6], [11.0, 10.0], [12.0, 10.0], [0.4, 0.4], [29.0, 19.0], [20.0, 3.0]])
     expected = [1, 1, 1, 2, 3, 4, -1]
-    assert _nearest_point(points, places).tolist() == expected
+    assert nearest_point(points, places).tolist() == expected
     for away in range(1, 12):
-        found = _nearest_point(points, np.array([[10.0, 10.0 - away], [10.0 - away, 10.0]]))
+        found = nearest_point(points, np.array([[10.0, 10.0 - away], [10.0 - away, 10.0]]))
         assert (found == 1).all() == (away <= BESIDE)
     for x, y, there in ((8, 9, 1), (9, 12, 1), (12, 8, 2), (11, 11, 1), (0, 2, 3), (27, 19, 4), (29, 17, 4)):
-        assert _nearest_point(points, np.array([[float(x), float(y)]])).tolist() == [there], (x, y)
-    diagonal = _nearest_point(points, np.array([[10.0 - BESIDE, 10.0 - 1]]))  # beyond the circle, within the square
+        assert nearest_point(points, np.array([[float(x), float(y)]])).tolist() == [there], (x, y)
+    diagonal = nearest_point(points, np.array([[10.0 - BESIDE, 10.0 - 1]]))  # beyond the circle, within the square
     assert diagonal.tolist() == [-1]
-    assert _nearest_point(points, np.array([[-500.0, 5.0], [1e9, 5.0]])).tolist() == [-1, -1]
+    assert nearest_point(points, np.array([[-500.0, 5.0], [1e9, 5.0]])).tolist() == [-1, -1]
 
 
 @pytest.mark.parametrize("off", [0.0, 1.0, 3.0])

@@ -214,8 +214,8 @@ def test_options_that_cannot_be(changes):
 ])  # fmt: skip
 def test_images_that_cannot_be(wrong):
     with pytest.raises(DenseVSError):
-        tracks._check_images(wrong)
-    tracks._check_images([np.zeros((32, 32), np.uint8)] * 3)
+        tracks.gray_images(wrong, fewest=3, least=32)
+    assert len(tracks.gray_images([np.zeros((32, 32), np.uint8)] * 3, fewest=3, least=32)) == 3
 
 
 def test_tracks_that_cannot_be():

@@ -5,7 +5,8 @@ import numpy as np
 import pytest
 
 from dense_vs import DenseVSError
-from dense_vs.depth import METHODS, DepthUnobservableError, depth_from_masks
+from dense_vs.depth import METHODS, DepthUnobservableError, depth_from_masks, depth_from_regions
+from dense_vs.depth.region_shape import mask_regions
 
 FOCAL = 600.0
 BACK = np.linspace(0.0, 0.5, 10)
@@ -155,3 +156,22 @@ def test_bad_input_is_refused():
         depth_from_masks(masks, np.where(BACK > 0.3, np.nan, BACK))
     with pytest.raises(DenseVSError, match=r"expected binary masks of shape \(m, H, W\)"):
         depth_from_masks(masks[0], BACK)
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"views": 3}, "views are 3; expected a list of regions for each view"),
+        ({"views": [1, 2]}, "views are .*; expected a list of regions"),
+        ({"views": [["x"], ["x"]]}, "views are .*; expected a list of regions"),
+        ({"image_size": "x"}, "image_size is 'x'; expected two whole numbers"),
+        ({"image_size": (480, 640.5)}, r"image_size\[1\] is 640.5"),
+        ({"method": np.ones(2)}, "method is .*; expected one of vos-de, robust, learned"),
+        ({"camera_back": "x"}, "camera_back is 'x'"),
+    ],
+)
+def test_regions_are_checked(changes, message):
+    good = {"views": mask_regions(approach()), "camera_back": BACK, "image_size": (480, 640)}
+    with pytest.raises(DenseVSError, match=message):
+        depth_from_regions(**good | changes)
+    assert depth_from_regions(**good).observable

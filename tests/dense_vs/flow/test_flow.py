@@ -64,6 +64,7 @@ def test_results_are_independent_and_inputs_are_left_alone(scene):
         (("raft", 32, 32), "flow method 'raft' is unknown; expected one of lucas-kanade, dis, "),
         ((None, 32, 32), "flow method None is unknown"),
         ((["dis"], 32, 32), "is unknown; expected one of"),
+        (("x" * 999, 32, 32), r"'x{299}\.\.\. is unknown; expected one of"),
         (("dis", 15, 32), "height is 15; expected a whole number of at least 16"),
         (("dis", 32, 32.0), "width is 32.0; expected a whole number"),
     ],
@@ -91,3 +92,12 @@ def test_to_gray():
     for bad in (rgb.astype(float), rgb[..., :2], np.zeros((6, 7, 4), np.uint8), np.zeros(5, np.uint8), None):
         with pytest.raises(DenseVSError, match=r"image has .*expected uint8 of shape \(H, W, 3\) or \(H, W\)"):
             to_gray(bad)
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [({"threads": "x"}, "threads is 'x'; expected a whole"), ({"device": "gpu"}, "device 'gpu' is not present")],
+)
+def test_what_a_method_does_not_use_is_checked_too(options, message):
+    with pytest.raises(DenseVSError, match=message):
+        FlowEstimator("dis", 32, 32, **options)

@@ -126,3 +126,16 @@ def test_a_way_that_rounding_never_ends_is_ended():
     with pytest.raises(_StoppedError, match="by the joint reading"):
         one._descend(0.1, 0.0)
     assert world.commands == []
+
+
+@pytest.mark.parametrize("distance", ["x", 0, -0.3, np.nan, np.inf, None, [0.3], 1e-320])
+def test_a_distance_at_which_the_target_is_no_pixel(distance):
+    with pytest.raises(DenseVSError, match=r"^distance is .*; expected"):
+        hand(target=(1.0, 2.0)).target_at(distance)
+
+
+@pytest.mark.parametrize("mask", ["x", None, np.zeros(3, bool), np.ones((4, 5)), [[True], [True, False]]])
+def test_what_the_hand_may_hold_is_a_mask(mask):
+    assert hand().holds(np.ones((HEIGHT, WIDTH), np.uint8))
+    with pytest.raises(DenseVSError, match=r"^mask .*; expected bool of shape \(H, W\)"):
+        hand().holds(mask)

@@ -36,9 +36,11 @@ def hand(bite=0.018):
 
 def loop_of(robot, **options):
     tool = SimpleNamespace(
-        open=lambda: SimpleNamespace(jammed=False, opening=0.1), close=lambda: SimpleNamespace(opening=0.02)
+        open=lambda: SimpleNamespace(jammed=False, opening=0.1),
+        close=lambda: SimpleNamespace(jammed=True, opening=0.02),
     )
-    return GraspLoop(None, robot, None, tool, hand(), lift="lift", wrist="wrist", base=("forward", "right"),
+    unused = SimpleNamespace(read=lambda: None, segment=lambda _: None)
+    return GraspLoop(unused, robot, unused, tool, hand(), lift="lift", wrist="wrist", base=("forward", "right"),
                      pinv=np.eye(2), **options)  # fmt: skip
 
 

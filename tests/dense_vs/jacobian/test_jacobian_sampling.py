@@ -71,6 +71,12 @@ def test_refuses_points(estimator, points):
         estimator.at(points)
 
 
+@pytest.mark.parametrize("depth", ["x", 1, 0.0, None])
+def test_refuses_what_is_no_wish_for_depth(estimator, depth):
+    with pytest.raises(DenseVSError, match=r"depth is .*; expected True or False"):
+        estimator.at([[3, 5]], depth=depth)
+
+
 def test_several_worlds_refuse_points_without_the_leading_axis():
     estimator = DenseJacobian(height=HEIGHT, width=WIDTH, joints=4, worlds=3, device="cpu")
     for points in (np.zeros((5, 2)), np.zeros((2, 5, 2)), np.full((3, 5, 2), np.nan)):

@@ -96,6 +96,10 @@ def test_refuses_what_is_no_motion(frame):
         "jacobian": ["x", None, J[..., 0], J[..., :2], J[:-1], J.astype(complex), [[1.0], [1.0, 2.0]]],
         "dq": ["x", None, dq[:2], 1.0, ["1", "2", "3"], dq * 1j, [[1.0], [1.0, 2.0]]],
     }
+    infinite, hidden = np.float64([1e300, np.inf, -np.inf]), np.ma.masked_array(J, mask=J > 9.0)
+    wrong["flow"] += [flow * infinite[0]]
+    wrong["jacobian"] += [*(J * one for one in infinite), hidden]
+    wrong["dq"] += [*(dq * one for one in infinite[1:]), dq * 1e300 * 1e9]
     for name, values in wrong.items():
         for value in values:
             with pytest.raises(DenseVSError, match="expected"):

@@ -354,7 +354,8 @@ def test_a_size_is_scaled_to_the_nearest_pixel():
     assert scaled_size((481, 640), 0.5) == (240, 320)
     assert scaled_size((483, 641), 0.5) == (242, 320)
     assert scaled_size((10, 10), 2.0) == (20, 20)
-    for shape, scale in (((0, 5), 1.0), ((5, 5), 0.0), ((5, 5), -1.0)):
+    refused = [((0, 5), 1.0), ((5, 5), 0.0), ((5, 5), -1.0), ((5, 50), 0.1), (np.array(3), 0.5)]
+    for shape, scale in refused:
         with pytest.raises(DenseVSError):
             scaled_size(shape, scale)
 

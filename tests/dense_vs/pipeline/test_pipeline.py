@@ -110,6 +110,30 @@ def test_refuses_parts_that_do_not_fit(scene):
             FramePipeline(estimator, scale=scale)
     with pytest.raises(DenseVSError, match="estimator has 3 worlds; a pipeline takes one"):
         FramePipeline(DenseJacobian(height=96, width=128, joints=4, worlds=3, device="cpu"))
+    with pytest.raises(DenseVSError, match="estimator is a str without update, predict, at; expected methods"):
+        FramePipeline("x")
+    parts: list[tuple[str, Any]] = [("flow", "dis"), ("flow", len), ("body", True), ("prior", 3), ("watched", "no")]
+    for name, part in [*parts, ("before_update", 1)]:
+        with pytest.raises(DenseVSError, match=f"^{name} is "):
+            FramePipeline(estimator, **{name: part})
+
+
+@pytest.mark.parametrize("wrong", ["x", None, [1.0], 1j, [[1.0], [1.0, 2.0]], ["1"] * 4])
+def test_steps_and_places_are_checked(wrong):
+    pipeline = FramePipeline(DenseJacobian(height=96, width=128, joints=4, device="cpu"))
+    with pytest.raises(DenseVSError, match=r"joint_step .*; expected"):
+        pipeline.motion(wrong)
+    with pytest.raises(DenseVSError, match=r"forget is .*; expected True or False"):
+        pipeline.restart(forget=wrong)
+    with pytest.raises(DenseVSError, match=r"point .*; expected"):
+        pipeline.hidden_at(wrong)
+
+
+def test_a_scale_that_leaves_no_pixel_is_refused():
+    pipeline = FramePipeline(DenseJacobian(height=96, width=128, joints=4, device="cpu"), scale=1e-320)
+    with pytest.raises(DenseVSError, match="expected one that leaves a pixel a side"):
+        pipeline.process(np.zeros((96, 128), np.uint8), 0.0, np.zeros(4))
+    assert pipeline.frame is None
 
 
 def slow_postures(count):

@@ -150,3 +150,12 @@ def test_a_reach_says_how_it_ended(end):
     reach = Reach((1.0, 2.0), 10, 0.5, end)
     assert reach.reached == (end.value == "reached")
     assert reach.lost == (end.value == "lost")
+
+
+@pytest.mark.parametrize("held", ["no", [True], True, [1, 0], [0.0, 1.0], [True, None], [[True, True]]])
+def test_held_joints_are_told_by_a_flag_each(held):
+    servo, both = VisualServo(2, dither=0.0), [[9.0, 9.0]]
+    for call in (lambda: servo(J, [1.0, 1.0], [9.0, 9.0], held=held),
+                 lambda: servo.together(J[None], np.ones((1, 2)), np.array(both), held=held)):  # fmt: skip
+        with pytest.raises(DenseVSError, match=r"^held is .*; expected True or False for each of 2$"):
+            call()

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from dense_vs import DenseVSError
-from dense_vs.robot import CommandGate, JointGroup
+from dense_vs.robot import CommandGate, JointGroup, WrappedRobot
 from dense_vs.robot.camera_image import check_gray, check_rgb
 
 NO_NUMBERS: list[Any] = ["1", "x", b"1", True, 1j, 10**400, np.datetime64("2020-01-01"), np.timedelta64(3, "s"), {1}]
@@ -65,6 +65,14 @@ def test_what_is_no_stamp_sends_nothing(name, wrong):
     assert robot.sent == []
 
 
+@pytest.mark.parametrize("stop", [None, 1, True, b"no", np.zeros(2), 10**5000], ids=type)
+def test_what_is_no_reason_to_stop_sends_nothing(stop):
+    robot = Robot()
+    with pytest.raises(DenseVSError, match=r"^stop is .*; expected a reason"):
+        gate_of(robot).send(np.full(2, 0.05), np.zeros(2), stop=stop)
+    assert robot.sent == []
+
+
 @pytest.mark.parametrize("stamp", [1, np.float32(1.0), np.int64(1), 2**62])
 def test_stamps_are_whole_numbers_too(stamp):
     assert gate_of(Robot()).send(np.full(2, 0.05), np.zeros(2), image_time=stamp, now=stamp, reading_time=stamp).all()
@@ -86,3 +94,35 @@ def test_images_are_what_cameras_give():
             check_rgb(wrong)
     with pytest.raises(DenseVSError, match="at least 5 x 5"):
         check_rgb(rgb, least=5)
+
+
+@pytest.mark.parametrize("wrong", [[1.0], "x", 1j, [np.nan, 0.0], None, [[1.0], [1.0, 2.0]], b"1", ["1", "2"], 0.1])
+def test_steps_of_a_group_are_checked(wrong):
+    group, good = JointGroup.of_robot(Robot()), np.zeros(2)
+    calls = {
+        "delta": [group.spread, lambda one: group.clip_step(one, good)],
+        "posture": [lambda one: group.step_toward(one, good, 0.1)],
+        "(posture|positions)": [lambda one: group.step_toward(good, one, 0.1)],
+        "step": [lambda one: gate_of(Robot()).bounded(one, good)],
+        "positions": [lambda one: group.clip_step(good, one), lambda one: gate_of(Robot()).bounded(good, one)],
+    }  # fmt: skip
+    for name, ones in calls.items():
+        for call in ones:
+            with pytest.raises(DenseVSError, match=rf"^{name} .*; expected finite"):
+                call(wrong)
+    for longest in ("x", 0, np.nan, None, [0.1]):
+        with pytest.raises(DenseVSError, match="longest is"):
+            group.step_toward(good, good, longest)
+
+
+def test_a_gate_and_a_wrapper_take_a_robot():
+    group: Any
+    robot: Any
+    for group in (None, "x", ("a", "b")):
+        with pytest.raises(DenseVSError, match=r"^group is .*; expected a JointGroup"):
+            CommandGate(Robot(), group, max_step=0.1)
+    for robot in (None, "x", 3):
+        with pytest.raises(DenseVSError, match=r"^robot is a .* without command; expected"):
+            CommandGate(robot, JointGroup.of_robot(Robot()), max_step=0.1)
+        with pytest.raises(DenseVSError, match=r"^robot is a .* without joints, command; expected"):
+            WrappedRobot(robot)

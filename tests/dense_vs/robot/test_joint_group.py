@@ -67,7 +67,7 @@ def test_refuses_names(names, message):
         JointGroup.choose(names, NAMES)
 
 
-@pytest.mark.parametrize("units", [["rad"], ["rad", "m", "deg"], "rad"])
+@pytest.mark.parametrize("units", [["rad"], ["rad", "m", "deg"], "rad", 10**5000, ["m" * 9999]], ids=type)
 def test_refuses_units(units):
     with pytest.raises(DenseVSError, match=r"units are .*expected 3, each one of rad, m"):
         JointGroup.choose(None, NAMES, units=units)

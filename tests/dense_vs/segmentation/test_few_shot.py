@@ -86,3 +86,11 @@ def test_nothing_learned_and_nothing_to_learn():
         FewShotSegmenter().fit([image], [np.zeros_like(mask)])
     with pytest.raises(DenseVSError, match="1 images and 2 masks"):
         FewShotSegmenter().fit([image], [mask, mask])
+
+
+@pytest.mark.parametrize("wrong", [np.array(3), np.array(None), 3, None, "x"])
+def test_examples_are_lists(wrong):
+    image, mask = drawn(np.random.default_rng(4))
+    for images, masks in ((wrong, [mask]), ([image], wrong)):
+        with pytest.raises(DenseVSError, match=r"^images are a .* and masks a .*; expected lists$"):
+            FewShotSegmenter().fit(images, masks)
