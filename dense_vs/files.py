@@ -101,7 +101,7 @@ def file_path(path: Any) -> Path:
     return named
 
 
-def input_file(path: str | os.PathLike[str], *, most: int | None = None) -> Path:
+def input_file(path: str | os.PathLike[str], what: str = "", *, most: int | None = None) -> Path:
     """The path of a file that is about to be read, as :class:`pathlib.Path`.
 
     A pipe would be waited for and a device read without end. What is not there, or may not be looked at, is left to the
@@ -109,6 +109,7 @@ def input_file(path: str | os.PathLike[str], *, most: int | None = None) -> Path
 
     Args:
         path: of the file.
+        what: the file is taken for, for the error.
         most: bytes that the reader takes, where it holds the whole file in memory.
 
     Raises:
@@ -119,15 +120,16 @@ def input_file(path: str | os.PathLike[str], *, most: int | None = None) -> Path
         found = os.stat(path)
     except OSError:
         return path
+    cannot = f"cannot read {path} as {what}" if what else f"cannot read {path}"
     if stat.S_ISDIR(found.st_mode):
-        raise DenseVSError(f"cannot read {path}: it is a folder, not a regular file")
+        raise DenseVSError(f"{cannot}: it is a folder, not a regular file")
     if not stat.S_ISREG(found.st_mode):
         raise DenseVSError(
-            f"cannot read {path}: it is not a regular file but a device or a pipe, as /dev/stdin and a shell's <(...) "
+            f"{cannot}: it is not a regular file but a device or a pipe, as /dev/stdin and a shell's <(...) "
             "are; expected a file on a disk"
         )
     if most is not None and found.st_size > most:
-        raise DenseVSError(f"cannot read {path}: it has {found.st_size} bytes; expected at most {most}")
+        raise DenseVSError(f"{cannot}: it has {found.st_size} bytes; expected at most {most}")
     return path
 
 
@@ -185,7 +187,7 @@ def read_arrays(path: str | os.PathLike[str], what: str, names: Collection[str] 
         DenseVSError: missing, no regular file, not such a file, truncated, damaged, with pickled objects, or larger
             than the memory.
     """
-    path = input_file(path)
+    path = input_file(path, what)
     try:
         with open(path, "rb") as stream:
             with zipfile.ZipFile(stream) as archive:

@@ -34,7 +34,7 @@ def read_plan(path: str | os.PathLike[str]) -> list[Task]:
     Raises:
         DenseVSError: unreadable, not TOML, with names it does not know, or with the same task twice.
     """
-    path = input_file(path, most=MOST_BYTES)
+    path = input_file(path, "a sweep file", most=MOST_BYTES)
     try:
         with open(path, "rb") as stream:
             content = tomllib.load(stream)
