@@ -198,6 +198,8 @@ def run(arguments: argparse.Namespace) -> None:
         f"{close} of {len(measured)} targets within {REACHED_PX:g} px (true error); "
         f"{len(experiment.trace.times)} frames in {seconds:.1f} s, simulation included; results in {out}"
     )
+    if checkpoint is not None:
+        checkpoint.finish()
 
 
 def _check_numbers(arguments: argparse.Namespace) -> None:
