@@ -104,8 +104,8 @@ def file_path(path: Any) -> Path:
 def input_file(path: str | os.PathLike[str], what: str = "", *, most: int | None = None) -> Path:
     """The path of a file that is about to be read, as :class:`pathlib.Path`.
 
-    A pipe would be waited for and a device read without end. What is not there, or may not be looked at, is left to the
-    reader to say.
+    A pipe would be waited for and a device read without end. What is not there, is a folder or may not be looked at is
+    left to the reader to say.
 
     Args:
         path: of the file.
@@ -113,7 +113,7 @@ def input_file(path: str | os.PathLike[str], what: str = "", *, most: int | None
         most: bytes that the reader takes, where it holds the whole file in memory.
 
     Raises:
-        DenseVSError: no path, a folder, a device, a pipe or a socket, or a larger file.
+        DenseVSError: no path, a device, a pipe or a socket, or a larger file.
     """
     path = file_path(path)
     try:
@@ -121,14 +121,12 @@ def input_file(path: str | os.PathLike[str], what: str = "", *, most: int | None
     except OSError:
         return path
     cannot = f"cannot read {path} as {what}" if what else f"cannot read {path}"
-    if stat.S_ISDIR(found.st_mode):
-        raise DenseVSError(f"{cannot}: it is a folder, not a regular file")
-    if not stat.S_ISREG(found.st_mode):
+    if not stat.S_ISREG(found.st_mode) and not stat.S_ISDIR(found.st_mode):
         raise DenseVSError(
             f"{cannot}: it is not a regular file but a device or a pipe, as /dev/stdin and a shell's <(...) "
             "are; expected a file on a disk"
         )
-    if most is not None and found.st_size > most:
+    if most is not None and stat.S_ISREG(found.st_mode) and found.st_size > most:
         raise DenseVSError(f"{cannot}: it has {found.st_size} bytes; expected at most {most}")
     return path
 

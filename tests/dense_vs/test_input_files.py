@@ -71,9 +71,12 @@ def pipe(tmp_path):
 
 @pytest.mark.parametrize("name", READERS)
 def test_what_is_no_regular_file_is_not_read(pipe, name):
-    for path in (pipe, "/dev/null", str(pipe.parent)):
+    for path in (pipe, "/dev/null"):
         with pytest.raises(DenseVSError, match="not a regular file"):
             READERS[name](path)
+    (pipe.parent / "folder").mkdir()
+    with pytest.raises(DenseVSError, match=r"folder"):
+        READERS[name](pipe.parent / "folder")
 
 
 def test_commands_and_recordings_do_not_wait_for_a_pipe(pipe, tmp_path, capsys):
