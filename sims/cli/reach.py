@@ -171,8 +171,6 @@ def run(arguments: argparse.Namespace) -> None:
             for target in targets:
                 measured.append(experiment.reach(target, max_frames=arguments.max_frames))
                 bar.update()
-    if checkpoint is not None:
-        checkpoint.end()
     seconds = time.perf_counter() - started
     plot_reach(experiment.trace, world.joint_names, out / "reach.png")
     summary = {

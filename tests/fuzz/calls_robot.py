@@ -111,6 +111,7 @@ def robot_targets() -> list[Target]:
                lambda: {"self": explained(), "begin": -1.0, "end": 2.0}, may_be_nan=True),
         *buffer_targets(),
         *file_targets(),
+        *recording_targets(),
     ]  # fmt: skip
 
 
@@ -165,20 +166,9 @@ def buffer_targets() -> list[Target]:
 
 def file_targets() -> list[Target]:
     """Readers and writers of recordings and masks."""
-    from small_recordings import encode, lerobot_v2, moving_images
+    from small_recordings import encode, moving_images
 
-    from dense_vs.recording import (
-        JointLog,
-        MotionSamples,
-        Replay,
-        TruthFile,
-        VideoReader,
-        VideoWriter,
-        find_clock_offset,
-        open_recording,
-        open_writer,
-        survey_episode,
-    )
+    from dense_vs.recording import TruthFile, VideoReader, VideoWriter, open_writer
     from dense_vs.segmentation import FewShotOptions, write_mask
     from dense_vs.segmentation.annotated_folder import write_image
 
@@ -198,18 +188,6 @@ def file_targets() -> list[Target]:
         finally:
             writer.abort()
 
-    def round_trip(form: Any, names: tuple[Any, ...]) -> None:
-        folder = Path(mkdtemp(dir=FOLDER)) / "run"
-        writer = open_writer(form, folder, names)
-        for k in range(3):
-            writer.add_image(rgb(), k / 30)
-            writer.add_joints(np.arange(len(names)) + k, k / 30)
-        writer.close()
-        if open_recording(folder).joint_names != names:
-            raise AssertionError("other names came back")
-
-    recording = lerobot_v2(FOLDER / "lerobot", episodes=1)
-    still = JointLog(("a",), np.arange(3.0), np.ones((3, 1)))
     readings = {"image": rgb(), "image_time": 1.0, "positions": dq(), "time": 1.0, "joint_names": NAMES}
     return [
         Target("VideoReader", lambda path, begin, end: VideoReader(path, begin=begin, end=end).fps,
@@ -226,14 +204,51 @@ def file_targets() -> list[Target]:
         ],
         Target("open_writer", lambda form, fps, quality: recorded(form, **readings, fps=fps, quality=quality),
                lambda: {"form": "lerobot", "fps": 30.0, "quality": 20}, weight=0.5),
+        Target("TruthFile.at", lambda time, scale: truth.at(time, scale), lambda: {"time": 1.0, "scale": 0.5}),
+        Target("TruthFile.read", lambda joint_names: TruthFile.read(FOLDER / "truth.npz", joint_names).joint_names,
+               lambda: {"joint_names": ["b"]}),
+        Target("write_mask", lambda mask: write_mask(FOLDER / "a_mask.png", mask), lambda: {"mask": mask()}),
+        Target("write_image", lambda image: write_image(FOLDER / "a.jpg", image), lambda: {"image": rgb()}),
+        Target("FewShotOptions", lambda seed: FewShotOptions(seed=seed).seed, lambda: {"seed": 0}, weight=0.3),
+    ]  # fmt: skip
+
+
+def recording_targets() -> list[Target]:
+    """Names and truth as they are written, and recordings as they are chosen from."""
+    from small_recordings import lerobot_v2
+
+    from dense_vs.recording import (
+        JointLog,
+        MotionSamples,
+        Replay,
+        TruthFile,
+        find_clock_offset,
+        open_recording,
+        open_writer,
+        survey_episode,
+    )
+
+    def round_trip(form: Any, names: tuple[Any, ...]) -> None:
+        folder = Path(mkdtemp(dir=FOLDER)) / "run"
+        writer = open_writer(form, folder, names)
+        for k in range(3):
+            writer.add_image(rgb(), k / 30)
+            writer.add_joints(np.arange(len(names)) + k, k / 30)
+        writer.close()
+        if open_recording(folder).joint_names != names:
+            raise AssertionError("other names came back")
+
+    recording = lerobot_v2(FOLDER / "lerobot", episodes=1)
+    still = JointLog(("a",), np.arange(3.0), np.ones((3, 1)))
+    return [
         *[
             Target(f"open_writer({form}), names", lambda form=form, **names: round_trip(form, tuple(names.values())),
                    lambda: {"first": "a", "second": "b"}, weight=0.3)
             for form in ("video", "lerobot", "mcap")
         ],
         Target("TruthFile.write", lambda **o: TruthFile(**o).write(FOLDER / "written.npz"),
-               lambda: {"joint_names": NAMES, "times": truth.times, "jacobians": truth.jacobians,
-                        "robot_masks": truth.robot_masks}),
+               lambda: {"joint_names": NAMES, "times": np.arange(2.0),
+                        "jacobians": np.ones((2, H, W, 2, N), np.float32), "robot_masks": np.stack([mask()] * 2)}),
         Target("Recording", lambda **o: open_recording(recording, **o).joint_names,
                lambda: {"episode": 0, "camera": "observation.images.front", "joint_names": ["a"]}),
         Target("Episode.shifted", lambda offset: open_recording(recording).episode().shifted(offset).log.times,
@@ -244,10 +259,4 @@ def file_targets() -> list[Target]:
                weight=0.2),
         Target("find_clock_offset", lambda seed: find_clock_offset(MotionSamples(), still, seed=seed).seconds,
                lambda: {"seed": 0}),
-        Target("TruthFile.at", lambda time, scale: truth.at(time, scale), lambda: {"time": 1.0, "scale": 0.5}),
-        Target("TruthFile.read", lambda joint_names: TruthFile.read(FOLDER / "truth.npz", joint_names).joint_names,
-               lambda: {"joint_names": ["b"]}),
-        Target("write_mask", lambda mask: write_mask(FOLDER / "a_mask.png", mask), lambda: {"mask": mask()}),
-        Target("write_image", lambda image: write_image(FOLDER / "a.jpg", image), lambda: {"image": rgb()}),
-        Target("FewShotOptions", lambda seed: FewShotOptions(seed=seed).seed, lambda: {"seed": 0}, weight=0.3),
     ]  # fmt: skip
