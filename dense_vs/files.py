@@ -4,6 +4,7 @@ import errno
 import json
 import math
 import os
+import stat
 import tempfile
 import zipfile
 from collections.abc import Collection, Iterator, Mapping
@@ -13,7 +14,7 @@ from typing import IO, Any
 
 import numpy as np
 
-from dense_vs.checks import shown
+from dense_vs.checks import LONGEST_SHOWN, shown
 from dense_vs.errors import DenseVSError
 from dense_vs.memory import free_memory
 
@@ -23,6 +24,7 @@ except ImportError:  # a system without file locks; what a killed process leaves
     fcntl = None
 
 TEMPORARY = ".partial"
+MOST_JSON = 64 << 20  # bytes of a JSON file, which is read whole
 KINDS = {"f": "floating-point numbers", "i": "integers", "u": "unsigned integers", "b": "bools", "U": "text"}
 
 
@@ -99,6 +101,36 @@ def file_path(path: Any) -> Path:
     return named
 
 
+def input_file(path: str | os.PathLike[str], what: str = "", *, most: int | None = None) -> Path:
+    """The path of a file that is about to be read, as :class:`pathlib.Path`.
+
+    A pipe would be waited for and a device read without end. What is not there, is a folder or may not be looked at is
+    left to the reader to say.
+
+    Args:
+        path: of the file.
+        what: the file is taken for, for the error.
+        most: bytes that the reader takes, where it holds the whole file in memory.
+
+    Raises:
+        DenseVSError: no path, a device, a pipe or a socket, or a larger file.
+    """
+    path = file_path(path)
+    try:
+        found = os.stat(path)
+    except OSError:
+        return path
+    cannot = f"cannot read {path} as {what}" if what else f"cannot read {path}"
+    if not stat.S_ISREG(found.st_mode) and not stat.S_ISDIR(found.st_mode):
+        raise DenseVSError(
+            f"{cannot}: it is not a regular file but a device or a pipe, as /dev/stdin and a shell's <(...) "
+            "are; expected a file on a disk"
+        )
+    if most is not None and stat.S_ISREG(found.st_mode) and found.st_size > most:
+        raise DenseVSError(f"{cannot}: it has {found.st_size} bytes; expected at most {most}")
+    return path
+
+
 def _check_replaceable(path: Path) -> None:
     """Refuse a path that a file cannot take the place of: moved there, it would put an end to a device."""
     try:
@@ -150,9 +182,10 @@ def read_arrays(path: str | os.PathLike[str], what: str, names: Collection[str] 
         names: of the arrays that are wanted; others are not read. All unless given.
 
     Raises:
-        DenseVSError: missing, not such a file, truncated, damaged, with pickled objects, or larger than the memory.
+        DenseVSError: missing, no regular file, not such a file, truncated, damaged, with pickled objects, or larger
+            than the memory.
     """
-    path = file_path(path)
+    path = input_file(path, what)
     try:
         with open(path, "rb") as stream:
             with zipfile.ZipFile(stream) as archive:
@@ -167,7 +200,7 @@ def read_arrays(path: str | os.PathLike[str], what: str, names: Collection[str] 
             with np.load(stream, allow_pickle=False) as stored:
                 return {name: stored[name] for name in wanted}
     except Exception as error:  # whatever the readers of zip files, their compression and NumPy's headers raise
-        raise DenseVSError(f"cannot read {path} as {what}: {error or type(error).__name__}") from error
+        raise DenseVSError(f"cannot read {path} as {what}: {str(error) or type(error).__name__}") from error
 
 
 def read_format(
@@ -195,8 +228,14 @@ def read_format(
         raise DenseVSError(f"{path} is not {what}; expected a file that {writer} wrote")
     if str(arrays.get("format_version")) not in {str(version) for version in versions}:
         expected = " or ".join(str(version) for version in versions)
-        raise DenseVSError(f"{path} has format version {arrays.get('format_version')}; expected {expected}")
+        found = short_text(str(arrays.get("format_version")))
+        raise DenseVSError(f"{path} has format version {found}; expected {expected}")
     return arrays
+
+
+def short_text(text: str) -> str:
+    """A text that somebody else wrote, as far as an error has room for it."""
+    return text if len(text) <= LONGEST_SHOWN else shown(text)
 
 
 def stored_format(path: str | os.PathLike[str], what: str) -> str:
@@ -264,6 +303,33 @@ def output_folder(path: str | os.PathLike[str]) -> Path:
     except OSError as error:
         raise DenseVSError(f"cannot make the folder {folder}: {error.strerror or error}") from error
     return folder
+
+
+def read_json(path: str | os.PathLike[str]) -> Any:
+    """What a JSON file holds.
+
+    Raises:
+        DenseVSError: missing, no regular file, larger than 64 MiB, no text, or as :func:`parse_json`.
+    """
+    path = input_file(path, most=MOST_JSON)
+    try:
+        return parse_json(path.read_text(encoding="utf-8"))
+    except OSError as error:
+        raise DenseVSError(f"cannot read {path}: {error.strerror or error}") from error
+    except ValueError as error:
+        raise DenseVSError(f"cannot read {path}: {error}") from error
+
+
+def parse_json(text: str) -> Any:
+    """What a text in JSON says.
+
+    Raises:
+        DenseVSError: no JSON, nested too deeply, or with a number of more digits than Python reads.
+    """
+    try:
+        return json.loads(text)
+    except (ValueError, RecursionError) as error:
+        raise DenseVSError(f"it is no JSON: {error}") from error
 
 
 def write_json(path: Path, content: Any) -> None:

@@ -91,7 +91,7 @@ class SelfBody(NotCopied):
         if min_jacobian is None:
             min_jacobian = 0.0 if method == "paper" else 6.0
         self.method: Method = method
-        self.min_jacobian = check_number("min_jacobian", min_jacobian, least=0)
+        self.min_jacobian = check_number("min_jacobian", min_jacobian, least=0, most=1e9)
         self.device, self.threads = resolve_device(device), resolve_threads(threads)
         self._worlds = check_whole("worlds", worlds, least=1, most=65536)
         self._worker_options: dict[str, Any] = {

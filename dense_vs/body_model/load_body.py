@@ -7,7 +7,7 @@ from dense_vs.body_model.model_file import FORMAT as CHAIN
 from dense_vs.body_model.posture_memory import FORMAT as MEMORY
 from dense_vs.body_model.posture_memory import PostureMemory
 from dense_vs.errors import DenseVSError
-from dense_vs.files import stored_format
+from dense_vs.files import short_text, stored_format
 
 
 def load_body(path: str | os.PathLike[str]) -> BodyModel | PostureMemory:
@@ -21,6 +21,5 @@ def load_body(path: str | os.PathLike[str]) -> BodyModel | PostureMemory:
         return BodyModel.load(path)
     if found == MEMORY:
         return PostureMemory.load(path)
-    raise DenseVSError(
-        f"{path} is not a saved body; expected a file that 'dense-vs body' wrote, got {found or 'no format at all'}"
-    )
+    got = short_text(found) or "no format at all"
+    raise DenseVSError(f"{path} is not a saved body; expected a file that 'dense-vs body' wrote, got {got}")

@@ -9,6 +9,7 @@ import numpy as np
 from dense_vs.body_model.chain import Chain, tree_order
 from dense_vs.body_model.precision import Precision
 from dense_vs.body_model.surface import Surface
+from dense_vs.checks import shown
 from dense_vs.errors import DenseVSError
 from dense_vs.files import atomic_write, read_format
 
@@ -16,6 +17,10 @@ FORMAT = "dense-vs body model"
 HINGES_ONLY, WITH_SLIDES, WITH_BEND = 1, 2, 3  # versions of the format; travel from the second, bend from the third
 MOST_BEND = 0.5
 LARGEST_SIDE = 1 << 14  # px
+# What an array holds, as NumPy's letters and in words; any other one finite numbers.
+KINDS = dict.fromkeys(
+    ("size", "parents", "surface_links", "surface_gray", "precision_keyframes"), ("iu", "whole numbers")
+) | {"learned": ("b", "bools")}
 
 
 @dataclass
@@ -94,7 +99,7 @@ def read_body(path: str | os.PathLike[str]) -> ModelContent:
             arrays["surface_points"].astype(np.float64),
             arrays["surface_links"].astype(int),
             arrays["surface_support"].astype(np.float64),
-            arrays["surface_gray"],
+            arrays["surface_gray"].astype(np.uint8),
         )
         x, y = arrays["center"]
         height, width = arrays["size"]
@@ -171,6 +176,15 @@ def _check(arrays: dict[str, np.ndarray], path: str) -> None:
     if abs(float(arrays.get("bend", 0.0))) > MOST_BEND:
         raise DenseVSError(f"{path} is damaged: bend is {arrays['bend']}; expected at most {MOST_BEND} either way")
     size = arrays["size"]
+    gray, support, limits = arrays["surface_gray"], arrays["surface_support"], arrays["joint_range"]
+    for name, good, expected in (
+        ("surface_gray", (gray >= 0) & (gray <= 255), "0 to 255"),
+        ("surface_support", (support >= 0) & (support <= 1), "0 to 1"),
+        ("joint_range", limits[:, 0] <= limits[:, 1], "a lowest and a highest position of each joint"),
+        ("error", arrays["error"] >= 0, "at least 0"),
+    ):
+        if not np.all(good):
+            raise DenseVSError(f"{path} is damaged: {name} is {shown(arrays[name].tolist())}; expected {expected}")
     if not (arrays["focal_length"] > 0 and (size > 0).all() and (size <= LARGEST_SIDE).all()):
         raise DenseVSError(
             f"{path} is damaged: focal length {arrays['focal_length']} px, size {size.tolist()}; expected numbers "
@@ -181,5 +195,8 @@ def _check(arrays: dict[str, np.ndarray], path: str) -> None:
 def _check_shapes(arrays: dict[str, np.ndarray], shapes: dict[str, tuple[int, ...]], path: str) -> None:
     for name, shape in shapes.items():
         array = arrays[name]
-        if array.shape != shape or array.dtype.kind not in "biuf" or not np.isfinite(array).all():
-            raise DenseVSError(f"{path} is damaged: {name} has shape {array.shape}; expected finite numbers {shape}")
+        kinds, what = KINDS.get(name, ("iuf", "finite numbers"))
+        if array.shape != shape or array.dtype.kind not in kinds or not np.isfinite(array).all():
+            raise DenseVSError(
+                f"{path} is damaged: {name} has shape {array.shape} and dtype {array.dtype}; expected {what} {shape}"
+            )

@@ -1,11 +1,10 @@
 """Episodes of one recording estimated side by side, each by a process of its own."""
 
 import argparse
-import json
 from pathlib import Path
 from typing import Any
 
-from dense_vs.files import write_json
+from dense_vs.files import read_json, write_json
 from dense_vs.sweep.report import raise_failures
 from dense_vs.sweep.run_sweep import run_sweep
 from dense_vs.sweep.run_task import OUT_FOLDER, result_folder
@@ -47,7 +46,7 @@ def estimate_episodes(arguments: argparse.Namespace, numbers: list[int]) -> None
     for outcome in outcomes:
         if not outcome.failure:
             place = result_folder(out, outcome.task) / OUT_FOLDER / "summary.json"
-            summaries.append(json.loads(place.read_text(encoding="utf-8")))
+            summaries.append(read_json(place))
     if summaries:
         print(episodes_table(summaries))
     write_json(out / "summary.json", {"episodes": summaries, "versions": versions()})

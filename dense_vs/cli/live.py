@@ -13,6 +13,7 @@ from typing import Any, Protocol
 
 from dense_vs.cli.options import add_device_arguments
 from dense_vs.errors import DenseVSError
+from dense_vs.files import short_text
 from dense_vs.live.access import Access, is_every_address
 from dense_vs.live.gate import DEFAULT_SPEED
 from dense_vs.live.options import LiveOptions
@@ -155,9 +156,11 @@ def _ports(told: list[str]) -> tuple[int, str | None]:
     Raises:
         DenseVSError: two of a kind, or a number that is no port.
     """
-    numbers, paths = [text for text in told if text.isdigit()], [text for text in told if not text.isdigit()]
-    if len(numbers) > 1 or len(paths) > 1 or any(int(text) > 65535 for text in numbers):
-        raise DenseVSError(f"--port is {', '.join(told)}; expected one number of 0 to 65535 and one path at most")
+    numbers = [text for text in told if text.isascii() and text.isdigit()]
+    paths = [text for text in told if text not in numbers]
+    if len(numbers) > 1 or len(paths) > 1 or any(len(text) > 5 or int(text) > 65535 for text in numbers):
+        got = short_text(", ".join(told))
+        raise DenseVSError(f"--port is {got}; expected one number of 0 to 65535 and one path at most")
     return int(numbers[0]) if numbers else PORT, paths[0] if paths else None
 
 

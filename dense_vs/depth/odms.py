@@ -16,7 +16,7 @@ import numpy as np
 from dense_vs.depth.mask_fit import Method, depth_from_regions
 from dense_vs.depth.region_shape import RegionShape, mask_regions
 from dense_vs.errors import DenseVSError
-from dense_vs.files import read_arrays, stored_array
+from dense_vs.files import file_path, read_arrays, stored_array
 
 SETS = ("robot", "driving", "normal", "perturb")
 VIEWS = 10  # of an example
@@ -120,7 +120,7 @@ def set_paths(folder: str | os.PathLike[str], sets: tuple[str, ...] = SETS) -> d
     Raises:
         DenseVSError: the folder holds none of them.
     """
-    found = {name: Path(folder) / f"{name}.npz" for name in sets}
+    found = {name: file_path(folder) / f"{name}.npz" for name in sets}
     found = {name: path for name, path in found.items() if path.is_file()}
     if not found:
         raise DenseVSError(f"{folder} holds no ODMS set; expected some of {', '.join(f'{name}.npz' for name in sets)}")

@@ -9,7 +9,7 @@ import numpy as np
 
 from dense_vs.checks import check_choice
 from dense_vs.errors import DenseVSError
-from dense_vs.files import atomic_write, read_format, stored_array
+from dense_vs.files import atomic_write, parse_json, read_format, stored_array
 from dense_vs.generative.kinematics.denavit_hartenberg import DenavitHartenberg
 from dense_vs.generative.parameters import ModelParameters
 from dense_vs.generative.report import FitReport
@@ -72,7 +72,7 @@ def read_model(path: str | os.PathLike[str]) -> ModelContent:
         content = ModelContent(
             parameters,
             stored_array(arrays, "postures", (-1, width)),
-            FitReport.from_dict(json.loads(str(arrays["report"]))),
+            FitReport.from_dict(parse_json(str(arrays["report"]))),
             controller,
             check_choice("kinematics", str(arrays["kinematics"]), KINEMATICS),
             stored_array(arrays, "poses", (-1, 4, 4)) if "poses" in arrays else None,
@@ -81,7 +81,7 @@ def read_model(path: str | os.PathLike[str]) -> ModelContent:
         )
         if len(content.image_sizes) not in (0, cameras):
             raise DenseVSError(f"image_sizes are of {len(content.image_sizes)} cameras; expected {cameras}")
-    except (KeyError, ValueError, TypeError, AttributeError, RecursionError) as error:
+    except (KeyError, ValueError, TypeError, AttributeError) as error:
         raise DenseVSError(f"{path} is damaged: {error}") from error
     return content
 

@@ -2,6 +2,7 @@
 
 import json
 import os
+from collections.abc import Mapping
 from dataclasses import asdict
 from typing import Any
 
@@ -9,7 +10,7 @@ import numpy as np
 
 from dense_vs.checks import check_whole
 from dense_vs.errors import DenseVSError
-from dense_vs.files import read_format
+from dense_vs.files import parse_json, read_format, short_text
 from dense_vs.jacobian.options import JacobianOptions
 from dense_vs.jacobian.stored_state import DEPTH, STATE, check_stored
 
@@ -33,9 +34,23 @@ def read_jacobian(path: str | os.PathLike[str]) -> tuple[JacobianOptions, int, d
     what, writer = "a saved Jacobian", "DenseJacobian.save"
     content = read_format(path, what, FORMAT, (FORMAT_VERSION,), writer=writer, names=STORED)
     try:
-        options = JacobianOptions(**json.loads(str(content["options"])))
+        options = stored_options(content)
         updates = check_whole("updates", content["updates"].item(), least=0)
         check_stored(content, options)  # before memory is taken for sizes that the file only claims
-    except (KeyError, ValueError, TypeError, AttributeError, RecursionError) as error:
+    except (KeyError, ValueError, TypeError, AttributeError) as error:
         raise DenseVSError(f"{path} is damaged: {error}") from error
     return options, updates, content
+
+
+def stored_options(content: Mapping[str, np.ndarray]) -> JacobianOptions:
+    """Options of an estimate in a file.
+
+    Raises:
+        DenseVSError: missing, or no options of an estimate.
+    """
+    if "options" not in content:
+        raise DenseVSError("it has no options")
+    try:
+        return JacobianOptions(**parse_json(str(content["options"])))
+    except TypeError as error:
+        raise DenseVSError(f"its options are none of an estimate: {short_text(str(error))}") from error

@@ -51,11 +51,18 @@ class Keeping:
         try:
             self._checkpoint.keep(loop.pipeline, self._seconds)
         except DenseVSError as error:  # a full disk is no reason to stop the robot
-            if str(error) != self._said:
-                self._said = str(error)
-                session.board.log(self._said, "warning")
+            self._say(error)
 
     def end(self) -> None:
         """Wait for a write that is under way."""
-        if self._checkpoint is not None:
-            self._checkpoint.end()
+        if self._checkpoint is None:
+            return
+        try:
+            self._checkpoint.finish()
+        except DenseVSError as error:
+            self._say(error)
+
+    def _say(self, error: DenseVSError) -> None:
+        if str(error) != self._said:
+            self._said = str(error)
+            self._session.board.log(self._said, "warning")

@@ -57,10 +57,9 @@ def from_lerobot(kind: str, port: str | None, camera: str) -> LiveSource:
 
     if port is None:
         raise DenseVSError("--lerobot needs --port PATH, as /dev/ttyACM0")
+    numbered = camera.isascii() and camera.isdigit() and len(camera) < 10
     robot = LeRobotRobot.connect(kind, port)
-    return LiveSource(
-        OpenCVCamera(int(camera) if camera.isdigit() else camera), robot, kind, watchdog=watchdog_of(robot)
-    )
+    return LiveSource(OpenCVCamera(int(camera) if numbered else camera), robot, kind, watchdog=watchdog_of(robot))
 
 
 def from_recording(path: Path, camera: str | None = None) -> LiveSource:

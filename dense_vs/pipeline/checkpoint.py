@@ -15,9 +15,9 @@ from typing import Any
 import numpy as np
 
 from dense_vs.arrays import real_vector
-from dense_vs.checks import check_names, check_number, check_pair
+from dense_vs.checks import check_names, check_number, check_pair, shown
 from dense_vs.errors import DenseVSError
-from dense_vs.files import atomic_write, check_writable, file_path, read_arrays, stored_array
+from dense_vs.files import atomic_write, check_writable, file_path, read_arrays, short_text, stored_array
 from dense_vs.jacobian.estimator import DenseJacobian
 from dense_vs.pipeline.frame_pipeline import FramePipeline
 
@@ -67,13 +67,15 @@ class Checkpoint:
         period: time between two writings [s].
 
     Raises:
-        DenseVSError: a file that cannot be written.
+        DenseVSError: a file that cannot be written, or names that it cannot hold.
     """
 
     def __init__(self, path: str | os.PathLike[str], joint_names: Sequence[str], *, period: float = PERIOD):
         self.path = file_path(path)
         check_writable(self.path)
         self.joint_names = check_names("joint_names", joint_names)
+        if tuple(np.array(self.joint_names).tolist()) != self.joint_names:  # null characters at an end are lost
+            raise DenseVSError(f"joint_names is {shown(self.joint_names)}; expected names that a file can hold")
         self.period = check_number("period", period, above=0)
         self._written = -np.inf
         self._thread: Thread | None = None
@@ -123,20 +125,30 @@ class Checkpoint:
             seconds: that the robot has moved to learn it.
 
         Raises:
-            DenseVSError: the last writing failed, as on a full disk.
+            DenseVSError: the last writing failed, as on a full disk; or what :meth:`resume` would refuse: another
+                number of joints, a posture that is not finite, no such seconds. The file stays as it was.
         """
-        if self._error is not None:
-            error, self._error = self._error, None
-            raise error
+        self._raise_failure()
+        seconds = check_number("seconds", seconds, least=0)
+        estimator = getattr(pipeline, "estimator", None)
+        if not isinstance(estimator, DenseJacobian):
+            raise DenseVSError(f"pipeline is a {type(pipeline).__name__}; expected a FramePipeline")
+        joints, worlds = estimator.options.joints, estimator.options.worlds
+        if (joints, worlds) != (len(self.joint_names), 1):
+            raise DenseVSError(
+                f"estimator has {joints} joints in {worlds} worlds; expected {len(self.joint_names)} in one, of "
+                f"{short_text(', '.join(self.joint_names))}"
+            )
+        posture = real_vector(pipeline.posture, "posture", (joints,))
         now = time.monotonic()
         if now - self._written < self.period or (self._thread is not None and self._thread.is_alive()):
             return
         self._written = now
         # Copies, as the estimator goes on while they are written.
-        content = {name: np.array(value) for name, value in pipeline.estimator.stored().items()}
+        content = {name: np.array(value) for name, value in estimator.stored().items()}
         content |= {
             "joint_names": np.array(self.joint_names),
-            "positions": pipeline.posture,
+            "positions": posture,
             "seconds": np.array(seconds),
         }
         self._thread = Thread(target=self._write, args=(content,), name="checkpoint")
@@ -147,9 +159,25 @@ class Checkpoint:
         if self._thread is not None:
             self._thread.join()
 
+    def finish(self) -> None:
+        """Wait for a write that is under way, and say whether it was done; to be called when the loop ends.
+
+        Raises:
+            DenseVSError: the last writing failed.
+        """
+        self.end()
+        self._raise_failure()
+
+    def _raise_failure(self) -> None:
+        if self._error is not None:
+            error, self._error = self._error, None
+            raise error
+
     def _write(self, content: dict[str, np.ndarray]) -> None:
         try:
             with atomic_write(self.path) as stream:
                 np.savez(stream, allow_pickle=False, **content)
         except DenseVSError as error:
             self._error = error
+        except Exception as error:  # in this thread nobody would hear of it
+            self._error = DenseVSError(f"cannot write {self.path}: {type(error).__name__}: {short_text(str(error))}")

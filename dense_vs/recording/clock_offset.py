@@ -16,7 +16,7 @@ from typing import Any
 import cv2
 import numpy as np
 
-from dense_vs.checks import check_number
+from dense_vs.checks import check_number, check_seed
 from dense_vs.errors import DenseVSError
 from dense_vs.recording.joint_delay import DelayCurve, even_joints, joint_steps, unexplained_by_constant_jacobian
 from dense_vs.recording.joint_log import JointLog
@@ -59,7 +59,14 @@ class ClockOffset:
     reason: str = ""
 
     def applied(self, log: JointLog) -> JointLog:
-        """The log on the camera's clock."""
+        """The log on the camera's clock.
+
+        Raises:
+            DenseVSError: no log, or an offset that is not finite.
+        """
+        _check_log(log)
+        for name in ("seconds", "drift", "middle"):
+            check_number(name, getattr(self, name))
         times = log.times + self.seconds
         return JointLog(log.names, times + self.drift * (times - self.middle), log.positions)
 
@@ -116,7 +123,14 @@ def find_clock_offset(samples: MotionSamples, log: JointLog, *, seed: int = 0) -
         samples: the images' motion.
         log: the joints to compare it with, on their own clock.
         seed: of the draws that give the confidence.
+
+    Raises:
+        DenseVSError: no such samples, log or seed.
     """
+    if not isinstance(samples, MotionSamples):
+        raise DenseVSError(f"samples are a {type(samples).__name__}; expected MotionSamples")
+    _check_log(log)
+    seed = check_seed(seed)
     times, joints = even_joints(log.times, log.positions)
     delays = np.arange(-round(REACH / DELAY_STEP), round(REACH / DELAY_STEP) + 1) * DELAY_STEP
     pairs, flows = np.array(samples.pairs).reshape(-1, 2), samples.flows
@@ -145,6 +159,11 @@ def find_clock_offset(samples: MotionSamples, log: JointLog, *, seed: int = 0) -
         return ClockOffset(0.0, confidence, error, best=-best, reason=reason)
     drift, middle = _drift(curves, middles, delays, best, draws), float(np.mean(middles))
     return ClockOffset(-best, confidence, error, -drift, middle, -best)
+
+
+def _check_log(log: Any) -> None:
+    if not isinstance(log, JointLog):
+        raise DenseVSError(f"log is a {type(log).__name__}; expected a JointLog")
 
 
 def _unknown(reason: str) -> ClockOffset:

@@ -4,7 +4,6 @@ The images' times come from the first of these that is there: a column ``image``
 file names that are times within the log [s, ms, us or ns]; as many images as rows, in the order of their names.
 """
 
-import csv
 import re
 from collections.abc import Iterator, Sequence
 from pathlib import Path
@@ -13,7 +12,7 @@ import numpy as np
 
 from dense_vs.errors import DenseVSError
 from dense_vs.recording.frame import ImageStream, rate_of
-from dense_vs.recording.joint_log import IMAGE_COLUMN, JointLog
+from dense_vs.recording.joint_log import IMAGE_COLUMN, JointLog, csv_rows
 from dense_vs.recording.stored_image import read_image
 
 IMAGE_SUFFIXES = (".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff", ".webp")
@@ -40,8 +39,7 @@ class ImageFolder:
         self.cameras = (path.name or "images",)
         self._log = JointLog.read_csv(joint_log)
         self.joint_names = self._log.names
-        # Numbers in names count by value: image_9 comes before image_10.
-        ordered = sorted(images, key=lambda file: [int(n) if n.isdigit() else n for n in re.split(r"(\d+)", file.name)])
+        ordered = sorted(images, key=_by_value)
         self._files = _by_column(path, ordered, joint_log, self._log) or _by_name(ordered, self._log)
         if self._files is None and len(images) == len(self._log.times):
             self._files = list(zip(ordered, self._log.times.tolist(), strict=True))
@@ -80,9 +78,14 @@ class _ImageFiles:
             yield image, time
 
 
+def _by_value(file: Path) -> list[int | str]:
+    """Numbers in names count by value: image_9 comes before image_10."""
+    parts = re.split("([0-9]+)", file.name)  # every second one is a number, of digits that int() takes
+    return [int(part) if place % 2 else part for place, part in enumerate(parts)]
+
+
 def _by_column(path: Path, images: Sequence[Path], joint_log: Path, log: JointLog) -> list[tuple[Path, float]] | None:
-    with open(joint_log, newline="", encoding="utf-8-sig") as stream:
-        rows = [row for row in csv.reader(stream) if any(cell.strip() for cell in row)]
+    rows = csv_rows(joint_log)
     header = [cell.strip() for cell in rows[0]]
     if IMAGE_COLUMN not in header:
         return None

@@ -15,10 +15,11 @@ from scipy.ndimage import gaussian_filter1d
 from dense_vs.arrays import number_array, real_vector
 from dense_vs.checks import check_names, check_number, check_whole
 from dense_vs.errors import DenseVSError
-from dense_vs.files import file_path
+from dense_vs.files import input_file
 from dense_vs.robot.joint_group import joint_indices
 
 IMAGE_COLUMN = "image"  # of a joint log: name of the image that was taken at a row's time
+MOST_BYTES = 1 << 30  # of a joint log, which is read whole
 
 
 @dataclass(frozen=True)
@@ -122,13 +123,7 @@ class JointLog:
             DenseVSError: no such file, no header, a row of another length, a cell that is not a finite
                 number (with its line), times that do not increase.
         """
-        path = file_path(path)
-        try:
-            with open(path, newline="", encoding="utf-8-sig") as stream:
-                rows = [row for row in csv.reader(stream) if any(cell.strip() for cell in row)]
-        except (OSError, UnicodeDecodeError, csv.Error) as error:
-            reason = getattr(error, "strerror", None) or error
-            raise DenseVSError(f"cannot read joint log {path}: {reason}") from error
+        rows = csv_rows(path)
         if not rows:
             raise DenseVSError(f"joint log {path} is empty; expected a header and rows of numbers")
         header = [cell.strip() for cell in rows[0]]
@@ -161,6 +156,21 @@ class JointLog:
             return cls(tuple(names), numbers[:, 0].copy(), numbers[:, 1:].copy())
         except DenseVSError as error:
             raise DenseVSError(f"{path}: {error}") from error
+
+
+def csv_rows(path: str | os.PathLike[str]) -> list[list[str]]:
+    """The rows of a joint log but empty ones, as text.
+
+    Raises:
+        DenseVSError: missing, no regular file, larger than 1 GiB, or no text.
+    """
+    path = input_file(path, most=MOST_BYTES)
+    try:
+        with open(path, newline="", encoding="utf-8-sig") as stream:
+            return [row for row in csv.reader(stream) if any(cell.strip() for cell in row)]
+    except (OSError, UnicodeDecodeError, csv.Error) as error:
+        reason = getattr(error, "strerror", None) or error
+        raise DenseVSError(f"cannot read joint log {path}: {reason}") from error
 
 
 class JointBuffer:

@@ -5,7 +5,7 @@ camera; in v3 files hold many episodes, and ``meta/episodes/`` says which rows a
 A partial download works for the episodes whose files are there.
 """
 
-import json
+import os
 import re
 from collections.abc import Iterator
 from pathlib import Path, PurePosixPath
@@ -14,7 +14,9 @@ from typing import Any
 
 import numpy as np
 
+from dense_vs.checks import check_number
 from dense_vs.errors import DenseVSError
+from dense_vs.files import MOST_JSON, file_path, input_file, parse_json, read_json
 from dense_vs.recording.frame import ImageStream
 from dense_vs.recording.joint_log import JointLog
 from dense_vs.recording.parquet_columns import ParquetColumns
@@ -33,7 +35,6 @@ PATHS = {  # where a version keeps its files, unless info.json says otherwise: d
     ),
 }
 STATE = "observation.state"
-MAX_META_BYTES = 64 << 20
 MAX_EPISODES = 1_000_000
 
 
@@ -135,7 +136,7 @@ class LeRobotFolder:
         if self.version == "v2":
             listed = _json_lines(self.path / "meta" / "episodes.jsonl")
             total = min(max(int(_number(info.get("total_episodes"), 0)), 0), MAX_EPISODES)
-            numbers = [row.get("episode_index") for row in listed] or list(range(total))
+            numbers = [row.get("episode_index") for row in listed] or self._numbered(total)
             return {number: {} for number in numbers if isinstance(number, int) and 0 <= number < 10**9}
         rows: dict[int, dict[str, Any]] = {}
         for file in sorted((self.path / "meta" / "episodes").glob("chunk-*/file-*.parquet")):
@@ -146,6 +147,12 @@ class LeRobotFolder:
                 if isinstance(row.get("episode_index"), int):
                     rows[row["episode_index"]] = row
         return rows
+
+    def _numbered(self, total: int) -> list[int]:
+        """Numbers below ``total`` in the names of files: any number of episodes may be claimed."""
+        names = (name for _, _, files in os.walk(self.path) for name in files)
+        found = {int(digits) for name in names for digits in re.findall("[0-9]+", name)}
+        return sorted(number for number in found if number < total)
 
     def _present(self, episode: int) -> bool:
         try:
@@ -184,7 +191,7 @@ class LeRobotFolder:
         name = PurePosixPath(template.format(**values))
         if name.is_absolute() or ".." in name.parts:
             raise DenseVSError(f"{self.path}/meta/info.json names {name}; expected a file inside the folder")
-        return self.path / name
+        return file_path(self.path / name)  # refuses a name longer than a file's can be
 
 
 class _ParquetImages:
@@ -237,20 +244,8 @@ def _leaves(names: Any) -> Iterator[str]:
         yield names
 
 
-def _text(path: Path) -> str:
-    try:
-        if path.stat().st_size > MAX_META_BYTES:
-            raise DenseVSError(f"{path} has {path.stat().st_size} bytes; expected at most {MAX_META_BYTES}")
-        return path.read_text(encoding="utf-8")
-    except (OSError, UnicodeDecodeError) as error:
-        raise DenseVSError(f"cannot read {path}: {error}") from error
-
-
 def _json(path: Path) -> dict[str, Any]:
-    try:
-        content = json.loads(_text(path))
-    except (json.JSONDecodeError, RecursionError) as error:
-        raise DenseVSError(f"cannot read {path}: it is no JSON: {error}") from error
+    content = read_json(path)
     if not isinstance(content, dict):
         raise DenseVSError(f"cannot read {path}: it holds no table")
     return content
@@ -260,17 +255,23 @@ def _json_lines(path: Path) -> list[dict[str, Any]]:
     if not path.is_file():
         return []
     rows = []
-    for k, line in enumerate(_text(path).splitlines()):
+    try:
+        lines = input_file(path, most=MOST_JSON).read_text(encoding="utf-8").splitlines()
+    except (OSError, UnicodeDecodeError) as error:
+        raise DenseVSError(f"cannot read {path}: {error}") from error
+    for k, line in enumerate(lines):
         if not line.strip():
             continue
         try:
-            row = json.loads(line)
-        except (json.JSONDecodeError, RecursionError) as error:
-            raise DenseVSError(f"cannot read {path}, line {k + 1}: it is no JSON: {error}") from error
+            row = parse_json(line)
+        except DenseVSError as error:
+            raise DenseVSError(f"cannot read {path}, line {k + 1}: {error}") from error
         rows.append(row if isinstance(row, dict) else {})
     return rows
 
 
 def _number(value: Any, default: float) -> float:
-    good = isinstance(value, (int, float)) and not isinstance(value, bool) and np.isfinite(value) and value >= 0
-    return float(value) if good else default
+    try:
+        return check_number("a number of info.json", value, least=0)
+    except DenseVSError:
+        return default

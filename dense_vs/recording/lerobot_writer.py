@@ -15,9 +15,9 @@ from dense_vs.checks import check_number, check_whole
 from dense_vs.errors import DenseVSError
 from dense_vs.files import atomic_write, output_folder
 from dense_vs.recording.joint_log import JointLog
-from dense_vs.recording.joint_readings import JointReadings
+from dense_vs.recording.joint_readings import JointReadings, recorded_names, recorded_text
 from dense_vs.recording.lerobot_folder import PATHS, STATE
-from dense_vs.recording.video_writer import FASTEST, MOST_QUALITY, VideoWriter
+from dense_vs.recording.video_writer import FASTEST, MOST_QUALITY, VideoWriter, check_open
 from dense_vs.robot.camera_image import check_rgb
 
 CHUNK = 1000  # files in a folder
@@ -36,7 +36,8 @@ class LeRobotWriter:
         robot: its kind.
 
     Raises:
-        DenseVSError: pyarrow is not installed, or a frame rate that LeRobot does not take.
+        DenseVSError: pyarrow is not installed, a frame rate that LeRobot does not take, or names or words that cannot
+            be stored.
     """
 
     def __init__(
@@ -60,17 +61,21 @@ class LeRobotWriter:
         check_whole("quality", quality, least=0, most=MOST_QUALITY)
         if round(fps) < 1 or abs(fps - round(fps)) > 0.01 * fps:
             raise DenseVSError(f"fps is {fps!r}; a LeRobot dataset expects a whole number of at least 1")
-        self._folder, self._names, self._fps = folder, joint_names, round(fps)
+        self._folder, self._names, self._fps = folder, recorded_names(joint_names), round(fps)
+        for name, text in (("camera", camera), ("task", task), ("robot", robot)):
+            recorded_text(name, text)
         self._quality, self._task, self._robot = quality, task, robot
         self._camera = f"observation.images.{camera}"
         self._size: tuple[int, int] | None = None
         self._rows: list[dict[str, Any]] = []
         self._all_joints: list[np.ndarray] = []
         self._frames = 0
+        self._closed = False
         self._begin()
 
     def add_image(self, image: np.ndarray, time: float) -> None:
         """Add an image; odd sides are cut by a pixel."""
+        check_open(self._closed, self._folder)
         image = check_rgb(image, "frame", least=2)
         time = check_number("image time stamp", time)
         if self._video is None:
@@ -83,6 +88,7 @@ class LeRobotWriter:
 
     def add_joints(self, positions: np.ndarray, time: float) -> None:
         """Add a reading; one that is not newer than the last is the same reading again."""
+        check_open(self._closed, self._folder)
         self._joints.add(positions, time)
 
     def end_episode(self) -> None:
@@ -126,11 +132,17 @@ class LeRobotWriter:
 
     def close(self) -> None:
         """Complete the last episode and the metadata."""
-        if self._stamps or not self._rows:
-            self.end_episode()
+        if self._closed:
+            return
+        try:
+            if self._stamps or not self._rows:
+                self.end_episode()
+        finally:
+            self.abort()  # an episode that could not be completed
 
     def abort(self) -> None:
         """Leave out the episode that is not complete."""
+        self._closed = True
         if self._video is not None:
             self._video.__exit__(KeyboardInterrupt)
         self._begin()

@@ -35,7 +35,10 @@ def open_recording(
     Raises:
         DenseVSError: nothing there that can be used, or a choice that is not in it.
     """
-    source = _format(file_path(path), None if joint_log is None else file_path(joint_log))
+    try:
+        source = _format(file_path(path), None if joint_log is None else file_path(joint_log))
+    except OSError as error:  # a folder that may not be looked into
+        raise DenseVSError(f"cannot read {path}: {error.strerror or error}") from error
     if not source.cameras:
         raise DenseVSError(f"{source.name} {path} has no camera; expected images or video in it")
     if not source.episodes:

@@ -4,9 +4,10 @@ import os
 
 import numpy as np
 
-from dense_vs.arrays import number_array
+from dense_vs.arrays import number_array, plain_array
+from dense_vs.errors import DenseVSError
 from dense_vs.recording.writers import QUALITY, open_writer
-from dense_vs.robot import Camera, Robot, WrappedRobot
+from dense_vs.robot import Camera, JointGroup, Robot, WrappedRobot
 from dense_vs.robot.per_joint import stamp_of
 
 
@@ -24,7 +25,8 @@ class Recorder(WrappedRobot):
         quality: of the video.
 
     Raises:
-        DenseVSError: another format, or a folder that cannot be written to.
+        DenseVSError: an object that lacks a member of :class:`Robot`, another format, or a folder that cannot be
+            written to.
     """
 
     def __init__(
@@ -37,14 +39,21 @@ class Recorder(WrappedRobot):
         fps: float = 30.0,
         quality: int = QUALITY,
     ):
+        JointGroup.of_robot(robot)
         super().__init__(robot)
         self._camera = camera
         self._writer = open_writer(form, path, tuple(robot.joint_names), fps=fps, quality=quality)
 
     def read(self) -> tuple[np.ndarray, float]:
-        """The camera's next image, written down."""
+        """The camera's next image, written down.
+
+        Raises:
+            DenseVSError: no camera, or what is no image and its stamp.
+        """
+        if not isinstance(self._camera, Camera):
+            raise DenseVSError(f"camera is a {type(self._camera).__name__} without read; expected a Camera")
         image, time = self._camera.read()
-        shown = np.asarray(image)
+        shown = plain_array(image, "image", "RGB uint8 of shape (H, W, 3) or gray (H, W)")
         self._writer.add_image(np.repeat(shown[..., None], 3, axis=2) if shown.ndim == 2 else shown, time)
         return image, time
 

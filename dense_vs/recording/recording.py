@@ -6,11 +6,14 @@ from fnmatch import fnmatchcase
 
 import numpy as np
 
+from dense_vs.checks import check_names, check_number, shown
 from dense_vs.errors import DenseVSError
+from dense_vs.files import short_text
 from dense_vs.recording.clock_offset import ClockOffset
 from dense_vs.recording.frame import ImageStream, RecordedFrame, RecordingFormat
 from dense_vs.recording.joint_log import JointLog
 
+MEMBERS = ("path", "name", "cameras", "joint_names", "episodes", "log", "images")  # of a RecordingFormat
 STAMP_ROUNDING = 1e-4  # s; a log that ends with a frame, its stamps rounded, still covers that frame
 
 
@@ -45,13 +48,11 @@ class Episode:
             offset: seconds added to the log's times [s], or what :func:`find_clock_offset` found.
 
         Raises:
-            DenseVSError: an offset that is not finite.
+            DenseVSError: an offset that is not a finite number.
         """
         if isinstance(offset, ClockOffset):
             return replace(self, log=offset.applied(self.log))
-        if not np.isfinite(offset):
-            raise DenseVSError(f"time_offset is {offset}; expected finite seconds")
-        return replace(self, log=self.log.shifted(offset))
+        return replace(self, log=self.log.shifted(check_number("time_offset", offset)))
 
     def __iter__(self) -> Iterator[RecordedFrame]:
         """Every image within the log and the joints at its time; others count in ``skipped_frames``.
@@ -109,7 +110,7 @@ class Recording:
         camera: name of the chosen camera.
 
     Raises:
-        DenseVSError: an episode, camera or joint that is not there.
+        DenseVSError: a source that is no format, or an episode, camera or joint that is not there.
     """
 
     def __init__(
@@ -120,11 +121,20 @@ class Recording:
         camera: str | None = None,
         joint_names: Sequence[str] | None = None,
     ):
+        missing = [member for member in MEMBERS if not hasattr(source, member)]
+        if missing:
+            raise DenseVSError(
+                f"source is a {type(source).__name__} without {', '.join(missing)}; expected a RecordingFormat, as "
+                "open_recording() makes one"
+            )
+        if not source.cameras or not source.episodes:
+            raise DenseVSError(f"{source.path} has no camera or no episode; expected at least one of each")
         self.source = source
         self.path, self.format = source.path, source.name
         self.cameras, self.episodes = source.cameras, source.episodes
-        if camera is not None and camera not in self.cameras:
-            raise DenseVSError(f"camera {camera!r} is not in {self.path}; it has {', '.join(self.cameras)}")
+        if camera is not None and not (isinstance(camera, str) and camera in self.cameras):
+            present = short_text(", ".join(self.cameras))
+            raise DenseVSError(f"camera {shown(camera)} is not in {self.path}; it has {present}")
         self.camera = camera or self.cameras[0]
         self.all_joint_names = source.joint_names
         self.joint_names = choose_names(joint_names, source.joint_names)
@@ -147,28 +157,32 @@ class Recording:
         return iter(self.episode())
 
     def _check(self, number: int) -> None:
-        if number not in self.episodes:
-            raise DenseVSError(f"episode {number} is not in {self.path}; it has {_ranges(self.episodes)}")
+        whole = isinstance(number, (int, np.integer)) and not isinstance(number, bool)
+        if not whole or number not in self.episodes:
+            present = short_text(_ranges(self.episodes))
+            raise DenseVSError(f"episode {shown(number)} is not in {self.path}; it has {present}")
 
 
 def choose_names(patterns: Sequence[str] | None, names: Sequence[str]) -> tuple[str, ...]:
     """Names that the patterns choose, in the patterns' order; all of them for None.
 
     Raises:
-        DenseVSError: a pattern that chooses none, or a name that is chosen twice by name.
+        DenseVSError: no sequence of names, a pattern that chooses none, or a name that is chosen twice by name.
     """
     if patterns is None:
         return tuple(names)
+    if isinstance(patterns, (list, tuple)) and not patterns:
+        raise DenseVSError("joints are none; expected at least one name")
     chosen: list[str] = []
-    for pattern in patterns:
+    for pattern in check_names("joint names", patterns):
         found = [name for name in names if name == pattern or fnmatchcase(name, pattern)]
         if not found:
-            raise DenseVSError(f"joint {pattern!r} is not in the log; expected one of {', '.join(names)}")
+            raise DenseVSError(
+                f"joint {shown(pattern)} is not in the log; expected one of {short_text(', '.join(names))}"
+            )
         if pattern in chosen:
-            raise DenseVSError(f"joint {pattern!r} is named twice; expected each name once")
+            raise DenseVSError(f"joint {shown(pattern)} is named twice; expected each name once")
         chosen += [name for name in found if name not in chosen]
-    if not chosen:
-        raise DenseVSError("joints are none; expected at least one name")
     return tuple(chosen)
 
 

@@ -7,6 +7,7 @@ import numpy as np
 from dense_vs.arrays import real_vector
 from dense_vs.errors import DenseVSError
 from dense_vs.recording.frame import RecordedFrame
+from dense_vs.recording.joint_log import JointLog
 from dense_vs.recording.prefetch import prefetch
 from dense_vs.recording.recording import Episode, Recording
 
@@ -21,10 +22,15 @@ class Replay:
         joint_names: N names.
         joint_limits: None, as a recording says nothing of them.
         commands: commands taken so far.
+
+    Raises:
+        DenseVSError: neither of these.
     """
 
     def __init__(self, recording: Recording | Episode):
         episode = recording.episode() if isinstance(recording, Recording) else recording
+        if not isinstance(getattr(episode, "log", None), JointLog) or not hasattr(episode, "__iter__"):
+            raise DenseVSError(f"recording is a {type(recording).__name__}; expected a Recording or an Episode")
         self.joint_names = episode.log.names
         self.joint_limits: np.ndarray | None = None
         self.commands = 0

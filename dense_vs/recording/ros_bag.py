@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 
 from dense_vs.errors import DenseVSError
+from dense_vs.files import input_file
 from dense_vs.recording.frame import ImageStream, rate_of
 from dense_vs.recording.joint_log import JointLog
 from dense_vs.recording.ros_images import ImageDecoder
@@ -50,6 +51,9 @@ class RosBag:
     episodes: tuple[int, ...] = (0,)
 
     def __init__(self, path: Path):
+        for file in sorted(path.iterdir()) if path.is_dir() else [path]:
+            if not file.is_dir():
+                input_file(file)  # the library would wait for a pipe that it is told to open
         self.path = path
         self._ros1 = path.suffix.lower() == ".bag"
         self._store = _type_store(self._ros1)

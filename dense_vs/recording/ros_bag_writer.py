@@ -1,6 +1,8 @@
 """ROS 2 bags out, in MCAP: ``sensor_msgs/JointState`` and JPEG images, each at its own stamp."""
 
 import shutil
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
@@ -10,6 +12,8 @@ import numpy as np
 from dense_vs.arrays import number_array
 from dense_vs.checks import check_number
 from dense_vs.errors import DenseVSError
+from dense_vs.recording.joint_readings import recorded_names, recorded_text
+from dense_vs.recording.video_writer import check_open
 from dense_vs.robot.camera_image import check_rgb
 
 JPEG_QUALITY = 95  # compression artifacts are flow errors
@@ -27,7 +31,7 @@ class RosBagWriter:
         camera: its name; the topic is ``/CAMERA/image/compressed``.
 
     Raises:
-        DenseVSError: rosbags is not installed, or the folder cannot be made.
+        DenseVSError: rosbags is not installed, the folder cannot be made, or names that cannot be stored.
     """
 
     def __init__(self, folder: Path, joint_names: tuple[str, ...], *, camera: str = "camera"):
@@ -38,7 +42,9 @@ class RosBagWriter:
             raise DenseVSError(
                 "writing ROS bags needs rosbags, which is not installed; pip install 'dense-vs[recordings]'"
             ) from error
-        self._folder, self._names = folder, list(joint_names)
+        self._folder, self._names = folder, list(recorded_names(joint_names))
+        recorded_text("camera", camera)
+        self._closed = False
         self._images = self._readings = 0
         self._base: float | None = None
         self._store = get_typestore(Stores.ROS2_JAZZY)
@@ -56,6 +62,7 @@ class RosBagWriter:
 
     def add_image(self, image: np.ndarray, time: float) -> None:
         """Add an image."""
+        check_open(self._closed, self._folder)
         image = check_rgb(image)
         stamp = self._on_bag("image time stamp", time)
         settings = [cv2.IMWRITE_JPEG_QUALITY, JPEG_QUALITY]
@@ -70,6 +77,7 @@ class RosBagWriter:
 
     def add_joints(self, positions: np.ndarray, time: float) -> None:
         """Add a reading."""
+        check_open(self._closed, self._folder)
         none = np.zeros(0)
         q = number_array(positions, "joint positions", (len(self._names),))
         stamp = self._on_bag("joint time stamp", time)
@@ -79,17 +87,25 @@ class RosBagWriter:
 
     def close(self) -> None:
         """Complete the bag."""
+        if self._closed:
+            return
         if not self._images or self._readings < 2:
             self.abort()
             raise DenseVSError(
                 f"{self._folder} got {self._images} images and {self._readings} joint readings; expected at least 1 "
                 "and 2"
             )
-        self._writer.close()
+        self._closed = True
+        with self._write_errors():
+            self._writer.close()
 
     def abort(self) -> None:
         """Leave no bag."""
-        self._writer.close()
+        if self._closed:
+            return
+        self._closed = True
+        with suppress(OSError):  # a folder that somebody removed
+            self._writer.close()
         shutil.rmtree(self._folder, ignore_errors=True)
 
     def _on_bag(self, name: str, time: float) -> float:
@@ -104,9 +120,14 @@ class RosBagWriter:
         return self._writer.add_connection(topic, kind, typestore=self._store)
 
     def _write(self, connection: Any, message: Any, time: float) -> None:
-        try:
+        with self._write_errors():
             data = self._store.serialize_cdr(message, connection.msgtype)
             self._writer.write(connection, round(time * 1e9), data)
+
+    @contextmanager
+    def _write_errors(self) -> Iterator[None]:
+        try:
+            yield
         except OSError as error:
             raise DenseVSError(f"cannot write {self._folder}: {error.strerror or error}") from error
 

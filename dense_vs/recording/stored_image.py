@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from dense_vs.errors import DenseVSError
+from dense_vs.files import input_file
 from dense_vs.recording.frame import check_size
 
 
@@ -29,7 +30,7 @@ def read_image(source: bytes | Path, what: str) -> np.ndarray:
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("error")
-            stream = io.BytesIO(source) if isinstance(source, bytes) else source
+            stream = io.BytesIO(source) if isinstance(source, bytes) else input_file(source)
             with Image.open(stream) as image:
                 check_size(*image.size, what)
                 return np.array(ImageOps.exif_transpose(image).convert("RGB"))

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from dense_vs.errors import DenseVSError
 from dense_vs.recording.clock_offset import ClockOffset, MotionSamples, find_clock_offset
 from dense_vs.recording.distinct_images import DistinctImages
 from dense_vs.recording.frame import rate_of
@@ -80,8 +81,10 @@ def survey_episode(episode: Episode, on_image: Callable[[], object] | None = Non
         on_image: called after every image, for a progress bar.
 
     Raises:
-        DenseVSError: damaged images.
+        DenseVSError: no episode, or damaged images.
     """
+    if not isinstance(getattr(episode, "log", None), JointLog) or not hasattr(episode, "images"):
+        raise DenseVSError(f"episode is a {type(episode).__name__}; expected an Episode, as Recording.episode() gives")
     stream = episode.images()
     motion, times = MotionSamples(), []
 

@@ -1,16 +1,18 @@
 """True Jacobians beside a simulated recording, to measure an estimate by."""
 
 import os
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import cv2
 import numpy as np
 
+from dense_vs.arrays import plain_array
 from dense_vs.checks import check_names, check_number
 from dense_vs.errors import DenseVSError
 from dense_vs.files import atomic_write, read_arrays, stored_array
 from dense_vs.recording.frame import check_size
+from dense_vs.recording.joint_readings import recorded_names
 from dense_vs.robot.joint_group import joint_indices
 
 STAMP_TOLERANCE = 1e-3  # s, between a video's time stamp and the simulator's time of the same frame
@@ -33,15 +35,18 @@ class TruthFile:
     robot_masks: np.ndarray
 
     def write(self, path: str | os.PathLike[str]) -> None:
-        """Write an ``.npz`` file, whole or not at all."""
+        """Write an ``.npz`` file, whole or not at all.
+
+        Raises:
+            DenseVSError: what :meth:`read` would refuse, or a file that cannot be written; what was there stays.
+        """
+        content = {"joint_names": np.array(recorded_names(self.joint_names))}
+        for name in ("times", "jacobians", "robot_masks"):
+            content[name] = plain_array(getattr(self, name), name, "an array")
+        _check(content)
         with atomic_write(path) as stream:
-            np.savez_compressed(
-                stream,
-                joint_names=np.array(self.joint_names),
-                times=self.times,
-                jacobians=self.jacobians,
-                robot_masks=self.robot_masks,
-            )
+            # NumPy's stub takes the names of arrays for options.
+            np.savez_compressed(stream, allow_pickle=False, **content)  # pyright: ignore[reportArgumentType]
 
     @classmethod
     def read(cls, path: str | os.PathLike[str], joint_names: Sequence[str]) -> "TruthFile":
@@ -53,12 +58,7 @@ class TruthFile:
         joint_names = check_names("joint names", joint_names)
         stored = read_arrays(path, "the truth of a recording", ("joint_names", "times", "jacobians", "robot_masks"))
         try:
-            names = [str(name) for name in stored_array(stored, "joint_names", (-1,), "U")]
-            times = stored_array(stored, "times", (-1,))
-            masks = stored_array(stored, "robot_masks", (len(times), -1, -1), "b")
-            jacobians = stored_array(stored, "jacobians", (*masks.shape, 2, len(names)))
-            if not masks.size:
-                raise DenseVSError(f"robot_masks has shape {masks.shape}; expected at least one frame and pixel")
+            names, times, jacobians, masks = _check(stored)
         except DenseVSError as error:
             raise DenseVSError(f"cannot read {path} as the truth of a recording: {error}") from error
         return cls(joint_names, times, jacobians[..., joint_indices(joint_names, names, str(path))], masks)
@@ -85,3 +85,14 @@ class TruthFile:
         )
         true = planes.reshape(height, width, *true.shape[2:]) * scale
         return true, cv2.resize(mask.astype(np.uint8), (width, height), interpolation=cv2.INTER_NEAREST).astype(bool)
+
+
+def _check(content: Mapping[str, np.ndarray]) -> tuple[list[str], np.ndarray, np.ndarray, np.ndarray]:
+    """Names, times, Jacobians and masks of a file, whose shapes fit one another."""
+    names = [str(name) for name in stored_array(content, "joint_names", (-1,), "U")]
+    times = stored_array(content, "times", (-1,))
+    masks = stored_array(content, "robot_masks", (len(times), -1, -1), "b")
+    jacobians = stored_array(content, "jacobians", (*masks.shape, 2, len(names)))
+    if not masks.size:
+        raise DenseVSError(f"robot_masks has shape {masks.shape}; expected at least one frame and pixel")
+    return names, times, jacobians, masks

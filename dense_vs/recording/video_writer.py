@@ -16,6 +16,16 @@ SLOWEST, FASTEST = 1e-3, 1e5  # Hz; frame rates are fractions of 32-bit numbers
 MOST_QUALITY = 51  # constant rate factor
 
 
+def check_open(closed: bool, what: object) -> None:
+    """Refuse what comes after a recording's end.
+
+    Raises:
+        DenseVSError: it is closed.
+    """
+    if closed:
+        raise DenseVSError(f"{what} is complete; expected nothing more to be added")
+
+
 class VideoWriter:
     """Writes RGB frames as H.264 in an MP4 file, which browsers play; use as a context manager.
 
@@ -27,8 +37,8 @@ class VideoWriter:
         quality: constant rate factor, 0 to 51, lower is better; 12 keeps texture for optical flow, 20 is for viewing.
 
     Raises:
-        DenseVSError: PyAV is not installed, a frame rate or quality out of range, the file cannot be written, or got
-            no frame.
+        DenseVSError: PyAV is not installed, a frame rate or quality out of range, the file cannot be written, got no
+            frame, or gets one when it is complete.
     """
 
     def __init__(self, path: str | os.PathLike[str], fps: float = 30.0, *, quality: int = 20):
@@ -49,6 +59,7 @@ class VideoWriter:
         with self._write_errors():
             self._partial.touch()  # PyAV would find out at the first frame
             self._container = av.open(str(self._partial), mode="w", format="mp4")
+        self._closed = False
         self._stream: Any = None
         self._size: tuple[int, int] | None = None
         self._rate = Fraction(fps).limit_denominator(1000)
@@ -58,8 +69,9 @@ class VideoWriter:
         """Add an RGB uint8 ``(H, W, 3)`` frame; all of one size, odd sides are cut by a pixel.
 
         Raises:
-            DenseVSError: another shape or dtype.
+            DenseVSError: another shape or dtype, or a video that is complete.
         """
+        check_open(self._closed, self.path)
         image = check_rgb(image, "frame", least=2)
         self._size = self._size or image.shape[:2]
         if image.shape[:2] != self._size:
@@ -81,6 +93,9 @@ class VideoWriter:
         return self
 
     def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
+        if self._closed:
+            return
+        self._closed = True
         try:
             if kind is None and self._stream is None:
                 raise DenseVSError(f"video {self.path} got no frame; expected at least one")

@@ -9,24 +9,29 @@ from typing import Protocol
 
 import numpy as np
 
-from dense_vs.checks import check_choice, check_names, check_number
+from dense_vs.checks import check_choice, check_number, shown
 from dense_vs.errors import DenseVSError
 from dense_vs.files import atomic_write, file_path, output_folder
-from dense_vs.recording.joint_readings import JointReadings
-from dense_vs.recording.video_writer import VideoWriter
+from dense_vs.recording.joint_log import IMAGE_COLUMN
+from dense_vs.recording.joint_readings import JointReadings, recorded_names
+from dense_vs.recording.video_writer import VideoWriter, check_open
 
 FORMATS = ("video", "lerobot", "mcap")
 QUALITY = 12  # constant rate factor that keeps texture for optical flow
 
 
 class RecordingWriter(Protocol):
-    """Takes images and joint readings in any interleaving; files are complete after :meth:`close`."""
+    """Takes images and joint readings in any interleaving; files are complete after :meth:`close`.
+
+    After :meth:`close` or :meth:`abort` nothing can be added, and either does nothing more.
+    """
 
     def add_image(self, image: np.ndarray, time: float) -> None:
         """Add an RGB uint8 ``(H, W, 3)`` image and its stamp [s].
 
         Raises:
-            DenseVSError: no such image, or a stamp that is not a finite number; it is left out.
+            DenseVSError: no such image, a stamp that is not a finite number, or a writer that is closed; it is left
+                out.
         """
         ...
 
@@ -34,7 +39,8 @@ class RecordingWriter(Protocol):
         """Add joint positions ``(N,)`` and their stamp [s].
 
         Raises:
-            DenseVSError: not N finite numbers, or a stamp that is none; the reading is left out.
+            DenseVSError: not N finite numbers, a stamp that is none, or a writer that is closed; the reading is left
+                out.
         """
         ...
 
@@ -42,7 +48,7 @@ class RecordingWriter(Protocol):
         """Complete the files.
 
         Raises:
-            DenseVSError: no image, fewer than two joint readings, or a full disk.
+            DenseVSError: no image, fewer than two joint readings, or a full disk; no files are left then.
         """
         ...
 
@@ -69,10 +75,11 @@ def open_writer(
         quality: constant rate factor of H.264, lower is better.
 
     Raises:
-        DenseVSError: another format, no names, a rate or quality out of range, or a folder that cannot be written to.
+        DenseVSError: another format, no names or two alike, a rate or quality out of range, or a folder that cannot be
+            written to.
     """
     check_choice("format", form, FORMATS)
-    joint_names = check_names("joint names", joint_names)
+    joint_names = recorded_names(joint_names)
     path = file_path(path)
     if form == "video":
         return VideoAndLogWriter(output_folder(path), joint_names, fps=fps, quality=quality)
@@ -108,29 +115,44 @@ class VideoAndLogWriter:
         folder: where to write.
         joint_names: N names.
         fps, quality: of :class:`VideoWriter`.
+
+    Raises:
+        DenseVSError: names that the log has no room for, or as :class:`VideoWriter`.
     """
 
     def __init__(self, folder: Path, joint_names: tuple[str, ...], *, fps: float, quality: int):
-        self._folder, self._names = folder, joint_names
+        self._folder, self._names = folder, recorded_names(joint_names)
+        for name in self._names:
+            if name == IMAGE_COLUMN or name != name.strip():
+                raise DenseVSError(
+                    f"joint name {shown(name)} does not come back from a joint log; expected a name without space "
+                    f"around it, other than {IMAGE_COLUMN!r}, which is the column of images' names"
+                )
+        self._closed = False
         self._video = VideoWriter(folder / "video.mp4", fps, quality=quality)
         self._joints = JointReadings(joint_names)
         self._start: float | None = None
 
     def add_image(self, image: np.ndarray, time: float) -> None:
         """Add an image."""
+        check_open(self._closed, self._folder)
         time = check_number("image time stamp", time)
         self._video.write(image)
         self._start = time if self._start is None else self._start
 
     def add_joints(self, positions: np.ndarray, time: float) -> None:
         """Add a reading; one that is not newer than the last is the same reading again."""
+        check_open(self._closed, self._folder)
         self._joints.add(positions, time)
 
     def close(self) -> None:
         """Complete both files."""
+        if self._closed:
+            return
         if len(self._joints) < 2:
             self.abort()
             raise DenseVSError(f"{self._folder} got {len(self._joints)} joint readings; expected at least 2")
+        self._closed = True
         self._video.__exit__(None)
         with atomic_write(self._folder / "joints.csv", "w") as stream:
             rows = csv.writer(stream, lineterminator="\n")
@@ -140,4 +162,5 @@ class VideoAndLogWriter:
 
     def abort(self) -> None:
         """Leave no video."""
+        self._closed = True
         self._video.__exit__(KeyboardInterrupt)

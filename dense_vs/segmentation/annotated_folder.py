@@ -9,11 +9,12 @@ import numpy as np
 
 from dense_vs.arrays import plain_array
 from dense_vs.errors import DenseVSError
-from dense_vs.files import atomic_write, file_path
+from dense_vs.files import atomic_write, file_path, input_file
 from dense_vs.segmentation.segmenter import check_mask
 
 IMAGE_SUFFIXES = (".jpg", ".jpeg", ".png", ".bmp")
 MASK_SUFFIX = "_mask.png"
+MOST_BYTES = 1 << 30  # of an image file, which is read whole
 
 
 @dataclass(frozen=True)
@@ -135,7 +136,7 @@ def _write(path: str | os.PathLike[str], kind: str, image: np.ndarray) -> None:
 
 
 def _read(path: str | os.PathLike[str], flags: int) -> np.ndarray:
-    path = file_path(path)
+    path = input_file(path, most=MOST_BYTES)
     try:
         content = np.fromfile(path, dtype=np.uint8)
     except OSError as error:

@@ -17,12 +17,14 @@ import numpy as np
 from dense_vs.arrays import number_array
 from dense_vs.checks import check_choice, check_number, check_pair, check_whole
 from dense_vs.errors import DenseVSError
+from dense_vs.files import input_file
 from dense_vs.segmentation.segmenter import check_image, check_mask
 
 Layout = Literal["nchw", "nhwc"]
 Colors = Literal["rgb", "bgr"]
 Activation = Literal["logit", "probability", "class_logits", "class_probabilities", "labels"]
 
+MOST_BYTES = 2 << 30  # of a network file; the format has no larger ones
 _TYPES = {
     "tensor(float)": np.float32,
     "tensor(float16)": np.float16,
@@ -149,7 +151,7 @@ class OnnxSegmenter:
             threads=threads,
             providers=providers,
         )
-        self._session = _open(Path(path), self.options)
+        self._session = _open(input_file(path, most=MOST_BYTES), self.options)
         self._inputs = {one.name: one for one in self._session.get_inputs()}
         self._outputs = {one.name: one for one in self._session.get_outputs()}
         self._check_names()

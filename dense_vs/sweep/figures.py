@@ -1,6 +1,5 @@
 """Figures of finished tasks, gathered by what they share."""
 
-import json
 import math
 from collections.abc import Iterable
 from dataclasses import dataclass
@@ -8,6 +7,8 @@ from pathlib import Path
 from statistics import median
 from typing import Any
 
+from dense_vs.errors import DenseVSError
+from dense_vs.files import read_json
 from dense_vs.sweep.run_task import FIGURES_FILE, OUT_FOLDER, result_folder
 from dense_vs.sweep.task import Task
 
@@ -43,8 +44,9 @@ def figures_of(folder: Path, task: Task) -> dict[str, float]:
         return {_named(row): _number(row.get("ours")) for row in rows["rows"] if isinstance(row, dict)}
     summary = _read(place / OUT_FOLDER / SUMMARY_FILE) or {}
     numbers = {name: value for name, value in summary.items() if not isinstance(value, bool)}
-    figures = {name: float(value) for name, value in numbers.items() if isinstance(value, int | float)}
-    targets = [one for one in summary.get("targets", []) if isinstance(one, dict)]
+    figures = {name: _number(value) for name, value in numbers.items() if isinstance(value, int | float)}
+    listed = summary.get("targets")
+    targets = [one for one in listed if isinstance(one, dict)] if isinstance(listed, list) else []
     if targets:
         figures["targets reached"] = float(sum(bool(one.get("reached")) for one in targets))
         errors = [_number(one.get("true_error_px")) for one in targets]
@@ -73,12 +75,15 @@ def _named(row: dict[str, Any]) -> str:
 
 
 def _number(value: Any) -> float:
-    return float(value) if isinstance(value, int | float) else math.nan
+    try:
+        return float(value) if isinstance(value, int | float) else math.nan
+    except OverflowError:  # a whole number that no float holds
+        return math.nan
 
 
 def _read(path: Path) -> dict[str, Any] | None:
     try:
-        content = json.loads(path.read_text(encoding="utf-8"))
-    except (OSError, ValueError):
+        content = read_json(path)
+    except DenseVSError:
         return None
     return content if isinstance(content, dict) else None

@@ -1,14 +1,18 @@
 """Reads the file that says what to run: every combination of options and seeds becomes a task."""
 
 import os
+import re
 import tomllib
 from collections.abc import Iterator
 from itertools import product
 from typing import Any
 
+from dense_vs.checks import shown
 from dense_vs.errors import DenseVSError
+from dense_vs.files import input_file
 from dense_vs.sweep.task import Task
 
+MOST_BYTES = 16 << 20  # of a sweep file; it names at most 100,000 tasks
 _ALLOWED = {"command", "arguments", "seeds", "options"}
 _OURS = {"out", "json", "seed"}
 _MOST = 100_000  # tasks; more is taken for a slip
@@ -30,10 +34,11 @@ def read_plan(path: str | os.PathLike[str]) -> list[Task]:
     Raises:
         DenseVSError: unreadable, not TOML, with names it does not know, or with the same task twice.
     """
+    path = input_file(path, "a sweep file", most=MOST_BYTES)
     try:
         with open(path, "rb") as stream:
             content = tomllib.load(stream)
-    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
+    except (OSError, ValueError, RecursionError) as error:  # ValueError also of a number with too many digits
         raise DenseVSError(f"cannot read {path} as a sweep file: {error}") from error
     experiments = content.get("experiment")
     if set(content) != {"experiment"} or not isinstance(experiments, list) or not experiments:
@@ -57,11 +62,11 @@ def _tasks(experiment: Any, where: str) -> Iterator[Task]:
         raise DenseVSError(f"{where} has {', '.join(unknown)}; expected some of {', '.join(sorted(_ALLOWED))}")
     command = experiment.get("command")
     if not isinstance(command, str) or not command.split() or command.split()[0] == "sweep":
-        raise DenseVSError(f"{where} has command {command!r}; expected the words of a command other than sweep")
+        raise DenseVSError(f"{where} has command {shown(command)}; expected the words of a command other than sweep")
     words = (*command.split(), *_words(experiment.get("arguments", []), f"{where}, arguments"))
     options = experiment.get("options", {})
     if not isinstance(options, dict):
-        raise DenseVSError(f"{where} has options {options!r}; expected a table")
+        raise DenseVSError(f"{where} has options {shown(options)}; expected a table")
     if taken := sorted(_OURS & set(options)):
         raise DenseVSError(f"{where} sets {', '.join(taken)}; seeds are given by 'seeds', and files go to the sweep's")
     choices = [[(name, value) for value in _values(options[name], f"{where}, {name}")] for name in options]
@@ -91,8 +96,11 @@ def _option(name: str, value: Any, where: str) -> list[str]:
 def _words(value: Any, where: str) -> list[str]:
     words = value if isinstance(value, list) else [value]
     if any(isinstance(word, bool) or not isinstance(word, str | int | float) for word in words):
-        raise DenseVSError(f"{where} is {value!r}; expected text, numbers or a list of them")
-    return [str(word) for word in words]
+        raise DenseVSError(f"{where} is {shown(value)}; expected text, numbers or a list of them")
+    try:
+        return [str(word) for word in words]
+    except ValueError as error:  # a whole number of more digits than Python writes
+        raise DenseVSError(f"{where} is {shown(value)}; expected numbers of fewer digits") from error
 
 
 def _seeds(seeds: Any, where: str) -> list[int | None]:
@@ -100,8 +108,9 @@ def _seeds(seeds: Any, where: str) -> list[int | None]:
         return [None]
     if isinstance(seeds, str):
         first, colon, end = seeds.partition(":")
-        if colon and first.isdecimal() and end.isdecimal() and int(first) < int(end) <= int(first) + _MOST:
+        numbers = colon and all(re.fullmatch("[0-9]{1,20}", part) for part in (first, end))
+        if numbers and int(first) < int(end) <= int(first) + _MOST:
             return list(range(int(first), int(end)))
-    elif isinstance(seeds, list) and seeds and all(type(seed) is int and seed >= 0 for seed in seeds):
+    elif isinstance(seeds, list) and seeds and all(type(seed) is int and 0 <= seed < 1 << 64 for seed in seeds):
         return list(seeds)
-    raise DenseVSError(f'{where} has seeds {seeds!r}; expected "A:B" for A to B - 1, or a list of whole numbers')
+    raise DenseVSError(f'{where} has seeds {shown(seeds)}; expected "A:B" for A to B - 1, or a list of whole numbers')

@@ -1,6 +1,5 @@
 """Runs one task beside its place and moves the result there when it is whole."""
 
-import json
 import os
 import shutil
 import subprocess
@@ -11,7 +10,8 @@ from contextlib import suppress
 from pathlib import Path
 from typing import IO
 
-from dense_vs.files import write_json
+from dense_vs.errors import DenseVSError
+from dense_vs.files import read_json, write_json
 from dense_vs.sweep.task import Outcome, Task
 
 RESULTS, RUNNING, FAILED = "results", "running", "failed"
@@ -26,8 +26,8 @@ def result_folder(folder: Path, task: Task) -> Path:
 def is_done(folder: Path, task: Task, version: str) -> bool:
     """Whether a whole result of this task by this code is there."""
     try:
-        content = json.loads((result_folder(folder, task) / TASK_FILE).read_text(encoding="utf-8"))
-    except (OSError, ValueError):
+        content = read_json(result_folder(folder, task) / TASK_FILE)
+    except DenseVSError:
         return False
     return isinstance(content, dict) and content.get("key") == task.key(version)
 

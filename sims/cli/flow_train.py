@@ -5,8 +5,10 @@ runs; make the images small there. Beside the ONNX file it leaves PyTorch's weig
 """
 
 import argparse
+import re
 from pathlib import Path
 
+from dense_vs.checks import shown
 from dense_vs.errors import DenseVSError
 
 
@@ -60,6 +62,7 @@ def run(arguments: argparse.Namespace) -> None:
 
 def _size(text: str) -> tuple[int, int]:
     parts = text.lower().split("x")
-    if len(parts) != 2 or not all(part.isdigit() and int(part) >= 32 and int(part) % 16 == 0 for part in parts):
-        raise DenseVSError(f"--size is {text!r}; expected WxH in multiples of 16 from 32 on, as 320x240")
-    return int(parts[0]), int(parts[1])
+    sides = [int(part) for part in parts if re.fullmatch("[0-9]{1,5}", part)]
+    if len(parts) != 2 or len(sides) != 2 or not all(side >= 32 and side % 16 == 0 for side in sides):
+        raise DenseVSError(f"--size is {shown(text)}; expected WxH in multiples of 16 from 32 on, as 320x240")
+    return sides[0], sides[1]

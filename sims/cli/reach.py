@@ -171,8 +171,6 @@ def run(arguments: argparse.Namespace) -> None:
             for target in targets:
                 measured.append(experiment.reach(target, max_frames=arguments.max_frames))
                 bar.update()
-    if checkpoint is not None:
-        checkpoint.end()
     seconds = time.perf_counter() - started
     plot_reach(experiment.trace, world.joint_names, out / "reach.png")
     summary = {
@@ -198,6 +196,8 @@ def run(arguments: argparse.Namespace) -> None:
         f"{close} of {len(measured)} targets within {REACHED_PX:g} px (true error); "
         f"{len(experiment.trace.times)} frames in {seconds:.1f} s, simulation included; results in {out}"
     )
+    if checkpoint is not None:
+        checkpoint.finish()
 
 
 def _check_numbers(arguments: argparse.Namespace) -> None:

@@ -119,6 +119,7 @@ def robot_targets() -> list[Target]:
         *part_targets(kept, gate),
         *buffer_targets(),
         *file_targets(),
+        *recording_targets(),
     ]  # fmt: skip
 
 
@@ -248,4 +249,53 @@ def file_targets() -> list[Target]:
         Target("write_mask", lambda mask: write_mask(FOLDER / "a_mask.png", mask), lambda: {"mask": mask()}),
         Target("write_image", lambda image: write_image(FOLDER / "a.jpg", image), lambda: {"image": rgb()}),
         Target("FewShotOptions", lambda seed: FewShotOptions(seed=seed).seed, lambda: {"seed": 0}, weight=0.3),
+    ]  # fmt: skip
+
+
+def recording_targets() -> list[Target]:
+    """Names and truth as they are written, and recordings as they are chosen from."""
+    from small_recordings import lerobot_v2
+
+    from dense_vs.recording import (
+        JointLog,
+        MotionSamples,
+        Replay,
+        TruthFile,
+        find_clock_offset,
+        open_recording,
+        open_writer,
+        survey_episode,
+    )
+
+    def round_trip(form: Any, names: tuple[Any, ...]) -> None:
+        folder = Path(mkdtemp(dir=FOLDER)) / "run"
+        writer = open_writer(form, folder, names)
+        for k in range(3):
+            writer.add_image(rgb(), k / 30)
+            writer.add_joints(np.arange(len(names)) + k, k / 30)
+        writer.close()
+        if open_recording(folder).joint_names != names:
+            raise AssertionError("other names came back")
+
+    recording = lerobot_v2(FOLDER / "lerobot", episodes=1)
+    still = JointLog(("a",), np.arange(3.0), np.ones((3, 1)))
+    return [
+        *[
+            Target(f"open_writer({form}), names", lambda form=form, **names: round_trip(form, tuple(names.values())),
+                   lambda: {"first": "a", "second": "b"}, weight=0.3)
+            for form in ("video", "lerobot", "mcap")
+        ],
+        Target("TruthFile.write", lambda **o: TruthFile(**o).write(FOLDER / "written.npz"),
+               lambda: {"joint_names": NAMES, "times": np.arange(2.0),
+                        "jacobians": np.ones((2, H, W, 2, N), np.float32), "robot_masks": np.stack([mask()] * 2)}),
+        Target("Recording", lambda **o: open_recording(recording, **o).joint_names,
+               lambda: {"episode": 0, "camera": "observation.images.front", "joint_names": ["a"]}),
+        Target("Episode.shifted", lambda offset: open_recording(recording).episode().shifted(offset).log.times,
+               lambda: {"offset": 0.1}, weight=0.3),
+        Target("Replay", lambda recording: Replay(recording).joint_names, lambda: {"recording": FOLDER / "x"},
+               weight=0.2),
+        Target("survey_episode", lambda episode: survey_episode(episode).fps, lambda: {"episode": FOLDER / "x"},
+               weight=0.2),
+        Target("find_clock_offset", lambda seed: find_clock_offset(MotionSamples(), still, seed=seed).seconds,
+               lambda: {"seed": 0}),
     ]  # fmt: skip

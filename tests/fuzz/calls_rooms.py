@@ -3,6 +3,7 @@
 from functools import cache
 from pathlib import Path
 from tempfile import mkdtemp
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -50,8 +51,6 @@ def memory() -> Any:
 
 @cache
 def checkpoint() -> Any:
-    from types import SimpleNamespace
-
     from calls import estimator
 
     from dense_vs.pipeline.checkpoint import Checkpoint
@@ -119,6 +118,8 @@ def tracks() -> dict[str, Any]:
 
 def learning_targets() -> list[Target]:
     """The body model's options and tracks, checkpoints, sweeps."""
+    from calls import estimator
+
     from dense_vs.body_model import (
         BodyFitOptions,
         Keyframes,
@@ -131,6 +132,12 @@ def learning_targets() -> list[Target]:
     )
     from dense_vs.pipeline.checkpoint import Checkpoint
     from dense_vs.sweep.run_sweep import run_sweep
+
+    def keep(seconds: Any, posture: Any) -> float:
+        one = Checkpoint(folder() / "again.npz", ("a", "b", "c"))
+        one.keep(SimpleNamespace(estimator=estimator(), posture=posture), seconds)
+        one.finish()
+        return one.resume((H, W), device="cpu", threads=1).seconds
 
     return [
         Target("PointTrackOptions", lambda **o: PointTrackOptions(**o).window,
@@ -172,6 +179,7 @@ def learning_targets() -> list[Target]:
         *body_targets(),
         Target("Checkpoint", lambda period: Checkpoint(folder() / "new.npz", ("a",), period=period).period,
                lambda: {"period": 3.0}),
+        Target("Checkpoint.keep", keep, lambda: {"seconds": 1.0, "posture": np.zeros(N)}),
         Target("Checkpoint.resume", lambda size: checkpoint().resume(size, device="cpu", threads=1).seconds,
                lambda: {"size": (H, W)}),
         Target("Kept.bring_to", lambda positions: checkpoint().resume((H, W), device="cpu", threads=1).bring_to(

@@ -11,8 +11,8 @@ import numpy as np
 from outcome import Tally, run_case
 from target import mask, rgb
 
-WORDS = ("", "x", "-1", "0", "nan", "inf", "-inf", "1e12", "1e400", "nan,nan", "1,2,3", "a" * 5000, "\u2603", "..",
-         "9" * 30, "0:0", "--", "-h")  # fmt: skip
+WORDS = ("", "x", "-1", "0", "9" * 5000, "\u00b2", "nan", "inf", "-inf", "1e12", "1e400", "nan,nan", "1,2,3",
+         "a" * 5000, "\u2603", "..", "9" * 30, "0:0", "--", "-h", "pipe", "/dev/zero")  # fmt: skip
 REACH = "reach --robot planar --targets 1 --babble 0.1 --max-frames 2 --height 96 --width 128 --no-video --threads 1"
 RECORD = "record --robot planar --seconds 0.1 --height 32 --width 48 --truth-every 2 --threads 1"
 CODES = (0, 2)
@@ -26,6 +26,7 @@ def run(tally: Tally, seed: int, count: int, progress: Path) -> None:
     with TemporaryDirectory() as name, contextlib.chdir(name):
         Path("below").mkdir()
         os.chdir("below")
+        os.mkfifo("pipe")  # nobody writes to it
         commands = good_commands(Path(name))
         for case in range(count):
             random = np.random.default_rng([seed, case])

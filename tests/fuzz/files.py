@@ -1,7 +1,12 @@
-"""Every reader of files on damaged files: bytes flipped, cut, doubled; arrays of another shape, type or size."""
+"""Every reader of files on damaged files: bytes flipped, cut, doubled; arrays of another shape, type or size.
+
+Some are no files at all: a pipe that nobody writes to, a device that never ends.
+"""
 
 import io
 import json
+import os
+import re
 import zipfile
 from collections.abc import Callable
 from pathlib import Path
@@ -90,10 +95,12 @@ def of_rooms(folder: Path) -> list[tuple[Path, Callable[[Path], Any]]]:
     """Files of the live page, sweeps, the body model and checkpoints."""
     from calls import estimator
     from calls_rooms import body, checkpoint, memory
+    from small_recordings import lerobot_v2
 
     from dense_vs.body_model import load_body
     from dense_vs.live.state_file import load_state
     from dense_vs.pipeline.checkpoint import Checkpoint
+    from dense_vs.recording import open_recording
     from dense_vs.sweep.figures import SUMMARY_FILE, figures_of
     from dense_vs.sweep.plan import read_plan
     from dense_vs.sweep.run_task import OUT_FOLDER, result_folder
@@ -106,12 +113,18 @@ def of_rooms(folder: Path) -> list[tuple[Path, Callable[[Path], Any]]]:
     task = read_plan(folder / "plan.toml")[0]
     summary = {"seed": 1, "fps": 30.5, "robot": "arm", "targets": [{"reached": True, "true_error_px": 0.5}]}
     (folder / "summary.json").write_text(json.dumps(summary))
+    lerobot_v2(folder / "lerobot", episodes=1)
+    (folder / "info.json").write_bytes((folder / "lerobot" / "meta" / "info.json").read_bytes())
 
     def figures(path: Path) -> Any:
         place = result_folder(folder, task) / OUT_FOLDER
         place.mkdir(parents=True, exist_ok=True)
-        (place / SUMMARY_FILE).write_bytes(path.read_bytes())
+        path.replace(place / SUMMARY_FILE)
         return figures_of(folder, task)
+
+    def episodes(path: Path) -> Any:
+        path.replace(folder / "lerobot" / "meta" / "info.json")
+        return open_recording(folder / "lerobot").episodes
 
     def resumed(path: Path) -> Any:
         kept = Checkpoint(path, checkpoint().joint_names).resume((H, W), device="cpu", threads=1)
@@ -125,15 +138,29 @@ def of_rooms(folder: Path) -> list[tuple[Path, Callable[[Path], Any]]]:
         (folder / "memory.npz", lambda path: load_body(path).jacobian(np.zeros(2))),
         (folder / "plan.toml", lambda path: [task.command_line("out", "rows") for task in read_plan(path)]),
         (folder / "summary.json", figures),
+        (folder / "info.json", episodes),
     ]
 
 
 def damage(good: Path, bad: Path, random: np.random.Generator) -> str:
     """Write a damaged copy; how it was damaged."""
     content = bytearray(good.read_bytes())
+    bad.unlink(missing_ok=True)
     if good.suffix == ".npz" and random.random() < 0.7:
         return _damage_array(good, bad, random)
-    choice = int(random.integers(6))
+    choice = int(random.integers(8))
+    if choice == 6:
+        if random.random() < 0.5:
+            os.mkfifo(bad)
+            return "a pipe"
+        bad.symlink_to("/dev/zero")
+        return "a device"
+    if choice == 7 and good.suffix in (".json", ".toml", ".csv"):
+        places = [found.span() for found in re.finditer(rb"[0-9]+", content)]
+        first, end = places[int(random.integers(len(places)))]
+        digits = b"9" * int(random.choice([20, 400, 5000]))
+        bad.write_bytes(content[:first] + digits + content[end:])
+        return f"{len(digits)} digits at {first}"
     if choice == 0:
         bad.write_bytes(content[: int(random.integers(len(content)))])
         return "cut"
@@ -165,7 +192,8 @@ def _damage_array(good: Path, bad: Path, random: np.random.Generator) -> str:
         arrays = {name: stored[name] for name in stored.files}
     name = sorted(arrays)[int(random.integers(len(arrays)))]
     array = arrays[name]
-    kinds = ["missing", "more axes", "empty", "type", "text", "nan", "huge", "negative", "header", "shorter", "scalar"]
+    kinds = ["missing", "more axes", "empty", "type", "text", "nan", "huge", "negative", "header", "shorter", "scalar",
+             "nested", "digits"]  # fmt: skip
     kind = kinds[int(random.integers(len(kinds)))]
     if kind == "missing":
         del arrays[name]
@@ -176,6 +204,8 @@ def _damage_array(good: Path, bad: Path, random: np.random.Generator) -> str:
     elif kind == "type":
         other = [np.int64, np.float16, np.complex128, np.uint8, bool][int(random.integers(5))]
         arrays[name] = np.zeros(array.shape, other)
+    elif kind in ("nested", "digits"):
+        arrays[name] = np.array({"nested": "[" * 100_000, "digits": "9" * 5000}[kind])
     elif kind == "text":
         arrays[name] = np.full(array.shape, "x")
     elif kind in ("nan", "huge", "negative"):

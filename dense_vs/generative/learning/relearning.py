@@ -4,11 +4,13 @@ The paper starts the part from random values and runs L-BFGS with the rest fixed
 resection, triangulation, rigid alignment or the kinematic stage, so that two to five samples are enough.
 """
 
+import re
 import time
 from dataclasses import replace
 
 import numpy as np
 
+from dense_vs.checks import shown
 from dense_vs.errors import DenseVSError
 from dense_vs.generative.inference.pose_inference import infer_poses
 from dense_vs.generative.kinematics.placement import CAMERA_POINTS, place_cameras, place_features
@@ -25,6 +27,7 @@ from dense_vs.generative.reconstruction.triangulation import rigid_motions
 from dense_vs.generative.report import FitReport, Stage
 
 PARTS = "'camera:I', 'structure', 'structure:K,L,...', 'base' or 'kinematics'"
+_NUMBER = re.compile("[0-9]{1,9}")
 KEPT_INTRINSICS = 0.003  # share of the focal length that a learned lens may be off by when its camera was moved
 KEPT_CENTER = 1.0  # px
 
@@ -74,10 +77,10 @@ def _camera(
     parameters: ModelParameters, obs: Observations, detail: str, pixel_sigma: float
 ) -> tuple[ModelParameters, Solution, PixelProblem]:
     known, cameras = len(parameters.intrinsics), obs.pixels.shape[1]
-    if not detail.isdigit() or int(detail) > known or int(detail) >= cameras:
+    if not _NUMBER.fullmatch(detail) or int(detail) > known or int(detail) >= cameras:
         raise DenseVSError(
-            f"what is 'camera:{detail}'; expected camera:0 to camera:{min(known, cameras - 1)}, one past the model's "
-            f"{known} cameras for a new one that the pixels have too"
+            f"what is {shown('camera:' + detail)}; expected camera:0 to camera:{min(known, cameras - 1)}, one past the "
+            f"model's {known} cameras for a new one that the pixels have too"
         )
     camera = int(detail)
     fresh = camera == known
@@ -130,8 +133,10 @@ def _structure(
     features = obs.pixels.shape[2]
     if detail:
         chosen = detail.split(",")
-        if not all(k.isdigit() and int(k) < features for k in chosen):
-            raise DenseVSError(f"what is 'structure:{detail}'; expected whole numbers of features below {features}")
+        if not all(_NUMBER.fullmatch(k) and int(k) < features for k in chosen):
+            raise DenseVSError(
+                f"what is {shown('structure:' + detail)}; expected whole numbers of features below {features}"
+            )
         which = np.isin(np.arange(features), [int(k) for k in chosen])
         if features < len(parameters.features):
             raise DenseVSError(

@@ -15,9 +15,9 @@ from typing import Any
 import cv2
 import numpy as np
 
-from dense_vs.checks import check_number, check_whole, is_list
+from dense_vs.checks import check_number, check_whole, is_list, shown
 from dense_vs.errors import DenseVSError
-from dense_vs.files import atomic_write, read_arrays, stored_array
+from dense_vs.files import atomic_write, parse_json, read_arrays, stored_array
 from dense_vs.segmentation.few_shot.candidate_regions import mask_share, overlaps, see
 from dense_vs.segmentation.few_shot.color_words import ColorWords
 from dense_vs.segmentation.few_shot.decision_forest import DecisionForest
@@ -232,10 +232,11 @@ class FewShotSegmenter:
         """
         stored = read_arrays(path, FORMAT)
         try:
-            header = json.loads(str(stored["header"]))
+            header = parse_json(str(stored["header"]))
             if (header["format"], header["version"]) != (FORMAT, FORMAT_VERSION):
                 raise DenseVSError(
-                    f"it is {header['format']!r} version {header['version']}; expected version {FORMAT_VERSION}"
+                    f"it is {shown(header['format'])} version {shown(header['version'])}; expected version "
+                    f"{FORMAT_VERSION}"
                 )
             segmenter = cls(**header["options"])
             examples = stored_array(stored, "examples", (-1, -1))

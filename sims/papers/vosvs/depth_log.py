@@ -12,12 +12,14 @@ import numpy as np
 
 from dense_vs.depth import DepthEstimate, DepthUnobservableError, depth_from_areas
 from dense_vs.errors import DenseVSError
+from dense_vs.files import input_file
 from dense_vs.sims.papers.rows import Row
 from dense_vs.view.canvas import new_figure, save_figure
 from dense_vs.view.progress import progress
 
 LOG = Path("../shared/data/sugar_box_approach.csv")
 COLUMNS = ("mask_area_px", "camera_z_m")
+MOST_BYTES = 64 << 20  # of a log, which is read whole
 PUBLISHED_Z = 0.17978791  # m, the authors' least-squares answer after the last view of this log
 
 
@@ -65,6 +67,7 @@ def read_log(path: Path) -> tuple[np.ndarray, np.ndarray]:
         DenseVSError: missing, or not such a file.
     """
     expected = f"a CSV file with the columns {','.join(COLUMNS)} (--log names another file)"
+    path = input_file(path, most=MOST_BYTES)
     try:
         with open(path, encoding="utf-8") as stream:
             header = tuple(name.strip() for name in stream.readline().split(","))

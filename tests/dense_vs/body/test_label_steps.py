@@ -244,7 +244,8 @@ def test_the_defaults_of_self_recognition():
     ("changes", "why"),
     [
         ({"clusters": 1}, None), ({"clusters": 127}, None), ({"threshold": 0.0}, None), ({"threshold": 1.0}, None),
-        ({"min_jacobian": 0.0}, None), ({"max_lag": 1}, None), ({"seed": 0}, None), ({"worlds": 65536}, None),
+        ({"min_jacobian": 0.0}, None), ({"min_jacobian": 1e300}, "min_jacobian"),
+        ({"max_lag": 1}, None), ({"seed": 0}, None), ({"worlds": 65536}, None),
         ({"joint_scale": [0.0, 1.0]}, None), ({"joint_scale": [-0.1, 1.0]}, "joint_scale"),
         ({"worlds": 65537}, "worlds"), ({"height": 2, "width": 2, "joints": 1}, None),
         ({"height": 1, "width": 2, "joints": 1}, "height"), ({"height": 2, "width": 1, "joints": 1}, "width"),

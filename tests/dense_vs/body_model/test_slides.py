@@ -188,6 +188,31 @@ def test_a_point_of_a_file_is_on_one_of_its_links(tmp_path, links, damaged):
         assert (BodyModel.load(tmp_path / "body.npz").surface.links == on).all()
 
 
+@pytest.mark.parametrize(
+    ("name", "change"),
+    [
+        ("size", lambda size: size + 0.5),
+        ("size", lambda size: np.array([0.5, 0.5])),
+        ("parents", lambda parents: parents.astype(float)),
+        ("surface_links", lambda links: links + 0.5),
+        ("surface_gray", lambda gray: gray.astype(float)),
+        ("surface_gray", lambda gray: gray.astype(np.int16) - 300),
+        ("surface_support", lambda support: support - 2),
+        ("learned", lambda learned: learned.astype(float)),
+        ("focal_length", lambda _: np.array(True)),
+        ("joint_range", lambda limits: limits[:, ::-1] + [[1.0, 0.0]]),
+        ("error", lambda error: -error - 1),
+    ],
+)
+def test_what_a_file_holds_is_of_its_kind(tmp_path, name, change):
+    model_of(serial_body(2, seed=5)).save(tmp_path / "body.npz")
+    with np.load(tmp_path / "body.npz") as stored:
+        arrays = dict(stored)
+    np.savez(tmp_path / "body.npz", **{**arrays, name: change(arrays[name])})
+    with pytest.raises(DenseVSError, match=r"is damaged: " + ("focal length|" if name == "size" else "") + name):
+        BodyModel.load(tmp_path / "body.npz")
+
+
 def test_poses_that_are_kept_are_a_chain_s_own():
     """Another chain made of this one has poses of its own; both are still equal and printed alike."""
     body = serial_body(2, seed=5)

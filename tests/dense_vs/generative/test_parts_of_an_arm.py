@@ -135,6 +135,8 @@ def test_new_kinematics_are_found(arm):
 
 @pytest.mark.parametrize(("what", "message"), [
     ("camera:3", "camera:0 to camera:1"), ("camera:x", "camera:0 to camera:1"), ("camera:2", "camera:0 to camera:1"),
+    ("camera:²", "camera:0 to camera:1"), ("camera:" + "9" * 5000, "camera:0 to camera:1"),
+    ("structure:²", "below 10"), ("structure:" + "9" * 5000, "below 10"),
     ("structure:10", "below 10"), ("structure:1,x", "below 10"), ("base:1", "what is 'base:1'"),
     ("kinematics:1", "what is 'kinematics:1'"), ("hand", "what is 'hand'"),
 ])  # fmt: skip

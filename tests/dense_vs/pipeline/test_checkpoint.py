@@ -142,6 +142,62 @@ def test_a_writing_that_failed_is_said_at_the_next(tmp_path):
         checkpoint.keep(pipeline_of(estimator), 1.0)
 
 
+def test_a_writing_that_failed_is_said_at_the_end(tmp_path, monkeypatch):
+    """Whatever the error is: nobody hears of one in a thread."""
+    estimator = estimator_of(np.random.default_rng(0))
+    checkpoint = written(tmp_path / "c.npz", estimator, period=0.001)
+    checkpoint.finish()
+    before = (tmp_path / "c.npz").read_bytes()
+
+    def fail(*_, **__):
+        raise RuntimeError("no room")
+
+    monkeypatch.setattr("dense_vs.pipeline.checkpoint.np.savez", fail)
+    for end in (checkpoint.finish, lambda: checkpoint.keep(pipeline_of(estimator), 9.0)):
+        checkpoint.keep(pipeline_of(estimator), 9.0)
+        checkpoint.end()
+        with pytest.raises(DenseVSError, match=r"cannot write .*RuntimeError: no room"):
+            end()
+    checkpoint.finish()
+    assert (tmp_path / "c.npz").read_bytes() == before
+
+
+def other(**changes):
+    return SimpleNamespace(**vars(pipeline_of(estimator_of(np.random.default_rng(0)))) | changes)
+
+
+@pytest.mark.parametrize(
+    ("pipeline", "seconds", "message"),
+    [
+        (other(), np.nan, "seconds is nan"),
+        (other(), -1.0, "seconds is -1.0"),
+        (other(), "x", "seconds is 'x'"),
+        (other(), None, "seconds is None"),
+        (other(), 1j, "seconds is 1j"),
+        (other(), True, "seconds is True"),
+        (other(), 10**400, "seconds is"),
+        ("x", 1.0, "pipeline is a str"),
+        (other(estimator=None), 1.0, "pipeline is a SimpleNamespace"),
+        (other(posture=np.zeros(3)), 1.0, "posture has shape"),
+        (other(posture=np.array([0.0, np.nan])), 1.0, "posture is"),
+        (other(estimator=estimator_of(np.random.default_rng(0), joints=3)), 1.0, "has 3 joints in 1 worlds"),
+    ],
+)
+def test_what_it_would_refuse_is_not_kept(tmp_path, pipeline, seconds, message):
+    checkpoint = written(tmp_path / "c.npz", estimator_of(np.random.default_rng(0)), period=1e-9)
+    before = (tmp_path / "c.npz").read_bytes()
+    with pytest.raises(DenseVSError, match=message):
+        checkpoint.keep(pipeline, seconds)
+    checkpoint.finish()
+    assert (tmp_path / "c.npz").read_bytes() == before
+    assert checkpoint.resume((24, 32), device="cpu", threads=1).seconds == 4.5
+
+
+def test_names_that_a_checkpoint_cannot_hold(tmp_path):
+    with pytest.raises(DenseVSError, match=r"joint_names is .*; expected names that a file can hold"):
+        Checkpoint(tmp_path / "c.npz", ("a", "b\0"))
+
+
 def test_j_is_brought_to_where_the_joints_are_now(tmp_path):
     """A surface whose J grows to the right, moved by its joint while nothing was running."""
     estimator = DenseJacobian(height=8, width=200, joints=2, order=1, device="cpu", threads=1)

@@ -168,6 +168,17 @@ def test_images_of_a_folder_are_turned_upright(tmp_path, orientation):
         np.testing.assert_array_equal(frame.image, upright)
 
 
+def test_digits_that_are_no_numbers_are_letters_of_a_name(tmp_path):
+    """²1.png: a power of two is a digit to Python, and no number to it."""
+    import cv2
+
+    images = moving_images(5)
+    for name, image in zip(("a2", "a10", "²1", "²2", "²10"), images, strict=True):
+        (tmp_path / f"{name}.png").write_bytes(cv2.imencode(".png", image)[1].tobytes())
+    (tmp_path / "log.csv").write_text("time,a\n" + "".join(f"{k},{k}\n" for k in range(5)))
+    assert max(differences(list(open_recording(tmp_path)), images)) == 0
+
+
 def test_image_folder_without_times_is_refused(tmp_path):
     import cv2
 

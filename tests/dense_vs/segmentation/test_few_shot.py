@@ -53,6 +53,19 @@ def test_file_keeps_what_was_learned(segmenter, tmp_path):
     np.testing.assert_array_equal(again.segment(image), segmenter.segment(image))
 
 
+@pytest.mark.parametrize(
+    "header", ["[" * 100_000, "9" * 5000, "[]", '{"format": "' + "x" * 100_000 + '", "version": 1}']
+)
+def test_a_header_that_is_none_is_refused(segmenter, tmp_path, header):
+    segmenter.save(tmp_path / "object.npz")
+    with np.load(tmp_path / "object.npz") as stored:
+        arrays = dict(stored)
+    np.savez(tmp_path / "object.npz", **{**arrays, "header": np.array(header)})
+    with pytest.raises(DenseVSError, match="cannot read") as said:
+        FewShotSegmenter.load(tmp_path / "object.npz")
+    assert len(str(said.value)) < 1000
+
+
 def test_small_blob_is_a_superpixel_wherever_it_lies():
     for shift in range(8):  # over a cell of the grid of seeds
         image = np.full((96, 96, 3), 110, np.uint8)

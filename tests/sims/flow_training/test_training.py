@@ -66,7 +66,9 @@ def test_the_command_trains_and_goes_on(tmp_path, capsys):
 
 
 @pytest.mark.parametrize(
-    "wrong", [["--size", "50x32"], ["--minutes", "0"], ["--start", "nowhere.pt"], ["--held-out", "0"]], ids=" ".join
+    "wrong",
+    [["--size", "50x32"], ["--size", "²x32"], ["--minutes", "0"], ["--start", "nowhere.pt"], ["--held-out", "0"]],
+    ids=" ".join,
 )
 def test_what_makes_no_sense_is_said(wrong, tmp_path, capsys):
     assert main(["flow-train", "--out", str(tmp_path / "a.onnx"), "--device", "cpu", *wrong]) == 2
