@@ -14,6 +14,7 @@ class Estimator:
 
     def __init__(self, per_joint=(100.0, 0.0), spans=True, updates=50, **options):
         usual = {"worlds": 1, "height": HEIGHT, "width": WIDTH, "joints": 2, "depth": False, "on_bad_flow": "refuse"}
+        usual["step_factors"] = (1.0, 2.0)
         self.options = SimpleNamespace(**{**usual, **options})
         self.per_joint, self.takes_spans, self.updates = np.array(per_joint), spans, updates
         self.calls, self.resets = [], 0
@@ -21,7 +22,9 @@ class Estimator:
     @property
     def filter(self):
         """Another state whenever asked: nothing that was taken from one holds for the next."""
-        return SimpleNamespace(version=object())
+        return SimpleNamespace(
+            version=object(), options=self.options, stored_covariance=lambda: np.array([[[4.0, 1.0], [1.0, 9.0]]])
+        )
 
     def at(self, places):
         J = np.zeros((len(places), 2, 2))

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from dense_vs.health import FaultKind
-from dense_vs.health.motion_check import GIVEN_UP, KNOWN, MotionCheck
+from dense_vs.health.motion_check import BABBLING_SHARE, GIVEN_UP, KNOWN, LEFT_OUT_SHARE, UNKNOWN, MotionCheck
 
 K, N, FRAME = 150, 4, 1 / 30
 
@@ -65,3 +65,39 @@ def test_nothing_is_judged_where_j_is_known_badly():
     check = MotionCheck()
     usual(check, q, true, strange, rng, range(KNOWN * 3))
     assert check.share > 0.3
+
+
+@pytest.mark.parametrize(("variance", "named", "held"), [(0.0, True, True), (1.0, False, False)])
+def test_motion_where_j_may_be_unknown_by_its_covariance_is_no_fault(variance, named, held):
+    q, true, learned, rng = case()
+    check = MotionCheck()
+    check.least_share = BABBLING_SHARE
+    usual(check, q, true, learned, rng, range(100))
+    before = check.usual
+    step = q[101] - q[100]
+    fault = check.judge(flow_of(true * 2.2, step, rng), learned, step, 0.0, 0.0, variance)
+    assert LEFT_OUT_SHARE > check.share > max(BABBLING_SHARE, 4 * before)
+    assert (fault is not None) == named
+    assert check.usual == before  # what is not known yet is not usual
+    check.forget_doubt()
+    strange = check.judge(rng.normal(0, 3, (K, 2)), learned, step, 0.0, 0.0, variance)
+    assert check.share > LEFT_OUT_SHARE
+    assert (strange is not None and strange.holds) == held
+
+
+@pytest.mark.parametrize(("times", "named"), [(0.98, True), (1.02, False)])
+def test_how_much_may_be_unknown(times, named):
+    """All places alike: a flow of 6 px where 2 px were foretold leaves 16 of 40 px^2 unexplained, 0.4."""
+    check = MotionCheck()
+    J, flow = np.zeros((20, 2, 1)), np.zeros((20, 2))
+    J[:, 0, 0] = 100.0
+    flow[:, 0] = 2.0
+    for _ in range(KNOWN + 1):
+        assert check.judge(flow, J, np.array([0.02])) is None
+    variance = times * 0.4 * 40 / (2 * UNKNOWN)
+    fault = check.judge(3 * flow, J, np.array([0.02]), 0.0, 0.0, variance)
+    assert check.share == pytest.approx(0.4)
+    check.least_share = 0.1
+    check.forget_doubt()
+    fault = check.judge(3 * flow, J, np.array([0.02]), 0.0, 0.0, variance)
+    assert (fault is not None) == named

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from dense_vs import Babbling, DenseJacobian
+from dense_vs.jacobian.uncertainty import motion_variance
 
 HEIGHT, WIDTH, JOINTS = 12, 15, 4
 # A noise-free constant J is found up to the prior's weight r / (p0 |dq|^2) and float32.
@@ -144,3 +145,17 @@ def test_reset_forgets_everything(constant):
         learn(estimator, constant, sinusoids(3))
     np.testing.assert_array_equal(used.jacobian, fresh.jacobian)
     np.testing.assert_array_equal(used.variance, fresh.variance)
+
+
+@pytest.mark.parametrize("scale", [None, (0.012, 0.024, 0.0)])
+def test_what_is_not_known_of_a_motion_is_by_the_covariance_of_j(scale):
+    random = np.random.default_rng(3)
+    estimator = DenseJacobian(height=6, width=8, joints=3, joint_scale=scale, device="cpu", threads=1)
+    for _ in range(5):
+        dq = random.normal(0, 0.02, 3)
+        estimator.update(random.normal(0, 1, (6, 8, 2)).astype(np.float32), dq)
+    span = np.array([0.03, -0.02, 0.05])
+    P, learned = estimator.covariance, estimator.learned
+    expected = span[learned] @ P[np.ix_(learned, learned)] @ span[learned]
+    assert motion_variance(estimator.filter, span) == pytest.approx(expected, rel=1e-6)
+    assert expected > 0

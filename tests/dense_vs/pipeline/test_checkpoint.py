@@ -134,7 +134,7 @@ def test_a_writing_that_failed_is_said_at_the_next(tmp_path):
     folder = tmp_path / "gone"
     folder.mkdir()
     estimator = estimator_of(np.random.default_rng(0))
-    checkpoint = Checkpoint(folder / "c.npz", NAMES, period=0.001)
+    checkpoint = Checkpoint(folder / "c.npz", NAMES, period=1e-9)
     folder.rmdir()
     checkpoint.keep(pipeline_of(estimator), 1.0)
     checkpoint.end()
@@ -145,7 +145,7 @@ def test_a_writing_that_failed_is_said_at_the_next(tmp_path):
 def test_a_writing_that_failed_is_said_at_the_end(tmp_path, monkeypatch):
     """Whatever the error is: nobody hears of one in a thread."""
     estimator = estimator_of(np.random.default_rng(0))
-    checkpoint = written(tmp_path / "c.npz", estimator, period=0.001)
+    checkpoint = written(tmp_path / "c.npz", estimator, period=1e-9)
     checkpoint.finish()
     before = (tmp_path / "c.npz").read_bytes()
 

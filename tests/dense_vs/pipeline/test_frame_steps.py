@@ -153,25 +153,29 @@ def test_an_image_is_judged_by_how_far_the_robot_moved_since_the_last_one_seen()
     assert line.estimator.resets == 1
 
 
+@pytest.mark.parametrize("body", [True, False])
 @pytest.mark.parametrize(("updates", "holds"), [(29, True), (31, True), (31, False)])
-def test_motion_that_joints_do_not_explain_is_said_and_not_learned_where_it_holds(updates, holds):
+def test_motion_that_joints_do_not_explain_is_said_and_not_learned_where_it_holds(updates, holds, body):
     line, estimator = pipeline(Estimator(updates=updates), watched=True)
     line._watch = SimpleNamespace(judge=lambda gray, moved: (gray, None))
     asked, drawn = [], []
     line.check = SimpleNamespace(judge=lambda *given: asked.append(given) or fault(holds))
-    line.prior = SimpleNamespace(begin=lambda *_: None, draw=lambda e, q: drawn.append(q.tolist()),
-                                 correct=lambda *_: None,
-                                 doubtful=False)  # fmt: skip
+    if body:
+        line.prior = SimpleNamespace(begin=lambda *_: None, draw=lambda e, q: drawn.append(q.tolist()),
+                                     correct=lambda *_: None,
+                                     doubtful=False)  # fmt: skip
     frames = run(line, [0.0, 0.05])
     known = updates > 30
     left_out = known and holds
     assert [call[0] for call in estimator.calls] == (["predict"] if left_out else ["update"])
     assert len(asked) == known
-    assert drawn == ([[0.05, 0.0]] if left_out else [])
+    assert drawn == ([[0.05, 0.0]] if left_out and body else [])
     assert (frames[1].measured is None) == left_out
     assert len(frames[1].faults) == known
     if known:
-        flow, J, span, first, now = asked[0]
+        flow, J, span, first, now, variance = asked[0]
+        # 4 px^2/rad^2 for the first joint, which a known body leaves nothing of.
+        assert variance == pytest.approx(0.0 if body else 4.0 * 0.05**2)
         assert flow.shape == (40, 2)
         assert J.shape == (40, 2, 2)
         np.testing.assert_allclose(span, [0.05, 0.0])

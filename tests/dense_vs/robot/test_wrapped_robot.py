@@ -54,7 +54,7 @@ class Full(Plain):
 
 
 def gated(robot, folder):
-    gate = PageGate()
+    gate = PageGate(4.0)  # at which the step passes, of the sliding joint too
     gate.allow()
     return GatedRobot(robot, gate)
 
