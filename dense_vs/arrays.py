@@ -102,12 +102,15 @@ def number_array(
     sizes = "" if shape is None else f" of shape {tuple('any' if n < 0 else n for n in shape)}".replace("'", "")
     expected = expected or f"{'finite ' if finite else ''}numbers{sizes}"
     array = plain_array(value, name, expected)
-    if array.dtype.kind not in "iuf":
+    if array.dtype.kind not in "iuf" or isinstance(value, bytearray):  # bytes are no numbers either
         raise DenseVSError(f"{name} is {shown(value)} of dtype {array.dtype}; expected {expected}")
     if shape is not None and not _fits(array.shape, shape):
         raise DenseVSError(f"{name} has shape {array.shape}; expected {expected}")
-    with np.errstate(over="ignore"):
-        numbers = array.astype(np.float64)  # long doubles may leave its range
+    try:
+        with np.errstate(over="ignore"):
+            numbers = array.astype(np.float64)  # long doubles may leave its range
+    except MemoryError as error:  # a view may seem larger than what it shows
+        raise DenseVSError(f"{name} has shape {array.shape}; expected {expected} that memory has room for") from error
     if finite and not np.isfinite(numbers).all():
         raise DenseVSError(f"{name} is {shown(numbers.tolist())}; expected {expected}")
     return numbers

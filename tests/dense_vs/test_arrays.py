@@ -33,3 +33,12 @@ def test_subclasses_are_read_as_plain_arrays(read):
         found = read(one)
         assert type(found) is np.ndarray
         np.testing.assert_array_equal(found, values)
+
+
+def test_bytes_are_no_numbers_and_a_view_may_be_too_large():
+    with pytest.raises(DenseVSError, match=r"it is bytearray\(b'ab'\)"):
+        number_array(bytearray(b"ab"), "it", (2,))
+    endless = np.broadcast_to(np.float32(1), (10**7, 10**7))
+    for read in (lambda: number_array(endless, "it"), lambda: point_array(endless, "it")):
+        with pytest.raises(DenseVSError, match=r"it has shape \(10000000, 10000000\).*memory"):
+            read()
