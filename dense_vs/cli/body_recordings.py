@@ -55,12 +55,13 @@ class SeenBody:
                 "before"
             )
         images = episode.images()
-        size = scaled_size((images.height, images.width), scale)
-        if min(size) < LEAST_SIDE:
+        height, width = round(images.height * scale), round(images.width * scale)
+        if min(height, width) < LEAST_SIDE:
             raise DenseVSError(
-                f"{episode.source.path} has images of {size[1]} x {size[0]} px at --scale {scale:g}; expected at least "
+                f"{episode.source.path} has images of {width} x {height} px at --scale {scale:g}; expected at least "
                 f"{LEAST_SIDE} px a side"
             )
+        size = scaled_size((images.height, images.width), scale)
         if self.images and self.images[0].shape != size:
             height, width = self.images[0].shape
             raise DenseVSError(

@@ -40,11 +40,30 @@ class Segmenter:
         return image[..., 0] > 127
 
 
+def explained_targets() -> list[Target]:
+    """Shares of motion that J explains."""
+    from dense_vs.pipeline import ExplainedMotion
+
+    def explained() -> Any:
+        one = ExplainedMotion(N)
+        one.observe(0.0, flow(), np.ones((H, W, 2, N), np.float32), dq())
+        return one
+
+    motion = {"time": 0.1, "flow": flow(), "jacobian": np.ones((H, W, 2, N), np.float32), "dq": dq()}
+    return [
+        Target("ExplainedMotion", lambda joints: ExplainedMotion(joints).joints, lambda: {"joints": N}),
+        Target("ExplainedMotion.observe", lambda self, **o: (self.observe(**o), self.explained())[1],
+               lambda: {"self": explained(), **motion}, state=lambda one: len(one.spans), may_be_nan=True),
+        Target("ExplainedMotion.explained", lambda self, **o: self.explained(**o),
+               lambda: {"self": explained(), "begin": -1.0, "end": 2.0}, may_be_nan=True),
+    ]  # fmt: skip
+
+
 def robot_targets() -> list[Target]:
     """What stands between a law and a robot, and judges what comes back."""
     from dense_vs import ServoLoop
     from dense_vs.health import ImageWatch, JointWatch
-    from dense_vs.pipeline import ExplainedMotion, FramePipeline
+    from dense_vs.pipeline import FramePipeline
     from dense_vs.robot import CommandGate, JointGroup
 
     def loop(**options: Any) -> Any:
@@ -73,13 +92,7 @@ def robot_targets() -> list[Target]:
         one.process(rgb(), 0.0, np.zeros(N))
         return one
 
-    def explained() -> Any:
-        one = ExplainedMotion(N)
-        one.observe(0.0, flow(), np.ones((H, W, 2, N), np.float32), dq())
-        return one
-
     kept = loop()
-    motion = {"time": 0.1, "flow": flow(), "jacobian": np.ones((H, W, 2, N), np.float32), "dq": dq()}
     return [
         Target("ServoLoop", looped,
                lambda: {"scale": 1.0, "max_step": np.full(N, 0.1), "max_speed": 3.0, "joint_delay": 0.0,
@@ -111,11 +124,7 @@ def robot_targets() -> list[Target]:
         Target("FramePipeline.process", lambda self, **o: self.process(**o).gray,
                lambda: {"self": pipeline(), "image": rgb(), "time": 0.1, "positions": dq()},
                state=lambda one: [one.frame.time, one.posture], weight=0.7),
-        Target("ExplainedMotion", lambda joints: ExplainedMotion(joints).joints, lambda: {"joints": N}),
-        Target("ExplainedMotion.observe", lambda self, **o: (self.observe(**o), self.explained())[1],
-               lambda: {"self": explained(), **motion}, state=lambda one: len(one.spans), may_be_nan=True),
-        Target("ExplainedMotion.explained", lambda self, **o: self.explained(**o),
-               lambda: {"self": explained(), "begin": -1.0, "end": 2.0}, may_be_nan=True),
+        *explained_targets(),
         *part_targets(kept, gate),
         *buffer_targets(),
         *file_targets(),

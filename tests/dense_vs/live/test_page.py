@@ -67,7 +67,7 @@ def shown_frame(page) -> int:
     return int(page.get_attribute("#picture", "data-frame") or 0)
 
 
-def until(page, condition, seconds=20.0) -> bool:
+def until(page, condition, seconds=60.0) -> bool:
     """Wait for a condition while the page goes on; whether it holds."""
     end = time.monotonic() + seconds
     while not (held := bool(condition())) and time.monotonic() < end:
