@@ -26,7 +26,7 @@ from dense_vs.point_servo.following import PointFlow, follow, found_again, new_t
 from dense_vs.point_servo.joint_stream import JointStream
 from dense_vs.point_servo.law import VisualServo
 from dense_vs.point_servo.learned_body import LearnedBody, check_body
-from dense_vs.point_servo.loop_estimator import check_parts, loop_estimator, read_camera, read_depth
+from dense_vs.point_servo.loop_parts import check_parts, loop_estimator, read_camera, read_depth
 from dense_vs.point_servo.point_memory import PointMemory
 from dense_vs.point_servo.reach import Arrival, Reach
 from dense_vs.point_servo.reaching import Reaching

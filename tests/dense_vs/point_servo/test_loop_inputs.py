@@ -63,7 +63,7 @@ def test_steps_are_numbers_of_every_joint(scene, step):
                 ("flow", "FlowEstimator"),
                 ("babbling", "Babbling"),
                 ("body", "SelfBody"),
-                ("on_frame", "function of the loop"),
+                ("on_frame", "function, or None"),
             )
             for wrong in ("x", 3, object(), np.zeros(2))
         ],

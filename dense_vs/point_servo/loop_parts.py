@@ -6,7 +6,7 @@ from typing import Any
 
 from dense_vs.arrays import plain_array
 from dense_vs.body import SelfBody
-from dense_vs.checks import check_number, shown
+from dense_vs.checks import check_function, check_kind, check_number
 from dense_vs.errors import DenseVSError
 from dense_vs.flow.estimator import FlowEstimator
 from dense_vs.jacobian.estimator import DenseJacobian
@@ -35,8 +35,6 @@ def loop_estimator(
             that has none.
     """
     count = len(group.names)
-    if estimator is not None and not isinstance(estimator, DenseJacobian):
-        raise DenseVSError(f"estimator is {shown(estimator)}; expected a DenseJacobian")
     scale = check_number("scale", scale, above=0, most=1)
     if estimator is None:
         seen = plain_array(image, "the camera's image", "uint8 of shape (H, W, 3) or (H, W)")
@@ -44,6 +42,7 @@ def loop_estimator(
             raise DenseVSError(f"the camera's image has shape {seen.shape}; expected (H, W, 3) or (H, W)")
         height, width = (round(side * scale) for side in seen.shape[:2])
         estimator = DenseJacobian(height=height, width=width, joints=count, on_bad_flow="skip", **options)
+    check_kind("estimator", estimator, DenseJacobian)
     if estimator.options.joints != count:
         raise DenseVSError(
             f"estimator has {estimator.options.joints} joints; expected {count}: {', '.join(group.names)}"
@@ -68,13 +67,12 @@ def check_parts(
         ("body", body, SelfBody),
     )
     for name, part, kind in kinds:
-        if part is not None and not isinstance(part, kind):
-            raise DenseVSError(f"{name} is {shown(part)}; expected a {kind.__name__}")
+        if part is not None:
+            check_kind(name, part, kind)
     for name, part in (("servo", servo), ("babbling", babbling)):
         if part is not None and part.joints != joints:
             raise DenseVSError(f"{name} has {part.joints} joints; expected {joints}")
-    if on_frame is not None and not callable(on_frame):
-        raise DenseVSError(f"on_frame is {shown(on_frame)}; expected a function of the loop")
+    check_function("on_frame", on_frame)
 
 
 def read_camera(camera: Camera, estimator: DenseJacobian) -> tuple[Any, float, Any]:
