@@ -7,6 +7,8 @@ its body where it should be in the image. Names are imported when first used.
 from importlib import import_module
 from typing import TYPE_CHECKING
 
+from dense_vs.lazy_names import lazy_names
+
 if TYPE_CHECKING:
     from dense_vs.body.self_body import SelfBody as SelfBody
     from dense_vs.body_model.model import BodyModel as BodyModel
@@ -59,13 +61,8 @@ _HOMES = {
 __all__ = list(_HOMES)  # pyright: ignore[reportUnsupportedDunderAll]  # they come by __getattr__
 
 
+_named, __dir__ = lazy_names(__name__, _HOMES)
+
+
 def __getattr__(name: str) -> object:
-    if name == "__version__":
-        return import_module("importlib.metadata").version("dense-vs")
-    if name not in _HOMES:
-        raise AttributeError(f"module 'dense_vs' has no attribute {name!r}")
-    return getattr(import_module(f"dense_vs.{_HOMES[name]}"), name)
-
-
-def __dir__() -> list[str]:
-    return sorted(_HOMES)
+    return import_module("importlib.metadata").version("dense-vs") if name == "__version__" else _named(name)

@@ -3,8 +3,9 @@
 Names are imported when first used, so that the command line can describe its simulator commands without one.
 """
 
-from importlib import import_module
 from typing import TYPE_CHECKING
+
+from dense_vs.lazy_names import lazy_names
 
 if TYPE_CHECKING:
     from dense_vs.sims.batch.batch_servo import BatchServo as BatchServo
@@ -40,13 +41,4 @@ _HOMES = {
 }
 
 __all__ = list(_HOMES)  # pyright: ignore[reportUnsupportedDunderAll]  # they come by __getattr__
-
-
-def __getattr__(name: str) -> object:
-    if name not in _HOMES:
-        raise AttributeError(f"module 'dense_vs.sims' has no attribute {name!r}")
-    return getattr(import_module(f"dense_vs.sims.{_HOMES[name]}"), name)
-
-
-def __dir__() -> list[str]:
-    return sorted(_HOMES)
+__getattr__, __dir__ = lazy_names(__name__, _HOMES)

@@ -3,8 +3,9 @@
 May import: every room of algorithms, drivers among them, and :mod:`dense_vs.view`.
 """
 
-from importlib import import_module
 from typing import TYPE_CHECKING
+
+from dense_vs.lazy_names import lazy_names
 
 if TYPE_CHECKING:
     from dense_vs.live.gate import PageGate as PageGate
@@ -27,13 +28,4 @@ _HOMES = {
 }
 
 __all__ = list(_HOMES)  # pyright: ignore[reportUnsupportedDunderAll]  # they come by __getattr__
-
-
-def __getattr__(name: str) -> object:
-    if name not in _HOMES:
-        raise AttributeError(f"module 'dense_vs.live' has no attribute {name!r}")
-    return getattr(import_module(f"dense_vs.live.{_HOMES[name]}"), name)
-
-
-def __dir__() -> list[str]:
-    return sorted(_HOMES)
+__getattr__, __dir__ = lazy_names(__name__, _HOMES)
