@@ -15,9 +15,10 @@ from dense_vs.checks import check_number, check_whole
 from dense_vs.errors import DenseVSError
 from dense_vs.files import atomic_write, output_folder
 from dense_vs.recording.joint_log import JointLog
-from dense_vs.recording.joint_readings import JointReadings, recorded_names, recorded_text
+from dense_vs.recording.joint_readings import JointReadings
 from dense_vs.recording.lerobot_folder import PATHS, STATE
-from dense_vs.recording.video_writer import FASTEST, MOST_QUALITY, VideoWriter, check_open
+from dense_vs.recording.video_writer import FASTEST, MOST_QUALITY, VideoWriter
+from dense_vs.recording.writer_checks import check_open, recorded_names, recorded_text
 from dense_vs.robot.camera_image import check_rgb
 
 CHUNK = 1000  # files in a folder

@@ -12,8 +12,7 @@ import numpy as np
 from dense_vs.arrays import number_array
 from dense_vs.checks import check_number
 from dense_vs.errors import DenseVSError
-from dense_vs.recording.joint_readings import recorded_names, recorded_text
-from dense_vs.recording.video_writer import check_open
+from dense_vs.recording.writer_checks import check_open, recorded_names, recorded_text
 from dense_vs.robot.camera_image import check_rgb
 
 JPEG_QUALITY = 95  # compression artifacts are flow errors

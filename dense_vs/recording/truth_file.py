@@ -12,7 +12,7 @@ from dense_vs.checks import check_names, check_number
 from dense_vs.errors import DenseVSError
 from dense_vs.files import atomic_write, read_arrays, stored_array
 from dense_vs.recording.frame import check_size
-from dense_vs.recording.joint_readings import recorded_names
+from dense_vs.recording.writer_checks import recorded_names
 from dense_vs.robot.joint_group import joint_indices
 
 STAMP_TOLERANCE = 1e-3  # s, between a video's time stamp and the simulator's time of the same frame

@@ -10,20 +10,11 @@ import numpy as np
 from dense_vs.checks import check_number, check_whole
 from dense_vs.errors import DenseVSError
 from dense_vs.files import file_path
+from dense_vs.recording.writer_checks import check_open
 from dense_vs.robot.camera_image import check_rgb
 
 SLOWEST, FASTEST = 1e-3, 1e5  # Hz; frame rates are fractions of 32-bit numbers
 MOST_QUALITY = 51  # constant rate factor
-
-
-def check_open(closed: bool, what: object) -> None:
-    """Refuse what comes after a recording's end.
-
-    Raises:
-        DenseVSError: it is closed.
-    """
-    if closed:
-        raise DenseVSError(f"{what} is complete; expected nothing more to be added")
 
 
 class VideoWriter:

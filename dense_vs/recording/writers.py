@@ -13,8 +13,9 @@ from dense_vs.checks import check_choice, check_number, shown
 from dense_vs.errors import DenseVSError
 from dense_vs.files import atomic_write, file_path, output_folder
 from dense_vs.recording.joint_log import IMAGE_COLUMN
-from dense_vs.recording.joint_readings import JointReadings, recorded_names
-from dense_vs.recording.video_writer import VideoWriter, check_open
+from dense_vs.recording.joint_readings import JointReadings
+from dense_vs.recording.video_writer import VideoWriter
+from dense_vs.recording.writer_checks import check_open, recorded_names
 
 FORMATS = ("video", "lerobot", "mcap")
 QUALITY = 12  # constant rate factor that keeps texture for optical flow
