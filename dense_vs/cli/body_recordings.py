@@ -11,7 +11,6 @@ import numpy as np
 from dense_vs.checks import check_number
 from dense_vs.cli.recording_options import episode_numbers
 from dense_vs.errors import DenseVSError
-from dense_vs.pipeline.frame_pipeline import scaled_size
 from dense_vs.pipeline.recorded import JOINT_SMOOTHING, recorded_excitation
 from dense_vs.recording import Episode, open_recording, survey_episode
 from dense_vs.recording.distinct_images import DistinctImages
@@ -55,13 +54,12 @@ class SeenBody:
                 "before"
             )
         images = episode.images()
-        height, width = round(images.height * scale), round(images.width * scale)
-        if min(height, width) < LEAST_SIDE:
+        size = round(images.height * scale), round(images.width * scale)
+        if min(size) < LEAST_SIDE:
             raise DenseVSError(
-                f"{episode.source.path} has images of {width} x {height} px at --scale {scale:g}; expected at least "
+                f"{episode.source.path} has images of {size[1]} x {size[0]} px at --scale {scale:g}; expected at least "
                 f"{LEAST_SIDE} px a side"
             )
-        size = scaled_size((images.height, images.width), scale)
         if self.images and self.images[0].shape != size:
             height, width = self.images[0].shape
             raise DenseVSError(

@@ -178,9 +178,9 @@ class GraspLoop:
         deeper, rank = 0.0, 0
         self._back = None
         while True:
-            if open_gripper(self.gripper).jammed:
-                opening = open_gripper(self.gripper).opening
-                run.attempts.append(_nothing(ServoEnd.EXHAUSTED, GraspOutcome.JAMMED, opening))
+            opened = open_gripper(self.gripper)
+            if opened.jammed:
+                run.attempts.append(_nothing(ServoEnd.EXHAUSTED, GraspOutcome.JAMMED, opened.opening))
                 step = self.policy.decide(GraspOutcome.JAMMED)
             else:
                 attempt = self._attempt(z_object, deeper, rank)

@@ -20,15 +20,11 @@ KNOWN = 60  # judgments until it is known what is usual
 TRUSTED = 0.15  # usual share above which J is known too badly to judge by
 LEAST_SHARE = 0.5  # that counts where J has to follow the robot to new postures
 BABBLING_SHARE = 0.2  # the same about a posture where J has been learned
-LEFT_OUT_SHARE = (
-    0.3  # at least, of what is left out: below, J may not be known yet in that direction, and has to learn it
-)
+LEFT_OUT_SHARE = 0.3  # at least, of what is left out: below, J may not be known yet in that direction, and learns it
 TIMES_USUAL = 4.0
 UNKNOWN = 60.0  # times the share that the filter lets expect, whose variances are to a noise of the flow as it is set
 USUAL = 0.05  # weight of the newest judgment
-GIVEN_UP = (
-    60  # judgments since the first that was wrong, after which not the images but the robot or the camera has changed
-)
+GIVEN_UP = 60  # judgments since the first that was wrong, after which the robot or the camera has changed
 KEPT = 16  # motions since they began not to be explained, for finding a delay
 SOUND = 6  # motions in a row that are explained, after which it is believed that nothing is wrong any more
 MOST_PLACES = 200  # of each
@@ -143,6 +139,5 @@ class MotionCheck:
         if not wrong:
             return Fault(FaultKind.MISFIT, "motion was not the joints' a moment ago", stops=False, holds=self._grave)
         text = f"a share of {self.share:.2f} of the motion is not the joints'; {self.usual:.2f} is usual"
-        return Fault(
-            FaultKind.MISFIT, text, stops=self._grave and self._wrong > 1, holds=self._grave
-        )  # one may be chance
+        stops = self._grave and self._wrong > 1  # one may be chance
+        return Fault(FaultKind.MISFIT, text, stops=stops, holds=self._grave)

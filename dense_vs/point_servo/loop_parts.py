@@ -10,6 +10,7 @@ from dense_vs.checks import check_function, check_kind, check_number
 from dense_vs.errors import DenseVSError
 from dense_vs.flow.estimator import FlowEstimator
 from dense_vs.jacobian.estimator import DenseJacobian
+from dense_vs.pipeline.scaled_size import scaled_size
 from dense_vs.point_servo.law import VisualServo
 from dense_vs.robot.babbling import Babbling
 from dense_vs.robot.joint_group import JointGroup
@@ -40,7 +41,7 @@ def loop_estimator(
         seen = plain_array(image, "the camera's image", "uint8 of shape (H, W, 3) or (H, W)")
         if seen.ndim < 2:
             raise DenseVSError(f"the camera's image has shape {seen.shape}; expected (H, W, 3) or (H, W)")
-        height, width = (round(side * scale) for side in seen.shape[:2])
+        height, width = scaled_size(seen.shape[:2], scale)
         estimator = DenseJacobian(height=height, width=width, joints=count, on_bad_flow="skip", **options)
     check_kind("estimator", estimator, DenseJacobian)
     if estimator.options.joints != count:
