@@ -1,21 +1,28 @@
 """The body model on simulated arms: learned from a babbling video, asked about postures that it has not seen.
 
     dense-vs arms panda ur5e baxter fetch
-    python profiling/body_model.py [--arms arm,panda] [--cameras A,B] [--seconds 20] [--seeds 0,1] [--json FILE]
+    python profiling/body_model.py [--arms arm,panda] [--cameras A,B] [--images clean,realistic] [--seconds 20]
+                                   [--seeds 0,1] [--jobs N] [--json FILE]
 
 The model sees the images and joint readings of the babbling, nothing else. It is then asked about postures drawn from
 the box of joint positions that the babbling has covered. Pixels of the robot that the model does not know count: with a
-relative error of 1 in J, as infinitely far off in the prediction of points.
+relative error of 1 in J, as infinitely far off in the prediction of points. Realistic images come late to their joint
+readings; the delay is found as ``dense-vs body`` finds it, and nothing of the truth is blurred or bent but as the lens
+does it.
 """
 
 import argparse
+import multiprocessing
+import os
 import time
-from dataclasses import dataclass
+from collections.abc import Iterator
+from dataclasses import asdict, dataclass, replace
 
 import numpy as np
 import warp as wp
-from metrics import Metric, add_report_arguments, report
-from postures import go_to
+from body_scores import HEADER, BodyScore, metrics_of, rows_of
+from metrics import add_report_arguments, report
+from postures import go_to, rest
 
 from dense_vs.body_model import BodyFitOptions, BodyModel, PointTrackOptions, follow_points
 from dense_vs.body_model.fit import fit_body
@@ -25,9 +32,12 @@ from dense_vs.body_model.surface import SurfaceOptions, keyframe_indices
 from dense_vs.errors import DenseVSError
 from dense_vs.flow import FlowEstimator, to_gray
 from dense_vs.jacobian.error import jacobian_error
+from dense_vs.recording.clock_offset import MotionSamples, find_clock_offset
+from dense_vs.recording.joint_log import JointLog
 from dense_vs.robot import Babbling
 from dense_vs.sims import SimWorld
 from dense_vs.sims.engine.built_scenes import ARM_NAMES, TUNED_ARMS
+from dense_vs.sims.engine.scene import FRAME_SECONDS
 from dense_vs.sims.engine.surface_points import SurfacePoint
 from dense_vs.view.tables import table
 
@@ -48,30 +58,10 @@ class Learned:
     anchors: dict[int, tuple[np.ndarray, list[SurfacePoint]]]
 
 
-@dataclass(frozen=True)
-class BodyResult:
-    """One arm before one camera; NaN throughout where no body was found."""
-
-    name: str
-    points_median: float  # px
-    points_p90: float
-    jacobian_median: float
-    jacobian_p90: float
-    overlap: float
-    depth: float  # relative, median, one scale for all postures
-    within: float  # share of the surface's places within one deviation of the model's; 0.68 is right
-    link_share: float
-    tracks: int
-    fit_seconds: float
-    fit_cpu_seconds: float
-    predict_ms: float
-
-
-def measure(arm: str, camera: str, seed: int, options: argparse.Namespace) -> BodyResult:
+def measure(asked: BodyScore, options: argparse.Namespace) -> BodyScore:
     """Babble, learn, ask."""
-    world = make_world(arm, camera, seed, options)
-    name = f"{arm} {camera}".strip() + f" {seed}"
-    seen = babble(world, seed, options.seconds)
+    world = make_world(asked, options)
+    seen = babble(world, asked.seed, options.seconds)
     wall, cpu = time.perf_counter(), time.process_time()
     try:
         tracks = follow_points(seen.images, seen.joints)
@@ -81,20 +71,19 @@ def measure(arm: str, camera: str, seed: int, options: argparse.Namespace) -> Bo
         anew = refit(found, tracks, images, BodyFitOptions().focal_prior(tracks.size[1]))
         model = BodyModel.from_fit(anew, images, seen.joints[::stride])
     except DenseVSError as error:
-        print(f"{name}: {error}")
-        return BodyResult(name, *[float("nan")] * 8, 0, *[float("nan")] * 3)
+        return replace(asked, failure=str(error))
     fit_seconds, fit_cpu = time.perf_counter() - wall, time.process_time() - cpu
     truth = link_truth(seen, tracks)
     known = (found.all_links != -2) & (truth != -2) & ((truth >= 0) | (found.all_links >= 0))
     share = float(np.mean(found.all_links[known] == truth[known])) if known.any() else float("nan")
-    return BodyResult(
-        name,
-        *ask(world, model, seen, seed),
-        share,
-        int(known.sum()),
-        fit_seconds,
-        fit_cpu,
-        prediction_time(model, seen.joints),
+    return replace(
+        asked,
+        **ask(world, model, seen, asked.seed),
+        link_share=share,
+        tracks=int(known.sum()),
+        fit_seconds=fit_seconds,
+        fit_cpu_seconds=fit_cpu,
+        predict_ms=prediction_time(model, seen.joints),
     )
 
 
@@ -117,7 +106,18 @@ def babble(world: SimWorld, seed: int, seconds: float) -> Learned:
             links[frame] = true_links(world)
         if frame in surfaces:
             anchors[frame] = some_points(world, seed)
-    return Learned(images, np.array(joints), links, anchors)
+    return Learned(images, on_the_camera_clock(images, np.array(joints)), links, anchors)
+
+
+def on_the_camera_clock(images: list[np.ndarray], joints: np.ndarray) -> np.ndarray:
+    """Joint positions ``(K, N)`` at the images, whose readings may come late: the delay is found by the motion."""
+    samples = MotionSamples()
+    times = FRAME_SECONDS * np.arange(len(images))
+    for image, stamp in zip(images, times, strict=True):
+        samples.add(image, stamp)
+    log = JointLog(tuple(f"joint {n}" for n in range(joints.shape[1])), times, joints)
+    shifted = find_clock_offset(samples, log).applied(log)
+    return shifted.at(np.clip(times, shifted.times[0], shifted.times[-1]))
 
 
 def some_points(world: SimWorld, seed: int) -> tuple[np.ndarray, list[SurfacePoint]]:
@@ -147,11 +147,12 @@ def link_truth(seen: Learned, tracks) -> np.ndarray:
     return truth
 
 
-def ask(world: SimWorld, model: BodyModel, seen: Learned, seed: int) -> tuple[float, ...]:
+def ask(world: SimWorld, model: BodyModel, seen: Learned, seed: int) -> dict[str, float]:
     """Errors of points [px], J, labels, depth and the model's knowledge of its errors at unseen postures."""
     joints = seen.joints
     rng = np.random.default_rng([seed, 21])
     low, high = joints.min(axis=0), joints.max(axis=0)
+    rest(world)
     q_seen = world.joints()[0]
     mask = world.robot_mask() & (np.linalg.norm(world.true_jacobian(), axis=(2, 3)) > 0)
     y, x = np.nonzero(mask)
@@ -162,6 +163,7 @@ def ask(world: SimWorld, model: BodyModel, seen: Learned, seed: int) -> tuple[fl
     anchored, anchors = anchored_points(model, seen)
     for _ in range(POSTURES):
         go_to(world, rng.uniform(low, high))
+        rest(world)
         q = world.joints()[0]
         true = np.array([world.project(point) for point in surface])
         off = np.linalg.norm(model.trace(pixels, q_seen, q) - true, axis=1)
@@ -177,15 +179,15 @@ def ask(world: SimWorld, model: BodyModel, seen: Learned, seed: int) -> tuple[fl
         inverse = np.linalg.inv(points.covariances[anchored])
         within.append(np.einsum("pi,pij,pj->p", off, inverse, off) < ONE_DEVIATION)
     off, ratio = np.concatenate(distances), np.concatenate(ratios)
-    return (
-        float(np.quantile(off, 0.5, method="higher")),
-        float(np.quantile(off, 0.9, method="higher")),
-        float(np.mean([e.median for e in errors])),
-        float(np.mean([e.p90 for e in errors])),
-        float(np.mean(overlaps)),
-        float(np.median(np.abs(ratio / np.median(ratio) - 1))),
-        float(np.mean(np.concatenate(within))) if anchors else float("nan"),
-    )
+    return {
+        "points_median": float(np.quantile(off, 0.5, method="higher")),
+        "points_p90": float(np.quantile(off, 0.9, method="higher")),
+        "jacobian_median": float(np.mean([e.median for e in errors])),
+        "jacobian_p90": float(np.mean([e.p90 for e in errors])),
+        "overlap": float(np.mean(overlaps)),
+        "depth": float(np.median(np.abs(ratio / np.median(ratio) - 1))),
+        "within": float(np.mean(np.concatenate(within))) if anchors else float("nan"),
+    }
 
 
 def anchored_points(model: BodyModel, seen: Learned) -> tuple[np.ndarray, list[SurfacePoint]]:
@@ -216,12 +218,15 @@ def prediction_time(model: BodyModel, joints: np.ndarray) -> float:
     return 1e3 * min(times)
 
 
-def make_world(arm: str, camera: str, seed: int, options: argparse.Namespace) -> SimWorld:
+def make_world(asked: BodyScore, options: argparse.Namespace) -> SimWorld:
     """The arm's world with its first joints; ours have one camera and all of theirs."""
-    if arm not in ARM_NAMES:
-        return SimWorld(arm, seed=seed, device=options.device)
-    names = SimWorld(arm, camera=camera, device=options.device, height=8, width=8).joint_names
-    return SimWorld(arm, joints=names[: options.joints], camera=camera, seed=seed, device=options.device)
+    common = {
+        "seed": asked.seed, "device": options.device, "realism": False if asked.images == "clean" else asked.images
+    }  # fmt: skip
+    if asked.arm not in ARM_NAMES:
+        return SimWorld(asked.arm, **common)
+    names = SimWorld(asked.arm, camera=asked.camera, device=options.device, height=8, width=8).joint_names
+    return SimWorld(asked.arm, joints=names[: options.joints], camera=asked.camera, **common)
 
 
 def main() -> int:
@@ -231,70 +236,50 @@ def main() -> int:
         "--arms", default=",".join(["arm", *TUNED_ARMS]), help="by comma (default: our own and the four of the table)"
     )
     parser.add_argument("--cameras", default="A,B", help="of the commercial arms, by comma (default: A,B)")
+    parser.add_argument(
+        "--images", default="clean", help="clean, sensor or realistic, or some by comma (default: clean)"
+    )
     parser.add_argument("--joints", type=int, default=4, help="of the commercial arms, from the base (default: 4)")
     parser.add_argument("--seconds", type=float, default=20.0, help="of babbling (default: 20)")
     parser.add_argument("--seeds", default="0", help="of motion and postures, by comma (default: 0)")
-    parser.add_argument("--device", default="auto", help="auto, cpu or cuda:N (default: auto)")
+    parser.add_argument("--jobs", type=int, default=1, help="bodies at a time, a core each where above 1 (default: 1)")
+    parser.add_argument("--device", default="auto", help="auto, cpu or cuda:N, of the robots (default: auto)")
     add_report_arguments(parser)
     options = parser.parse_args()
     wp.config.log_level = wp.LOG_ERROR
-    results = []
-    for arm in options.arms.split(","):
-        for camera in options.cameras.split(",") if arm in ARM_NAMES else [""]:
-            for seed in options.seeds.split(","):
-                results.append(measure(arm, camera, int(seed), options))
-                print(results[-1], flush=True)
-    print_results(results)
-    return report(metrics_of(results), options)
-
-
-def print_results(results: list[BodyResult]) -> None:
-    """The table."""
-    header = [
-        "arm, camera, seed", "points [px]", "90 %", "J error", "90 %", "label IoU", "depth", "within 1 s.d.", "links",
-        "of tracks",
-        "fit [s]", "CPU [s]", "J image [ms]",
-    ]  # fmt: skip
-    rows = [
-        [
-            r.name,
-            f"{r.points_median:.2f}",
-            f"{r.points_p90:.2f}",
-            f"{r.jacobian_median:.3f}",
-            f"{r.jacobian_p90:.2f}",
-            f"{r.overlap:.2f}",
-            f"{r.depth:.3f}",
-            f"{r.within:.2f}",
-            f"{r.link_share:.2f}",
-            str(r.tracks),
-            f"{r.fit_seconds:.1f}",
-            f"{r.fit_cpu_seconds:.1f}",
-            f"{r.predict_ms:.1f}",
-        ]
-        for r in results
+    asked = [
+        BodyScore(arm, camera, images, int(seed))
+        for images in options.images.split(",")
+        for seed in options.seeds.split(",")
+        for arm in options.arms.split(",")
+        for camera in (options.cameras.split(",") if arm in ARM_NAMES else [""])
     ]
-    print(table(header, rows))
+    runs = [(one, options) for one in asked]
+    scores: list[BodyScore] = []
+    for score in map(run, runs) if options.jobs == 1 else several(runs, options.jobs):
+        scores.append(score)
+        print(table(HEADER, rows_of([score])) + score.failure, flush=True)
+    print(table(HEADER, rows_of(scores)))
+    return report(metrics_of(scores), options, rows=[asdict(score) for score in scores])
 
 
-def metrics_of(results: list[BodyResult]) -> list[Metric]:
-    """Every figure as a metric."""
-    units = {
-        "points_median": ("px", "lower"),
-        "points_p90": ("px", "lower"),
-        "jacobian_median": ("", "lower"),
-        "jacobian_p90": ("", "lower"),
-        "overlap": ("", "higher"),
-        "depth": ("", "lower"),
-        "within": ("", "higher"),
-        "link_share": ("", "higher"),
-        "fit_cpu_seconds": ("s", "lower"),
-        "predict_ms": ("ms", "lower"),
-    }
-    return [
-        Metric(f"body_model/{r.name}/{field}", getattr(r, field), unit, direction)
-        for r in results
-        for field, (unit, direction) in units.items()
-    ]
+def run(task: tuple[BodyScore, argparse.Namespace]) -> BodyScore:
+    """Measure one body."""
+    return measure(*task)
+
+
+def several(runs: list[tuple[BodyScore, argparse.Namespace]], jobs: int) -> Iterator[BodyScore]:
+    """Measure so many at a time, in processes of a core each."""
+    os.environ |= {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1", "DENSE_VS_THREADS": "1"}
+    with multiprocessing.get_context("spawn").Pool(jobs, _one_core) as pool:
+        yield from pool.imap(run, runs, chunksize=1)
+
+
+def _one_core() -> None:
+    import cv2
+
+    wp.config.log_level = wp.LOG_ERROR
+    cv2.setNumThreads(1)
 
 
 if __name__ == "__main__":

@@ -1,4 +1,4 @@
-"""A simulated robot goes to a posture."""
+"""A simulated robot goes to a posture, and rests there."""
 
 import numpy as np
 
@@ -7,6 +7,7 @@ from dense_vs.sims import SimWorld
 LARGEST_STEP = 0.03  # rad a frame
 NEAR = 0.005  # rad of every joint, from which on it is there
 MOST_FRAMES = 400
+RESTING = 3  # frames until late joint readings, too, are those of a robot that stands
 
 
 def go_to(world: SimWorld, q: np.ndarray) -> None:
@@ -16,3 +17,10 @@ def go_to(world: SimWorld, q: np.ndarray) -> None:
         if np.abs(off).max() < NEAR:
             return
         world.step(np.clip(off, -LARGEST_STEP, LARGEST_STEP))
+
+
+def rest(world: SimWorld) -> None:
+    """Stand still until the joint readings say where the robot is, late ones too."""
+    still = np.zeros(len(world.joint_names))
+    for _ in range(RESTING):
+        world.step(still)
