@@ -90,7 +90,7 @@ def measure(asked: BodyScore, options: argparse.Namespace) -> BodyScore:
 def babble(world: SimWorld, seed: int, seconds: float) -> Learned:
     """Images and joints of a babbling that is paced by the estimated flow, as a live robot's."""
     babbling = Babbling(len(world.joint_names), seed=seed)
-    flow = FlowEstimator(height=world.shape[1], width=world.shape[2])
+    flow = FlowEstimator(height=world.shape[1], width=world.shape[2], device="cpu")
     low, high = world.joint_limits.T
     images, joints, links, last = [to_gray(world.frame().rgb)], [world.joints()[0]], {0: true_links(world)}, None
     frames, stride = round(seconds * 30), PointTrackOptions().stride
@@ -272,7 +272,7 @@ def several(runs: list[tuple[BodyScore, argparse.Namespace]], jobs: int) -> Iter
     """Measure so many at a time, in processes of a core each."""
     os.environ |= {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1", "DENSE_VS_THREADS": "1"}
     with multiprocessing.get_context("spawn").Pool(jobs, _one_core) as pool:
-        yield from pool.imap(run, runs, chunksize=1)
+        yield from pool.imap_unordered(run, runs, chunksize=1)
 
 
 def _one_core() -> None:
