@@ -179,9 +179,12 @@ def ask(world: SimWorld, model: BodyModel, seen: Learned, seed: int) -> dict[str
         inverse = np.linalg.inv(points.covariances[anchored])
         within.append(np.einsum("pi,pij,pj->p", off, inverse, off) < ONE_DEVIATION)
     off, ratio = np.concatenate(distances), np.concatenate(ratios)
+    known = off[np.isfinite(off)]
     return {
         "points_median": float(np.quantile(off, 0.5, method="higher")),
         "points_p90": float(np.quantile(off, 0.9, method="higher")),
+        "known_p90": float(np.quantile(known, 0.9, method="higher")) if len(known) else float("inf"),
+        "known_share": len(known) / len(off),
         "jacobian_median": float(np.mean([e.median for e in errors])),
         "jacobian_p90": float(np.mean([e.p90 for e in errors])),
         "overlap": float(np.mean(overlaps)),

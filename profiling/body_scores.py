@@ -11,6 +11,8 @@ from dense_vs.sims.engine.built_scenes import ARM_NAMES
 UNITS = {
     "points_median": ("px", "lower"),
     "points_p90": ("px", "lower"),
+    "known_p90": ("px", "lower"),
+    "known_share": ("", "higher"),
     "jacobian_median": ("", "lower"),
     "jacobian_p90": ("", "lower"),
     "overlap": ("", "higher"),
@@ -21,8 +23,8 @@ UNITS = {
     "predict_ms": ("ms", "lower"),
 }
 HEADER = (
-    "arm, camera", "images", "seed", "points [px]", "90 %", "J error", "90 %", "label IoU", "depth", "within 1 s.d.",
-    "links", "of tracks", "fit, CPU [s]", "J image [ms]",
+    "arm, camera", "images", "seed", "points [px]", "90 %", "known", "their 90 %", "J error", "90 %", "label IoU",
+    "depth", "within 1 s.d.", "links", "of tracks", "fit, CPU [s]", "J image [ms]",
 )  # fmt: skip
 
 
@@ -33,6 +35,8 @@ class BodyScore:
     Attributes:
         arm, camera, images, seed: which.
         points_median, points_p90: how far off surface points are [px], infinite for one that the model does not know.
+        known_p90: the same of those that it knows.
+        known_share: how many these are.
         jacobian_median, jacobian_p90: errors of J over the robot's pixels, means over the postures.
         overlap: intersection over union of the model's pixels with the robot's, mean.
         depth: relative error of the robot's pixels, median, with one scale for all postures.
@@ -50,6 +54,8 @@ class BodyScore:
     seed: int
     points_median: float = float("nan")
     points_p90: float = float("nan")
+    known_p90: float = float("nan")
+    known_share: float = float("nan")
     jacobian_median: float = float("nan")
     jacobian_p90: float = float("nan")
     overlap: float = float("nan")
@@ -86,60 +92,51 @@ def rows_of(scores: Iterable[BodyScore]) -> list[list[str]]:
 
 def _figures(score: BodyScore) -> list[str]:
     return [
-        f"{score.points_median:.2f}", f"{score.points_p90:.2f}", f"{score.jacobian_median:.3f}",
+        f"{score.points_median:.2f}", f"{score.points_p90:.2f}", f"{score.known_share:.2f}",
+        f"{score.known_p90:.2f}", f"{score.jacobian_median:.3f}",
         f"{score.jacobian_p90:.2f}", f"{score.overlap:.2f}", f"{score.depth:.3f}", f"{score.within:.2f}",
         f"{score.link_share:.2f}", str(score.tracks), f"{score.fit_cpu_seconds:.1f}", f"{score.predict_ms:.1f}",
     ]  # fmt: skip
 
 
-@dataclass(frozen=True)
 class Summary:
-    """Several scores together: the mean and the worst of a figure, a body that was not found as the worst.
+    """Several scores together; what is said of a figure is of the bodies that were found, NaN where none was.
+
+    Args:
+        scores: of these arms.
 
     Attributes:
         count: of the scores.
-        found: how many bodies were found.
+        found: of how many a body was found.
     """
 
-    scores: tuple[BodyScore, ...]
-
-    @property
-    def count(self) -> int:
-        """How many there are."""
-        return len(self.scores)
-
-    @property
-    def found(self) -> int:
-        """Of how many a body was found."""
-        return sum(not score.failure for score in self.scores)
+    def __init__(self, scores: Iterable[BodyScore]):
+        self._scores = tuple(scores)
+        self._known = [score for score in self._scores if not score.failure]
+        self.count, self.found = len(self._scores), len(self._known)
 
     def mean(self, field: str) -> float:
-        """Of a figure over the bodies that were found; NaN where none was."""
-        known = [getattr(score, field) for score in self.scores if not score.failure]
-        return float(np.mean(known)) if known else float("nan")
+        """Mean of a figure."""
+        return float(np.mean(self._values(field))) if self._known else float("nan")
 
     def middle(self, field: str) -> float:
-        """Median of a figure over the bodies that were found, which one that is infinite does not spoil."""
-        known = [getattr(score, field) for score in self.scores if not score.failure]
-        return float(np.quantile(known, 0.5, method="higher")) if known else float("nan")
+        """Median of a figure, the worse of two in the middle."""
+        values = self._values(field)
+        method = "higher" if UNITS[field][1] == "lower" else "lower"
+        return float(np.quantile(values, 0.5, method=method)) if values else float("nan")
 
     def worst(self, field: str) -> float:
-        """Of a figure over the bodies that were found."""
-        known = [getattr(score, field) for score in self.scores if not score.failure]
-        choose = max if UNITS[field][1] == "lower" else min
-        return choose(known, default=float("nan"))
+        """The worst of a figure."""
+        return (max if UNITS[field][1] == "lower" else min)(self._values(field), default=float("nan"))
 
-    def holding(self, limits: dict[str, float]) -> int:
-        """How many keep to all limits: at most where less is better, else at least; one that was not found does not."""
-        return sum(
-            all(
-                getattr(score, field) <= limit if UNITS[field][1] == "lower" else getattr(score, field) >= limit
-                for field, limit in limits.items()
-            )
-            for score in self.scores
-        )
+    def holding(self, field: str, limit: float) -> int:
+        """How many keep to a limit: at most that where less is better, else at least; a body not found does not."""
+        return sum(value <= limit if UNITS[field][1] == "lower" else value >= limit for value in self._values(field))
+
+    def _values(self, field: str) -> list[float]:
+        return [getattr(score, field) for score in self._known]
 
 
 def summary(scores: Sequence[BodyScore], ours: bool, images: str) -> Summary:
     """Those of our own arms, or of the commercial ones, with one kind of images."""
-    return Summary(tuple(score for score in scores if (score.arm not in ARM_NAMES) == ours and score.images == images))
+    return Summary(score for score in scores if (score.arm not in ARM_NAMES) == ours and score.images == images)

@@ -98,6 +98,7 @@ surfaces)
     measure surfaces surfaces_7 --jobs "$(nproc)" || true
     measure surfaces surfaces_other_arms --jobs "$(nproc)" || true
     measure hidden_points hidden_points --jobs "$(nproc)"
+    measure body_model body_model --jobs "$(nproc)"
     ;;
 live)
     measure live live                           # 2

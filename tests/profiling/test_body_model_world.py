@@ -1,17 +1,22 @@
 """How a body model is scored in a simulated world: true links, postures that were not seen, figures of a failed fit."""
 
 import sys
+from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 
+import cv2
 import numpy as np
 import pytest
 
 sys.path.insert(0, str(Path(__file__).parents[2] / "profiling"))
 
 import body_model
+from body_scores import BodyScore
 
 from dense_vs.errors import DenseVSError
+
+ASKED = {"points_median": 1.0, "depth": 6.0, "within": 0.7}
 
 
 def error(median, p90=0.0):
@@ -49,6 +54,7 @@ class AskedWorld:
 
     def __init__(self):
         self.q = np.array([1.0, 1.0])
+        self.joint_names = ["a", "b"]
         self.steps = []
         self.tracked = []
 
@@ -108,13 +114,14 @@ def test_a_model_is_asked_about_postures_that_it_has_not_seen(monkeypatch):
     monkeypatch.setattr(body_model, "jacobian_error", lambda J, true, robot: error(next(medians), 0.5))
     joints = np.array([[0.0, -0.2], [0.3, 0.1], [0.1, 0.0]])
     seen = SimpleNamespace(joints=joints, anchors={})
-    points, worst, median, p90, overlap, depth, within = body_model.ask(world, Model(), seen, seed=2)
-    assert np.isnan(within)  # nothing tells how well it knows itself
-    assert points == pytest.approx(3.0)
-    assert worst == np.inf  # a quarter of the points is not known
-    assert (median, p90) == pytest.approx((4.5, 0.5))
-    assert overlap == pytest.approx(16 / 24)
-    assert depth == pytest.approx(0.25)  # two of four columns are right, one is too far by half and one too near
+    found = body_model.ask(world, Model(), seen, seed=2)
+    assert np.isnan(found["within"])  # nothing tells how well it knows itself
+    assert (found["points_median"], found["known_p90"]) == pytest.approx((3.0, 3.0))
+    assert found["points_p90"] == np.inf  # a quarter of the points is not known
+    assert found["known_share"] == 0.75
+    assert (found["jacobian_median"], found["jacobian_p90"]) == pytest.approx((4.5, 0.5))
+    assert found["overlap"] == pytest.approx(16 / 24)
+    assert found["depth"] == pytest.approx(0.25)  # of four columns two are right, one by half too far, one too near
     assert len(asked) == 8
     assert body_model.POINTS == 200  # more than there are pixels here
     assert len(set(world.tracked)) == len(world.tracked) == 12  # each pixel once
@@ -127,17 +134,17 @@ def test_a_model_is_asked_about_postures_that_it_has_not_seen(monkeypatch):
     assert max(world.steps) <= 0.03
 
 
-def test_a_body_that_is_not_found_has_no_figures(monkeypatch, capsys):
+def test_a_body_that_is_not_found_has_no_figures(monkeypatch):
     def fail(*_):
         raise DenseVSError("too few tracks")
 
     monkeypatch.setattr(body_model, "make_world", lambda *_: None)
     monkeypatch.setattr(body_model, "babble", lambda *_: SimpleNamespace(images=[], joints=[]))
     monkeypatch.setattr(body_model, "follow_points", fail)
-    result = body_model.measure("arm", "", 1, SimpleNamespace(seconds=1.0))
-    assert result.name == "arm 1"
+    result = body_model.measure(BodyScore("arm", "", "clean", 1), SimpleNamespace(seconds=1.0))
+    assert result.name == "arm clean 1"
     assert np.isnan([result.points_median, result.overlap, result.link_share, result.predict_ms]).all()
-    assert "too few tracks" in capsys.readouterr().out
+    assert result.failure == "too few tracks"
 
 
 def test_the_share_of_right_links_is_of_tracks_with_one(monkeypatch):
@@ -151,22 +158,21 @@ def test_the_share_of_right_links_is_of_tracks_with_one(monkeypatch):
     models = {(id(found), (32.0, 0.15)): SimpleNamespace(jacobian=lambda q: None)}
     monkeypatch.setattr(body_model.BodyModel, "from_fit", lambda anew, *_: models[id(anew[0]), anew[1]])
     monkeypatch.setattr(body_model, "link_truth", lambda seen, tracks: truth)
-    monkeypatch.setattr(body_model, "ask", lambda *_: (1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 0.7))
-    result = body_model.measure("panda", "A", 0, SimpleNamespace(seconds=1.0))
-    assert result.name == "panda A 0"
+    monkeypatch.setattr(body_model, "ask", lambda *_: ASKED)
+    asked = BodyScore("panda", "A", "clean", 0)
+    result = body_model.measure(asked, SimpleNamespace(seconds=1.0))
+    assert result.name == "panda A clean 0"
     assert (result.link_share, result.tracks) == (pytest.approx(3 / 7), 7)
     assert (result.points_median, result.depth, result.within) == (1.0, 6.0, 0.7)
     assert 0 <= result.fit_seconds < 60
     assert 0 <= result.predict_ms < 1000
-    values = {metric.name: metric for metric in body_model.metrics_of([result])}
-    assert values["body_model/panda A 0/points_p90"].value == 2.0
-    assert values["body_model/panda A 0/overlap"].better == "higher"
     found.all_links[:] = -2
-    assert np.isnan(body_model.measure("panda", "A", 0, SimpleNamespace(seconds=1.0)).link_share)
+    assert np.isnan(body_model.measure(asked, SimpleNamespace(seconds=1.0)).link_share)
 
 
+@pytest.mark.parametrize(("images", "realism"), [("clean", False), ("realistic", "realistic")])
 @pytest.mark.parametrize(("arm", "joints", "count"), [("arm", None, None), ("panda", ["a", "b"], 2)])
-def test_a_commercial_arm_uses_its_first_joints_and_ours_all(monkeypatch, arm, joints, count):
+def test_a_commercial_arm_uses_its_first_joints_and_ours_all(monkeypatch, arm, joints, count, images, realism):
     made = []
 
     def world(name, **options):
@@ -174,8 +180,9 @@ def test_a_commercial_arm_uses_its_first_joints_and_ours_all(monkeypatch, arm, j
         return SimpleNamespace(joint_names=["a", "b", "c"])
 
     monkeypatch.setattr(body_model, "SimWorld", world)
-    body_model.make_world(arm, "B", 5, SimpleNamespace(device="cpu", joints=count))
-    common = {"seed": 5, "device": "cpu"}
+    asked = BodyScore(arm, "B", images, 5)
+    body_model.make_world(asked, SimpleNamespace(device="cpu", joints=count))
+    common = {"seed": 5, "device": "cpu", "realism": realism}
     if joints is None:
         assert made == [("arm", common)]
     else:
@@ -246,8 +253,8 @@ def test_a_model_knows_its_errors_where_they_are_as_often_as_they_should():
     )
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(body_model, "anchored_points", lambda model, seen: (np.arange(4), list(start)))
-        *_, overlap, depth, within = body_model.ask(world, model, seen, seed=0)
-    assert (overlap, depth, within) == (1.0, 0.0, 0.75)
+        found = body_model.ask(world, model, seen, seed=0)
+    assert (found["overlap"], found["depth"], found["within"]) == (1.0, 0.0, 0.75)
 
 
 @pytest.mark.parametrize(("start", "frames"), [([0.0, 0.0], 4), ([0.1, -0.0051], 1), ([0.1, -0.0049], 0)])
@@ -264,7 +271,22 @@ def test_a_posture_that_is_not_reached_is_given_up():
     world = AskedWorld()
     world.step = world.steps.append
     body_model.go_to(world, np.array([0.1, 0.0]))
-    assert len(world.steps) == 400
+    assert len(world.steps) == 15
+
+
+def test_a_way_on_which_it_comes_nearer_is_gone_to_its_end():
+    """A slow robot, which does a quarter of what it is told, and a tenth of that every other frame."""
+    world = AskedWorld()
+    go = world.step
+    world.step = lambda dq: go((0.25 if len(world.steps) % 2 else 0.025) * dq)
+    body_model.go_to(world, np.array([0.2, 0.9]))
+    np.testing.assert_allclose(world.q, [0.2, 0.9], atol=0.005)
+
+
+def test_a_robot_that_rests_is_told_to_stay_while_readings_come():
+    world = AskedWorld()
+    body_model.rest(world)
+    assert world.steps == [0.0] * 3
 
 
 class Clock:
@@ -297,26 +319,52 @@ def test_a_fit_takes_the_time_between_its_beginning_and_its_end(monkeypatch):
     monkeypatch.setattr(body_model, "refit", lambda *_: found)
     monkeypatch.setattr(body_model.BodyModel, "from_fit", lambda *_: None)
     monkeypatch.setattr(body_model, "link_truth", lambda *_: np.array([0]))
-    monkeypatch.setattr(body_model, "ask", lambda *_: [0.0] * 7)
+    monkeypatch.setattr(body_model, "ask", lambda *_: ASKED)
     monkeypatch.setattr(body_model, "prediction_time", lambda *_: 3.0)
     monkeypatch.setattr(body_model, "time", Clock([100.0, 104.0], [20.0, 26.0]))
-    result = body_model.measure("panda", "A", 0, SimpleNamespace(seconds=1.0))
+    result = body_model.measure(BodyScore("panda", "A", "clean", 0), SimpleNamespace(seconds=1.0))
     assert (result.fit_seconds, result.fit_cpu_seconds, result.predict_ms) == (4.0, 6.0, 3.0)
 
 
-def test_every_arm_camera_and_seed_is_measured_once(monkeypatch, capsys):
+def test_every_arm_camera_kind_of_images_and_seed_is_measured_once(monkeypatch, capsys):
     measured, reported = [], []
 
-    def measure(arm, camera, seed, options):
-        measured.append((arm, camera, seed))
-        return body_model.BodyResult(f"{arm} {camera} {seed}", *[1.5] * 8, 7, 2.0, 3.0, 4.0)
+    def measure(asked, options):
+        measured.append((asked.arm, asked.camera, asked.images, asked.seed))
+        return replace(asked, failure="no body" if asked.arm == "arm" else "", overlap=0.5)
+
+    def report(metrics, options, rows):
+        reported.append((metrics, rows))
+        return 5
 
     monkeypatch.setattr(body_model, "measure", measure)
-    monkeypatch.setattr(body_model, "report", lambda metrics, options: reported.append(metrics) or 5)
-    monkeypatch.setattr(sys, "argv", ["body_model.py", "--arms", "arm,panda", "--cameras", "A,B", "--seeds", "0,2"])
+    monkeypatch.setattr(body_model, "report", report)
+    words = "--arms arm,panda --cameras A,B --images clean,realistic --seeds 0,2"
+    monkeypatch.setattr(sys, "argv", ["body_model.py", *words.split()])
     assert body_model.main() == 5
-    assert measured == [("arm", "", seed) for seed in (0, 2)] + [
-        ("panda", camera, seed) for camera in ("A", "B") for seed in (0, 2)
-    ]
-    assert len(reported[0]) == 6 * 10
-    assert "panda B 2" in capsys.readouterr().out
+    places = [("arm", ""), ("panda", "A"), ("panda", "B")]
+    wanted = {(*place, images, seed) for place in places for images in ("clean", "realistic") for seed in (0, 2)}
+    assert len(measured) == len(wanted) == 12
+    assert set(measured) == wanted
+    ((metrics, rows),) = reported
+    assert len(metrics) == 12 * 12
+    assert [row["overlap"] for row in rows] == [0.5] * 12
+    said = capsys.readouterr().out
+    assert "panda B" in said
+    assert "no body" in said
+
+
+def test_joint_readings_that_come_late_are_put_on_the_images_clock():
+    """A square that goes with one joint; readings 2 frames late are found to be, within a quarter of a frame."""
+    q = 0.6 * np.sin(np.arange(150) * 0.21) + 0.3 * np.sin(np.arange(150) * 0.057)
+    images = []
+    texture = cv2.GaussianBlur(np.random.default_rng(0).integers(0, 255, (120, 160)).astype(np.uint8), (0, 0), 1.5)
+    for angle in q:
+        shift = np.array([[1.0, 0.0, 40 * angle], [0.0, 1.0, 0.0]])
+        images.append(cv2.warpAffine(texture, shift, (160, 120), borderMode=cv2.BORDER_REFLECT))
+    late = np.concatenate([q[:1], q[:1], q[:-2]])[:, None]
+    found = body_model.on_the_camera_clock(images, late)
+    assert found.shape == (150, 1)
+    speed = np.abs(np.gradient(q)).max()
+    assert np.abs(found[5:-5, 0] - q[5:-5]).max() < 0.25 * speed
+    assert np.abs(late[5:-5, 0] - q[5:-5]).max() > 1.5 * speed

@@ -9,6 +9,7 @@ from mutation.operators import Mutant, mutants
 PROFILING = (  # its others compare times, or write pages of what is measured
     "accuracy",
     "body_model",
+    "body_scores",
     "closed_loop",
     "depth_row",
     "depth_scores",

@@ -1,0 +1,59 @@
+"""Lines of the table about body models, from the result of ``profiling/body_model.py``."""
+
+from body_scores import BodyScore, Summary, summary
+from results_file import Result, seeds_in_words
+
+GOALS = {  # of our own arms, of commercial ones
+    "points_median": (1.5, 2.5),
+    "points_p90": (5.0, 8.0),
+    "jacobian_median": (0.10, 0.15),
+    "depth": (0.08, None),
+    "link_share": (0.95, None),
+    "predict_ms": (5.0, 5.0),
+}
+ROWS = (
+    ("points_median", "surface points at postures not seen, off by [px]", "{:.2f}"),
+    ("known_share", "share of them that the model knows", "{:.2f}"),
+    ("known_p90", "nine in ten of these are off by at most [px]", "{:.1f}"),
+    ("points_p90", "nine in ten of all are", "{:.1f}"),
+    ("jacobian_median", "J error, all of the robot's pixels, no image", "{:.3f}"),
+    ("overlap", "label IoU", "{:.2f}"),
+    ("depth", "depth, one scale for all", "{:.1%}"),
+    ("link_share", "tracks on the right link", "{:.2f}"),
+    ("fit_cpu_seconds", "a fit, time of one core [s]", "{:.1f}"),
+    ("predict_ms", "J of the whole image [ms]", "{:.1f}"),
+)
+
+
+def body_lines() -> list[str]:
+    """The table of the page on performance."""
+    result = Result("body_model")
+    arguments = result.content["arguments"]
+    scores = [BodyScore(**row) for row in result.content["rows"]]
+    columns = [(place, summary(scores, place == 0, images)) for place in (0, 1) for images in ("clean", "realistic")]
+    heads = [
+        f"{'our arm' if place == 0 else 'commercial arms'}, {images}"
+        for place in (0, 1)
+        for images in ("clean", "realistic")
+    ]
+    rows = [[text, *(_cell(field, place, bodies, form) for place, bodies in columns)] for field, text, form in ROWS]
+    rows.insert(0, ["bodies found", *(f"{bodies.found} of {bodies.count}" for _, bodies in columns)])
+    return [
+        f"Body models from {arguments['seconds']:g} s of babbling, asked at postures that they have not seen: medians "
+        "of all bodies (the worst), and how many keep to the goal. Points that a model does not know count as "
+        "infinitely far off, pixels that it does not know as J 1 off "
+        f"(`profiling/body_model.py`; {seeds_in_words(arguments['seeds'])}, which nothing was tuned on, "
+        f"{arguments['joints']} joints of commercial arms, {result.origin()}):",
+        "",
+        f"| | {' | '.join(heads)} |",
+        "|---" * (len(heads) + 1) + "|",
+        *(f"| {' | '.join(row)} |" for row in rows),
+    ]
+
+
+def _cell(field: str, place: int, bodies: Summary, form: str) -> str:
+    words = f"{form.format(bodies.middle(field))} ({form.format(bodies.worst(field))})"
+    goal = GOALS.get(field, (None, None))[place]
+    if goal is None:
+        return words
+    return f"{words}; {bodies.holding(field, goal)} of {bodies.count} keep to {goal:g}"
