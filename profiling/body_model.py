@@ -17,6 +17,7 @@ import os
 import time
 from collections.abc import Iterator
 from dataclasses import asdict, dataclass, replace
+from typing import Any
 
 import numpy as np
 import warp as wp
@@ -30,6 +31,7 @@ from dense_vs.body_model.held_out import ONE_DEVIATION
 from dense_vs.body_model.refit import refit
 from dense_vs.body_model.surface import SurfaceOptions, keyframe_indices
 from dense_vs.errors import DenseVSError
+from dense_vs.files import write_json
 from dense_vs.flow import FlowEstimator, to_gray
 from dense_vs.jacobian.error import jacobian_error
 from dense_vs.recording.clock_offset import MotionSamples, find_clock_offset
@@ -39,6 +41,7 @@ from dense_vs.sims import SimWorld
 from dense_vs.sims.engine.built_scenes import ARM_NAMES, TUNED_ARMS
 from dense_vs.sims.engine.scene import FRAME_SECONDS
 from dense_vs.sims.engine.surface_points import SurfacePoint
+from dense_vs.view.provenance import provenance
 from dense_vs.view.tables import table
 
 POSTURES = 8  # unseen ones
@@ -258,12 +261,21 @@ def main() -> int:
         for camera in (options.cameras.split(",") if arm in ARM_NAMES else [""])
     ]
     runs = [(one, options) for one in asked]
-    scores: list[BodyScore] = []
+    origin = provenance(options, leave_out=("json", "gate"))
+    found: dict[str, BodyScore] = {}
     for score in map(run, runs) if options.jobs == 1 else several(runs, options.jobs):
-        scores.append(score)
+        found[score.name] = score
         print(table(HEADER, rows_of([score])) + score.failure, flush=True)
+        if options.json is not None:  # a run that is stopped has not run for nothing
+            write_json(options.json, {**origin, **content([*found.values()], len(asked))})
+    scores = [found[one.name] for one in asked]
     print(table(HEADER, rows_of(scores)))
-    return report(metrics_of(scores), options, rows=[asdict(score) for score in scores])
+    return report(metrics_of(scores), options, **content(scores, len(asked)))
+
+
+def content(scores: list[BodyScore], asked: int) -> dict[str, Any]:
+    """What the file holds beside its origin and the metrics: the bodies so far, and whether that is all of them."""
+    return {"finished": len(scores) == asked, "rows": [asdict(score) for score in scores]}
 
 
 def run(task: tuple[BodyScore, argparse.Namespace]) -> BodyScore:

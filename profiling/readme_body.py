@@ -32,7 +32,7 @@ def body_lines() -> list[str]:
     scores = [BodyScore(**row) for row in result.content["rows"]]
     columns = [(place, summary(scores, place == 0, images)) for place in (0, 1) for images in ("clean", "realistic")]
     heads = [
-        f"{'our arm' if place == 0 else 'commercial arms'}, {images}"
+        f"{'our arms' if place == 0 else 'commercial arms'}, {images}"
         for place in (0, 1)
         for images in ("clean", "realistic")
     ]
@@ -43,7 +43,8 @@ def body_lines() -> list[str]:
         "of all bodies (the worst), and how many keep to the goal. Points that a model does not know count as "
         "infinitely far off, pixels that it does not know as J 1 off "
         f"(`profiling/body_model.py`; {seeds_in_words(arguments['seeds'])}, which nothing was tuned on, "
-        f"{arguments['joints']} joints of commercial arms, {result.origin()}):",
+        f"{arguments['joints']} joints of commercial arms, {result.origin()})"
+        + (":" if result.content["finished"] else "; the run was stopped early, and has not come to all:"),
         "",
         f"| | {' | '.join(heads)} |",
         "|---" * (len(heads) + 1) + "|",

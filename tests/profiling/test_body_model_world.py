@@ -1,5 +1,6 @@
 """How a body model is scored in a simulated world: true links, postures that were not seen, figures of a failed fit."""
 
+import json
 import sys
 from dataclasses import replace
 from pathlib import Path
@@ -326,22 +327,29 @@ def test_a_fit_takes_the_time_between_its_beginning_and_its_end(monkeypatch):
     assert (result.fit_seconds, result.fit_cpu_seconds, result.predict_ms) == (4.0, 6.0, 3.0)
 
 
-def test_every_arm_camera_kind_of_images_and_seed_is_measured_once(monkeypatch, capsys):
+def test_every_arm_camera_kind_of_images_and_seed_is_measured_once(monkeypatch, capsys, tmp_path):
     measured, reported = [], []
 
     def measure(asked, options):
         measured.append((asked.arm, asked.camera, asked.images, asked.seed))
         return replace(asked, failure="no body" if asked.arm == "arm" else "", overlap=0.5)
 
-    def report(metrics, options, rows):
+    def report(metrics, options, finished, rows):
         reported.append((metrics, rows))
+        assert finished
         return 5
 
     monkeypatch.setattr(body_model, "measure", measure)
     monkeypatch.setattr(body_model, "report", report)
     words = "--arms arm,panda --cameras A,B --images clean,realistic --seeds 0,2"
-    monkeypatch.setattr(sys, "argv", ["body_model.py", *words.split()])
+    file = tmp_path / "body.json"
+    monkeypatch.setattr(sys, "argv", ["body_model.py", *words.split(), "--json", str(file)])
     assert body_model.main() == 5
+    stored = json.loads(file.read_text())  # of the last one; a report would add the metrics
+    assert stored["finished"]
+    assert len(stored["rows"]) == 12
+    assert stored["arguments"]["seeds"] == "0,2"
+    assert not body_model.content([BodyScore("arm", "", "clean", 0)], 2)["finished"]
     places = [("arm", ""), ("panda", "A"), ("panda", "B")]
     wanted = {(*place, images, seed) for place in places for images in ("clean", "realistic") for seed in (0, 2)}
     assert len(measured) == len(wanted) == 12
