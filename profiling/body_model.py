@@ -12,11 +12,13 @@ does it.
 """
 
 import argparse
+import json
 import multiprocessing
 import os
 import time
 from collections.abc import Iterator
 from dataclasses import asdict, dataclass, replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -47,6 +49,7 @@ from dense_vs.view.tables import table
 POSTURES = 8  # unseen ones
 POINTS = 200  # of the surface, a posture
 ANCHORS, SAME_PIXEL = 400, 0.3  # surface points of a keyframe, and px between one and the model's
+NOT_MEASURED = ("json", "gate", "jobs", "resume")  # options that no figure depends on
 REFERENCE_FRAMES = PointTrackOptions().stride * PointTrackOptions().reference_every
 
 
@@ -250,6 +253,7 @@ def main() -> int:
     parser.add_argument("--seeds", default="0", help="of motion and postures, by comma (default: 0)")
     parser.add_argument("--jobs", type=int, default=1, help="bodies at a time, a core each where above 1 (default: 1)")
     parser.add_argument("--device", default="auto", help="auto, cpu or cuda:N, of the robots (default: auto)")
+    parser.add_argument("--resume", action="store_true", help="go on with a run that was stopped, as --json has it")
     add_report_arguments(parser)
     options = parser.parse_args()
     wp.config.log_level = wp.LOG_ERROR
@@ -260,9 +264,9 @@ def main() -> int:
         for arm in options.arms.split(",")
         for camera in (options.cameras.split(",") if arm in ARM_NAMES else [""])
     ]
-    runs = [(one, options) for one in asked]
-    origin = provenance(options, leave_out=("json", "gate"))
-    found: dict[str, BodyScore] = {}
+    origin = provenance(options, leave_out=NOT_MEASURED)
+    found = {score.name: score for score in kept(options.json, origin)} if options.resume else {}
+    runs = [(one, options) for one in asked if one.name not in found]
     for score in map(run, runs) if options.jobs == 1 else several(runs, options.jobs):
         found[score.name] = score
         print(table(HEADER, rows_of([score])) + score.failure, flush=True)
@@ -270,7 +274,24 @@ def main() -> int:
             write_json(options.json, {**origin, **content([*found.values()], len(asked))})
     scores = [found[one.name] for one in asked]
     print(table(HEADER, rows_of(scores)))
-    return report(metrics_of(scores), options, **content(scores, len(asked)))
+    return report(metrics_of(scores), options, NOT_MEASURED, **content(scores, len(asked)))
+
+
+def kept(file: Path | None, origin: dict[str, Any]) -> list[BodyScore]:
+    """The bodies of a run that was stopped; none where there is no file.
+
+    Raises:
+        SystemExit: ``--json`` is not given, or the file is of another commit or other arguments.
+    """
+    if file is None:
+        raise SystemExit("--resume goes on with what --json names; expected both")
+    if not file.is_file():
+        return []
+    stored = json.loads(file.read_text(encoding="utf-8"))
+    for name in ("commit", "arguments"):
+        if stored[name] != origin[name]:
+            raise SystemExit(f"{file} has {name} {stored[name]}; expected {origin[name]}")
+    return [BodyScore.of_row(row) for row in stored["rows"]]
 
 
 def content(scores: list[BodyScore], asked: int) -> dict[str, Any]:

@@ -1,7 +1,9 @@
 """Scores of body models at postures that they have not seen: figures, summaries over arms, and the tables of both."""
 
+import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from metrics import Metric
@@ -22,6 +24,7 @@ UNITS = {
     "fit_cpu_seconds": ("s", "lower"),
     "predict_ms": ("ms", "lower"),
 }
+DISTANCES = ("points_median", "points_p90", "known_p90")  # infinite where the model does not know enough points
 HEADER = (
     "arm, camera", "images", "seed", "points [px]", "90 %", "known", "their 90 %", "J error", "90 %", "label IoU",
     "depth", "within 1 s.d.", "links", "of tracks", "fit, CPU [s]", "J image [ms]",
@@ -67,6 +70,13 @@ class BodyScore:
     fit_cpu_seconds: float = float("nan")
     predict_ms: float = float("nan")
     failure: str = ""
+
+    @classmethod
+    def of_row(cls, row: dict[str, Any]) -> "BodyScore":
+        """As a file holds it, where infinite figures and those that are not known are both ``null``."""
+        far = math.nan if row["failure"] else math.inf
+        known = {name: far if name in DISTANCES else math.nan for name, value in row.items() if value is None}
+        return cls(**{**row, **known})
 
     @property
     def name(self) -> str:

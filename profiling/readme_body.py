@@ -29,7 +29,7 @@ def body_lines() -> list[str]:
     """The table of the page on performance."""
     result = Result("body_model")
     arguments = result.content["arguments"]
-    scores = [BodyScore(**row) for row in result.content["rows"]]
+    scores = [BodyScore.of_row(row) for row in result.content["rows"]]
     columns = [(place, summary(scores, place == 0, images)) for place in (0, 1) for images in ("clean", "realistic")]
     heads = [
         f"{'our arms' if place == 0 else 'commercial arms'}, {images}"

@@ -332,9 +332,11 @@ def test_every_arm_camera_kind_of_images_and_seed_is_measured_once(monkeypatch, 
 
     def measure(asked, options):
         measured.append((asked.arm, asked.camera, asked.images, asked.seed))
-        return replace(asked, failure="no body" if asked.arm == "arm" else "", overlap=0.5)
+        if asked.arm == "arm":
+            return replace(asked, failure="no body")
+        return replace(asked, points_median=1.0, points_p90=np.inf, known_p90=2.0, overlap=0.5)
 
-    def report(metrics, options, finished, rows):
+    def report(metrics, options, leave_out, finished, rows):
         reported.append((metrics, rows))
         assert finished
         return 5
@@ -350,16 +352,37 @@ def test_every_arm_camera_kind_of_images_and_seed_is_measured_once(monkeypatch, 
     assert len(stored["rows"]) == 12
     assert stored["arguments"]["seeds"] == "0,2"
     assert not body_model.content([BodyScore("arm", "", "clean", 0)], 2)["finished"]
+    stored["rows"] = stored["rows"][:5]
+    file.write_text(json.dumps(stored))
+    monkeypatch.setattr(sys, "argv", ["body_model.py", *words.split(), "--json", str(file), "--resume", "--jobs", "1"])
+    assert body_model.main() == 5
+    assert len(measured) == 12 + 7  # what the stopped run had is not measured again
+    assert repr(reported[1]) == repr(reported[0])
     places = [("arm", ""), ("panda", "A"), ("panda", "B")]
     wanted = {(*place, images, seed) for place in places for images in ("clean", "realistic") for seed in (0, 2)}
-    assert len(measured) == len(wanted) == 12
-    assert set(measured) == wanted
-    ((metrics, rows),) = reported
+    assert len(wanted) == 12
+    assert set(measured[:12]) == set(measured) == wanted
+    metrics, rows = reported[0]
     assert len(metrics) == 12 * 12
-    assert [row["overlap"] for row in rows] == [0.5] * 12
+    assert [row["points_median"] for row in rows if not row["failure"]] == [1.0] * 8
     said = capsys.readouterr().out
     assert "panda B" in said
     assert "no body" in said
+
+
+@pytest.mark.parametrize(
+    ("changed", "words"),
+    [({"commit": "b"}, "has commit b; expected a"), ({"arguments": {"seeds": "1"}}, "has arguments {'seeds': '1'}")],
+)
+def test_a_run_of_another_commit_or_arguments_is_not_gone_on_with(tmp_path, changed, words):
+    origin = {"commit": "a", "arguments": {"seeds": "2"}}
+    file = tmp_path / "body.json"
+    assert body_model.kept(file, origin) == []
+    file.write_text(json.dumps({**origin, **changed, "rows": []}))
+    with pytest.raises(SystemExit, match=words):
+        body_model.kept(file, origin)
+    with pytest.raises(SystemExit, match="expected both"):
+        body_model.kept(None, origin)
 
 
 def test_joint_readings_that_come_late_are_put_on_the_images_clock():

@@ -1,6 +1,8 @@
 """Scores of body models: names, metrics, rows and what is said of several together."""
 
+import json
 import sys
+from dataclasses import asdict
 from pathlib import Path
 
 import numpy as np
@@ -10,6 +12,8 @@ sys.path.insert(0, str(Path(__file__).parents[2] / "profiling"))
 
 from body_scores import HEADER, UNITS, BodyScore, Summary, metrics_of, rows_of, summary
 
+from dense_vs.files import write_json
+
 
 def score(arm="panda", camera="A", images="clean", seed=3, **figures):
     return BodyScore(arm, camera, images, seed, **figures)
@@ -18,6 +22,17 @@ def score(arm="panda", camera="A", images="clean", seed=3, **figures):
 def test_a_score_is_named_by_what_it_has():
     assert score().name == "panda A clean 3"
     assert score("arm", "", "realistic", 0).name == "arm realistic 0"
+
+
+def test_a_file_that_has_no_form_for_infinity_gives_it_back(tmp_path):
+    file = tmp_path / "body.json"
+    scores = [
+        score(points_median=1.0, points_p90=np.inf, known_p90=2.0, tracks=3, depth=0.01),
+        score(points_median=np.inf, points_p90=np.inf, known_p90=np.inf),
+        score(failure="too few tracks"),
+    ]
+    write_json(file, [asdict(one) for one in scores])
+    assert repr([BodyScore.of_row(row) for row in json.loads(file.read_text())]) == repr(scores)
 
 
 def test_every_figure_is_a_metric_with_the_way_that_is_better():
