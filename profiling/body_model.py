@@ -265,20 +265,21 @@ def main() -> int:
         for camera in (options.cameras.split(",") if arm in ARM_NAMES else [""])
     ]
     origin = provenance(options, leave_out=NOT_MEASURED)
-    found = {score.name: score for score in kept(options.json, origin)} if options.resume else {}
+    before, began = kept(options.json, origin) if options.resume else ([], {})
+    found = {score.name: score for score in before}
     runs = [(one, options) for one in asked if one.name not in found]
     for score in map(run, runs) if options.jobs == 1 else several(runs, options.jobs):
         found[score.name] = score
         print(table(HEADER, rows_of([score])) + score.failure, flush=True)
         if options.json is not None:  # a run that is stopped has not run for nothing
-            write_json(options.json, {**origin, **content([*found.values()], len(asked))})
+            write_json(options.json, {**origin, **began, **content([*found.values()], len(asked))})
     scores = [found[one.name] for one in asked]
     print(table(HEADER, rows_of(scores)))
-    return report(metrics_of(scores), options, NOT_MEASURED, **content(scores, len(asked)))
+    return report(metrics_of(scores), options, NOT_MEASURED, **began, **content(scores, len(asked)))
 
 
-def kept(file: Path | None, origin: dict[str, Any]) -> list[BodyScore]:
-    """The bodies of a run that was stopped; none where there is no file.
+def kept(file: Path | None, origin: dict[str, Any]) -> tuple[list[BodyScore], dict[str, Any]]:
+    """The bodies of a run that was stopped, and when and on which machine it began; nothing where there is no file.
 
     Raises:
         SystemExit: ``--json`` is not given, or the file is of another commit or other arguments.
@@ -286,12 +287,12 @@ def kept(file: Path | None, origin: dict[str, Any]) -> list[BodyScore]:
     if file is None:
         raise SystemExit("--resume goes on with what --json names; expected both")
     if not file.is_file():
-        return []
+        return [], {}
     stored = json.loads(file.read_text(encoding="utf-8"))
     for name in ("commit", "arguments"):
         if stored[name] != origin[name]:
             raise SystemExit(f"{file} has {name} {stored[name]}; expected {origin[name]}")
-    return [BodyScore.of_row(row) for row in stored["rows"]]
+    return [BodyScore.of_row(row) for row in stored["rows"]], {name: stored[name] for name in ("date", "machine")}
 
 
 def content(scores: list[BodyScore], asked: int) -> dict[str, Any]:

@@ -328,7 +328,7 @@ def test_a_fit_takes_the_time_between_its_beginning_and_its_end(monkeypatch):
 
 
 def test_every_arm_camera_kind_of_images_and_seed_is_measured_once(monkeypatch, capsys, tmp_path):
-    measured, reported = [], []
+    measured, reported, origins = [], [], []
 
     def measure(asked, options):
         measured.append((asked.arm, asked.camera, asked.images, asked.seed))
@@ -336,8 +336,9 @@ def test_every_arm_camera_kind_of_images_and_seed_is_measured_once(monkeypatch, 
             return replace(asked, failure="no body")
         return replace(asked, points_median=1.0, points_p90=np.inf, known_p90=2.0, overlap=0.5)
 
-    def report(metrics, options, leave_out, finished, rows):
+    def report(metrics, options, leave_out, finished, rows, **began):
         reported.append((metrics, rows))
+        origins.append(began)
         assert finished
         return 5
 
@@ -352,12 +353,13 @@ def test_every_arm_camera_kind_of_images_and_seed_is_measured_once(monkeypatch, 
     assert len(stored["rows"]) == 12
     assert stored["arguments"]["seeds"] == "0,2"
     assert not body_model.content([BodyScore("arm", "", "clean", 0)], 2)["finished"]
-    stored["rows"] = stored["rows"][:5]
+    stored |= {"rows": stored["rows"][:5], "machine": {"cpu": "another"}, "date": "before"}
     file.write_text(json.dumps(stored))
     monkeypatch.setattr(sys, "argv", ["body_model.py", *words.split(), "--json", str(file), "--resume", "--jobs", "1"])
     assert body_model.main() == 5
     assert len(measured) == 12 + 7  # what the stopped run had is not measured again
     assert repr(reported[1]) == repr(reported[0])
+    assert origins == [{}, {"machine": {"cpu": "another"}, "date": "before"}]  # where it began
     places = [("arm", ""), ("panda", "A"), ("panda", "B")]
     wanted = {(*place, images, seed) for place in places for images in ("clean", "realistic") for seed in (0, 2)}
     assert len(wanted) == 12
@@ -377,7 +379,7 @@ def test_every_arm_camera_kind_of_images_and_seed_is_measured_once(monkeypatch, 
 def test_a_run_of_another_commit_or_arguments_is_not_gone_on_with(tmp_path, changed, words):
     origin = {"commit": "a", "arguments": {"seeds": "2"}}
     file = tmp_path / "body.json"
-    assert body_model.kept(file, origin) == []
+    assert body_model.kept(file, origin) == ([], {})
     file.write_text(json.dumps({**origin, **changed, "rows": []}))
     with pytest.raises(SystemExit, match=words):
         body_model.kept(file, origin)
