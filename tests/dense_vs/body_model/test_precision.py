@@ -159,6 +159,8 @@ def test_points_of_a_model_have_it_also_once_saved(tmp_path):
     for name, value, message in (
         ("precision_depths", np.zeros(3), "precision_depths has shape"),
         ("precision_keyframes", np.full(len(surface.links), 9), "precision_keyframes reach 9"),
+        ("precision_keyframes", np.append(arrays["precision_keyframes"][1:], 9), "precision_keyframes reach 9"),
+        ("precision_keyframes", np.append(arrays["precision_keyframes"][1:], -1), "precision_keyframes reach"),
     ):
         np.savez(tmp_path / "bad.npz", **{**arrays, name: value})
         with pytest.raises(DenseVSError, match=message):

@@ -150,7 +150,15 @@ def test_save_and_load(ur5, model, tmp_path):
     np.testing.assert_array_equal(again.infer_joints(ur5.unseen_pixels), model.infer_joints(ur5.unseen_pixels))
     assert again.report == model.report
     content = dict(np.load(path))
-    for change in ({"format": "x"}, {"format_version": 9}, {"parameters_axes": np.zeros((5, 3))}, {"report": "{"}):
+    assert content["controller"] == "joint"
+    wide = np.zeros((3, again.parameters.joint_count + 1))  # as a controller in space has them, that of joints not
+    np.savez(tmp_path / "in_space.npz", **(content | {"controller": "cartesian", "postures": wide}))
+    GenerativeModel.load(tmp_path / "in_space.npz")
+    damages = (
+        {"format": "x"}, {"format_version": 9}, {"parameters_axes": np.zeros((5, 3))}, {"report": "{"},
+        {"postures": wide},
+    )  # fmt: skip
+    for change in damages:
         np.savez(tmp_path / "bad.npz", **(content | change))
         with pytest.raises(DenseVSError, match=r"bad\.npz"):
             GenerativeModel.load(tmp_path / "bad.npz")

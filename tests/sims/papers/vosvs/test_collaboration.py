@@ -55,6 +55,12 @@ def pick(placed):
     return Pick(ObjectTrial("Softscrub", 0.0), placed=placed, cause="" if placed else "slipped")
 
 
+def test_what_is_as_far_off_as_the_hand_sees_is_not_found():
+    assert [
+        Errand(track([[0, 0]]), off).found for off in (collaboration.FOUND - 1e-9, collaboration.FOUND, np.nan)
+    ] == [True, False, False]
+
+
 def test_rows_of_errands():
     nan = [np.nan, np.nan]
     errands = {
