@@ -232,6 +232,14 @@ def test_poses_that_are_kept_are_a_chain_s_own():
     np.testing.assert_allclose(translation, 0.0, atol=1e-12)
 
 
+def test_the_poses_of_the_last_eight_sets_of_postures_are_kept():
+    body = serial_body(2, seed=5)
+    chain = Chain(body.axes, body.anchors, np.zeros(2), body.parents)
+    found = [chain.link_poses(np.full((1, 2), 0.1 * k)) for k in range(9)]
+    assert chain.link_poses(np.full((1, 2), 0.1)) is found[1]  # of nine the second, which is the eighth from the end
+    assert chain.link_poses(np.zeros((1, 2))) is not found[0]
+
+
 def test_tables_and_pictures_say_what_slides():
     body = serial_body(2, seed=5, slides=(0,))
     model = model_of(body)

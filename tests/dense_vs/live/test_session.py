@@ -1,6 +1,7 @@
 """The session on a board that slides: it learns, reaches the truth, and stops whatever happens."""
 
 import time
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -43,6 +44,16 @@ def said(session, word):
 
 def do(session, **message):
     Actions(session).carry_out(message)
+
+
+def test_a_session_ends_what_it_has_begun_and_nothing_else(robot, tmp_path):
+    """Before its first frame too, when there is no body's process yet."""
+    ended = []
+    session_of(robot, folder=tmp_path).end()
+    session = session_of(robot, folder=tmp_path)
+    session.body = SimpleNamespace(end=lambda: ended.append("body"))
+    session.end()
+    assert ended == ["body"]
 
 
 def test_nothing_moves_until_asked(session, robot):

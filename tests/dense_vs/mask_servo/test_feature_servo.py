@@ -94,6 +94,12 @@ def test_no_number_is_too_large_for_a_step(gain, size):
             FeatureServo([0.0, 0.0], gain).step(size * PINV, [300.0, 200.0])
 
 
+def test_a_step_that_is_too_large_for_one_joint_alone_is_shortened_as_a_whole():
+    pinv = [[1e200, 0.0], [0.0, 1.0]]
+    dq = FeatureServo([0.0, 0.0], 1e150, max_step=[0.1, 0.2]).step(pinv, [300.0, 200.0]).dq
+    np.testing.assert_allclose(dq, [-0.1, 0.0], atol=1e-12)
+
+
 def test_the_defaults_are_those_documented():
     servo = FeatureServo([320, 240])
     assert (servo.gain, servo.tolerance, servo.patience, servo.max_step) == (1.0, 5.0, 10, None)

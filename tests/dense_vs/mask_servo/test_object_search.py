@@ -37,6 +37,16 @@ def test_never_farther_than_its_rings(rings, looks):
     np.testing.assert_allclose(room.q[:2], [0.3, -0.2], atol=1e-3)
 
 
+def test_small_steps_are_made_too():
+    """Half a centimeter may bring an object into view; a millimeter is what a robot stands off by anyway."""
+    for reach, farthest in ((0.005, 0.005), (0.0005, 0.0)):
+        room = FlatRoom(None)
+        places = [room.q[:2].copy()]
+        room.before_look = lambda room=room, places=places: places.append(room.q[:2].copy())
+        search_object(room, room, room, joints=JOINTS, reach=(reach, reach))
+        np.testing.assert_allclose(np.abs(np.array(places) - places[0]).max(axis=0), farthest, atol=1e-9)
+
+
 def test_joint_limits_are_kept():
     room = FlatRoom(None, limits=[(-0.1, 0.1), (-5, 5), (0, 1), (-1, 1)])
     places = []

@@ -62,6 +62,16 @@ def test_a_bump_shifts_what_the_camera_shows_while_it_lasts(world):
     assert injector.shift.tolist() == [0, 0]
 
 
+def test_flicker_is_as_often_brighter_as_darker(world):
+    injector = FaultInjector(world, seed=2)
+    injector.begin("flicker")
+    true = world.frame().rgb.astype(float)
+    dark = true < 255 / 2.2  # stays below white
+    shown = np.array([injector.read()[0][dark].mean() for _ in range(60)]) / true[dark].mean()
+    assert shown.std() == pytest.approx(0.3, rel=0.25)
+    assert shown.mean() == pytest.approx(1.0, abs=0.12)
+
+
 @pytest.mark.parametrize("percent", [2, 10])
 def test_half_of_the_salt_and_pepper_is_black_and_half_is_white(world, percent):
     injector = FaultInjector(world, seed=2)

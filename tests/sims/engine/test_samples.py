@@ -1,10 +1,14 @@
 """Several rays a pixel: the mean color of a finer image, and the truth of the pixel's center all the same."""
 
+from contextlib import contextmanager
+
 import numpy as np
 import pytest
 
 from dense_vs.errors import DenseVSError
 from dense_vs.sims import SimWorld
+from dense_vs.sims.engine import world as world_module
+from dense_vs.sims.engine.realism import Realism
 
 SIZE = {"device": "cpu", "height": 24, "width": 32}
 MESH = """
@@ -60,3 +64,19 @@ def test_meshes_are_sampled_finer_unless_told(tmp_path, kind, shape, side):
 def test_samples_are_a_whole_number(samples):
     with pytest.raises(DenseVSError, match="samples"):
         SimWorld("planar", samples=samples, **SIZE)
+
+
+def test_memory_is_asked_for_as_rays_need_it(monkeypatch):
+    """A ray takes 30 bytes beside its pixel's 24; one alone does where its color is not kept as it is."""
+    asked = []
+
+    @contextmanager
+    def room(what, worlds, size, device):
+        asked.append(size)
+        yield
+
+    monkeypatch.setattr(world_module, "room_for", room)
+    for samples, realism in ((1, False), (2, False), (3, False), (1, Realism(flicker=0.1))):
+        SimWorld("planar", samples=samples, realism=realism, **SIZE)
+    more = np.subtract(asked[1:], asked[0]) / (24 * 32)
+    np.testing.assert_array_equal(more, [30 * 4, 30 * 9, 30])

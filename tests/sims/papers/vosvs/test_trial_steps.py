@@ -260,6 +260,12 @@ def test_the_nearest_view_need_not_be_the_last(monkeypatch):
     assert result.printed_depth.error == pytest.approx(0.44 / 0.44 - 1, abs=1e-6)
 
 
+def test_the_first_view_may_be_the_nearest(monkeypatch):
+    result = approached(monkeypatch, ApproachEnd.LOST, 0.0, 0, (true_view(0.6), FAR_OFF, FAR_OFF))
+    assert result.iou == (0.9, 0.8)
+    assert result.depth.error == pytest.approx(0.6 / 0.59 - 1)
+
+
 def test_an_approach_without_a_view_or_an_estimate_has_no_depth(monkeypatch):
     none = approached(monkeypatch, ApproachEnd.LOST, None, -1)
     assert not none.depth.graspable
