@@ -131,3 +131,15 @@ def test_a_way_in_the_image_is_taken_though_it_is_farther(size, right):
     target = np.array([160.0, 20.0])
     posture = planned_posture(seen_so, np.array([0.0, 0.0, 1.0]), target, now, limits, fixed=FREE[:1], size=size)
     assert posture[0] == pytest.approx(0.0 if right else 2 * np.pi, abs=0.02)
+
+
+def test_a_joint_with_no_room_between_its_limits_stays():
+    """It may stand a margin from both, to the last bit."""
+    limits = LIMITS.copy()
+    limits[2] = 0.0, 2 * MARGIN
+    now = np.array([0.0, 0.0, MARGIN, 0.0])
+    assert limits[2, 0] + MARGIN == limits[2, 1] - MARGIN
+    target = seen(np.array([[0.3, -0.2, MARGIN, 0.1]]))[0][0]
+    posture = planned_posture(seen, VIEW, target, now, limits, fixed=FREE)
+    assert posture[2] == MARGIN
+    assert np.linalg.norm(seen(posture[None])[0][0] - target) < 1.0

@@ -263,3 +263,25 @@ def test_random_starts_have_the_hand_before_every_camera(monkeypatch, trial):
     np.testing.assert_array_equal(known.features, 0.0)
     np.testing.assert_array_equal(known.camera_translation, 0.0)
     np.testing.assert_allclose(given["kinematics"].home_translation, [2.0, 1.0, 5.0])
+
+
+@pytest.mark.parametrize(("reconstructed", "cameras"), [(True, "learned"), (False, "guess")])
+def test_random_kinematics_begin_with_the_cameras_that_are_known(monkeypatch, reconstructed, cameras):
+    from dense_vs.generative.learning import end_to_end
+    from dense_vs.generative.least_squares import pixel_problem
+    from dense_vs.generative.reconstruction import bundle_adjustment, initialization, stereo
+
+    costs, asked = iter([np.inf, 8.0]), []
+    found = SimpleNamespace(placed_cameras=[True])
+    monkeypatch.setattr(initialization, "guessed_intrinsics", lambda _: "guess")
+    monkeypatch.setattr(stereo, "reconstruct", lambda *_: iter(["first"]))
+    monkeypatch.setattr(bundle_adjustment, "adjust_bundle", lambda *_: (found, "learned", None, None))
+    monkeypatch.setattr(pixel_problem, "PixelProblem", lambda *_: "problem")
+    monkeypatch.setattr(end_to_end, "all_shared", lambda _: None)
+    monkeypatch.setattr(end_to_end, "fit_pixels", lambda *_: [SimpleNamespace(cost=next(costs))])
+    monkeypatch.setattr(stages, "_random_start", lambda _, joints, known, rng, flag: asked.append((known, flag)))
+    seen = np.ones(4, bool)
+    observations = SimpleNamespace(joints=np.zeros((2, 3)), pixels=np.zeros((1, 2, 4, 2)), seen=seen)
+    trial = SimpleNamespace(rng=np.random.default_rng)
+    assert stages._from_random(trial, observations, reconstructed=reconstructed) == 2.0  # the first start was none
+    assert asked == [(cameras, reconstructed)] * 2
