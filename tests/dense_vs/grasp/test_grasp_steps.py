@@ -200,3 +200,8 @@ def test_what_the_areas_and_the_fingers_say(grasp, raised, opening, behind, outc
     check = check_grasp(grasp, raised, opening=opening, behind=behind)
     assert check.outcome is outcome
     assert check.held == (outcome is GraspOutcome.HELD)
+
+
+@pytest.mark.parametrize(("way", "count"), [(0.0, 1), (0.1, 2), (0.25, 4), (-1.0, 1)])
+def test_a_way_takes_as_many_commands_as_it_has_steps_and_one(way, count):
+    assert grasping._commands(way, 0.1) == count

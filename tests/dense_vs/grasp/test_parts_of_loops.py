@@ -93,3 +93,13 @@ def test_what_a_gripper_reports_is_checked(state):
         grasp(world, world, world, gripper).run(0.1)
     with pytest.raises(DenseVSError, match=r"^gripper\.close\(\).*; expected"):
         grasp(world, world, world, SimpleNamespace(open=lambda: good, close=lambda: state)).run(0.1)
+
+
+def test_a_finger_that_begins_behind_the_camera_is_not_drawn():
+    """Its tip is 0.02 m before it, its end 0.01 m behind it."""
+    pose = np.eye(4)
+    pose[2, 3] = 0.02
+    model = GripperModel(opening=0.1, width=0.02, thickness=0.01, length=0.03, T_camera_hand=pose)
+    intrinsics = np.array([[FOCAL, 0, CENTER[0]], [0, FOCAL, CENTER[1]], [0, 0, 1]])
+    with pytest.raises(DenseVSError, match=r"a finger reaches to -0\.0100 m before the camera"):
+        model.finger_masks([0.0], intrinsics, (HEIGHT, WIDTH))

@@ -117,3 +117,14 @@ def test_a_stopped_joint_goes_the_other_way_alone(command):
     assert step[0] < -0.02  # more than min_motion, so that it is learned from
     assert step[1] == pytest.approx(-0.002)  # back
     np.testing.assert_array_equal(trust.active(np.ones((2, 2))), [[1, 1], [0, 0]])
+
+
+def test_joints_of_both_features_that_grew_go_back_and_beyond():
+    trust = region()
+    look(trust, square(60, 60), [0.0, 0.0])
+    hidden = square(50, 50, 20)
+    error = np.array(assess_mask(hidden).centroid) - [160.0, 120.0]
+    back = trust.retreat(np.array([0.02, 0.03]), error, assess_mask(hidden), SHAPE)
+    assert back is not None
+    assert back[0] < -0.03
+    assert back[1] == pytest.approx(1.5 * back[0])

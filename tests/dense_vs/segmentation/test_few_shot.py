@@ -6,7 +6,7 @@ from drawn_objects import WIDTH, drawn
 
 from dense_vs.errors import DenseVSError
 from dense_vs.segmentation import FewShotSegmenter
-from dense_vs.segmentation.few_shot.pixel_channels import pixel_channels
+from dense_vs.segmentation.few_shot.pixel_channels import _texture, pixel_channels
 from dense_vs.segmentation.few_shot.superpixels import find_superpixels
 
 
@@ -107,3 +107,13 @@ def test_examples_are_lists(wrong):
     for images, masks in ((wrong, [mask]), ([image], wrong)):
         with pytest.raises(DenseVSError, match=r"^images are a .* and masks a .*; expected lists$"):
             FewShotSegmenter().fit(images, masks)
+
+
+@pytest.mark.parametrize("sigma", [0.8, 1.6])
+def test_gradients_are_as_long_at_both_scales_where_an_edge_is_as_wide(sigma):
+    """A ramp has the gradient of its slope, a parabola the Laplacian of its bend, by how wide the scale is."""
+    x = np.arange(64, dtype=np.float32)
+    ramp, bend = (np.tile(line.astype(np.float32), (48, 1)) for line in (0.3 * x, 0.02 * (x - 32) ** 2))
+    which = {0.8: 0, 1.6: 2}[sigma]
+    np.testing.assert_allclose(_texture(ramp)[which][10:-10, 12:-12], 0.3 * sigma, rtol=1e-4)
+    np.testing.assert_allclose(_texture(bend)[which + 1][10:-10, 12:-12], 0.04 * sigma**2 / 4, rtol=1e-3)

@@ -1,6 +1,7 @@
 """A batch in one process and in several: the same worlds to the last bit, and a run that others go on with."""
 
 import json
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -12,7 +13,7 @@ from dense_vs.sims.batch.batch_state import FRAMES, restore_worlds, stored_world
 from dense_vs.sims.batch.case import RANDOMIZED, BatchCase
 from dense_vs.sims.batch.episode import EpisodeOptions
 from dense_vs.sims.batch.parts import CHECKPOINT, RESULTS, read_worlds, result_arrays, write_part
-from dense_vs.sims.batch.rank import Rank, run_ranks
+from dense_vs.sims.batch.rank import Rank, _answer, run_ranks
 from dense_vs.sims.batch.run import gather, run_case, run_share
 from tests.support import rank_work
 
@@ -231,3 +232,19 @@ def test_the_command_is_one_process_of_another_launcher(tmp_path, monkeypatch, c
     assert "share reached" in capsys.readouterr().out
     assert main([*words, "--gpus", "2"]) != 0
     assert "--gpus is 2, but WORLD_SIZE is 2" in capsys.readouterr().err
+
+
+def test_a_process_sends_its_result_or_why_there_is_none(monkeypatch):
+    """By the same way; what has failed does not come as a result."""
+    monkeypatch.setenv("DENSE_VS_THREADS", "1")
+
+    def work(rank, number):
+        if number < 0:
+            raise ValueError(f"{number} in {rank.number}")
+        return 2 * number
+
+    sent = []
+    pipe = SimpleNamespace(send=sent.append)
+    for number in (3, -1):
+        _answer(pipe, Rank(1, 2), "1", work, (number,))
+    assert sent == [(True, 6), (False, "ValueError: -1 in 1")]

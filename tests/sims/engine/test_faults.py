@@ -72,6 +72,12 @@ def test_flicker_is_as_often_brighter_as_darker(world):
     assert shown.mean() == pytest.approx(1.0, abs=0.12)
 
 
+def test_an_exposure_jump_leaves_a_third_of_the_light(world):
+    injector = FaultInjector(world)
+    injector.begin("exposure jump")
+    np.testing.assert_allclose(injector.read()[0], world.frame().rgb / 3, atol=0.51)
+
+
 @pytest.mark.parametrize("percent", [2, 10])
 def test_half_of_the_salt_and_pepper_is_black_and_half_is_white(world, percent):
     injector = FaultInjector(world, seed=2)

@@ -114,6 +114,12 @@ def test_the_last_image_ends_it(learned):
     assert result.episodes[0].images == []  # not asked for
 
 
+def test_a_single_image_that_is_left_is_used_too(learned):
+    result, _, _ = learned([(DONE, [0] * 29, True), (DONE, [0], True)])
+    assert Taught.left == [30, 1]
+    assert len(result.true) == 2
+
+
 def test_five_responses_of_at_most_150_images_are_learned_from(learned):
     result, put, _ = learned([(DONE, [1], True)] * 9, responses=None, looks=None)
     assert len(result.episodes) == 5
