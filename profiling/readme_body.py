@@ -52,6 +52,20 @@ def body_lines() -> list[str]:
     ]
 
 
+def few_body_lines() -> list[str]:
+    """The row of the README."""
+    scores = [BodyScore.of_row(row) for row in Result("body_model").content["rows"]]
+    clean, realistic = (summary(scores, False, images) for images in ("clean", "realistic"))
+    places, errors = (
+        " / ".join(form.format(bodies.middle(field)) for bodies in (clean, realistic))
+        for field, form in (("points_median", "{:.1f}"), ("jacobian_median", "{:.2f}"))
+    )
+    return [
+        "| a body learned from 20 s of video, asked at postures that it has not seen, clean / realistic images: "
+        f"surface points off by [px]; J error without an image | {places}; {errors} |"
+    ]
+
+
 def _cell(field: str, place: int, bodies: Summary, form: str) -> str:
     words = f"{form.format(bodies.middle(field))} ({form.format(bodies.worst(field))})"
     goal = GOALS.get(field, (None, None))[place]

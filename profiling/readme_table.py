@@ -10,7 +10,7 @@ import argparse
 import sys
 from pathlib import Path
 
-from readme_body import body_lines
+from readme_body import body_lines, few_body_lines
 from readme_depth import depth_lines
 from readme_experiments import experiment_lines, few_experiment_lines, summary_lines
 from readme_hidden import hidden_lines
@@ -127,6 +127,7 @@ def few() -> str:
         f"({accuracy['J error, diagonal (9)-(11), model (14), estimated flow, median: mean']:.3f}) |",
         f"| reaches within 2 px by the simulator's truth | {_reaches(accuracy)} |",
         *few_surface_lines(),
+        *few_body_lines(),
         *few_real_robot_lines(),
         f"| whole frame at 320x240 on {budget.content['machine']['cores']} CPU cores, without / with a learned body "
         "[fps] | "
