@@ -3,14 +3,14 @@
 import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 from metrics import Metric
 
 from dense_vs.sims.engine.built_scenes import ARM_NAMES
 
-UNITS = {
+UNITS: dict[str, tuple[str, Literal["higher", "lower"]]] = {
     "points_median": ("px", "lower"),
     "points_p90": ("px", "lower"),
     "known_p90": ("px", "lower"),

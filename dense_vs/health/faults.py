@@ -4,7 +4,7 @@ from dataclasses import dataclass
 from enum import StrEnum
 from typing import Any
 
-from dense_vs.checks import shown
+from dense_vs.checks import check_flag, shown
 from dense_vs.errors import DenseVSError
 
 
@@ -42,12 +42,23 @@ class Fault:
         text: what was seen, in words.
         stops: whether no motion is commanded because of it.
         holds: whether nothing is learned from the frame because of it.
+
+    Raises:
+        DenseVSError: another kind, or values of another type.
     """
 
     kind: FaultKind
     text: str
     stops: bool = True
     holds: bool = True
+
+    def __post_init__(self):
+        if not isinstance(self.kind, FaultKind):
+            raise DenseVSError(f"kind is {shown(self.kind)}; expected one of {', '.join(map(str, FaultKind))}")
+        if not isinstance(self.text, str):
+            raise DenseVSError(f"text is {shown(self.text)}; expected words")
+        for name in ("stops", "holds"):
+            object.__setattr__(self, name, check_flag(name, getattr(self, name)))
 
     def __str__(self) -> str:
         return f"{self.kind}: {self.text}"

@@ -7,11 +7,12 @@ from typing import Any
 import numpy as np
 
 from dense_vs.arrays import number_array, plain_array
-from dense_vs.checks import check_names, check_number, shown
+from dense_vs.checks import check_names, check_number, check_whole, shown
 from dense_vs.errors import DenseVSError
 from dense_vs.robot.protocols import JointUnits, Robot
 
 UNITS = ("rad", "m")
+MOST_JOINTS = 2**20  # of a robot; more is a mistake, for which no memory is asked
 ROBOT_MEMBERS = ("joint_names", "joint_limits", "joints", "command")
 
 
@@ -63,9 +64,23 @@ def checked_limits(limits: Any, joints: int) -> np.ndarray:
     return pairs
 
 
+def checked_units(units: Any, joints: int) -> tuple[str, ...]:
+    """Units of N joints.
+
+    Raises:
+        DenseVSError: another number of them, or one that is neither ``"rad"`` nor ``"m"``.
+    """
+    found: tuple[Any, ...] = tuple(units) if isinstance(units, (list, tuple, str)) else ()
+    if len(found) != joints or not all(isinstance(one, str) and one in UNITS for one in found):
+        raise DenseVSError(f"units are {shown(units)}; expected {joints}, each one of {', '.join(UNITS)}")
+    return tuple(str(one) for one in found)
+
+
 @dataclass(frozen=True)
 class JointGroup:
     """Some of a robot's N joints, in an order of their own.
+
+    Made by :meth:`choose` or :meth:`of_robot`; by hand, parts that do not fit each other are refused.
 
     Attributes:
         names: n names.
@@ -73,6 +88,10 @@ class JointGroup:
         limits: float64 ``(n, 2)``, least and greatest position [the joint's unit]; -inf and inf where there is none.
         units: ``"rad"`` or ``"m"`` for each.
         total: N, the number of joints of the robot.
+
+    Raises:
+        DenseVSError: names that are none or given twice, places, limits or units of another kind or number, or places
+            that the robot does not have.
     """
 
     names: tuple[str, ...]
@@ -80,6 +99,26 @@ class JointGroup:
     limits: np.ndarray
     units: tuple[str, ...]
     total: int
+
+    def __post_init__(self):
+        names = check_names("names", self.names)
+        total = check_whole("total", self.total, least=len(names), most=MOST_JOINTS)
+        places = plain_array(self.indices, "indices", f"{len(names)} whole numbers")
+        if places.dtype.kind not in "iu" or places.shape != (len(names),):
+            raise DenseVSError(f"indices are {shown(self.indices)}; expected {len(names)} whole numbers")
+        if len(set(names)) < len(names) or len(set(places.tolist())) < len(names):
+            raise DenseVSError(f"names are {names} at {places.tolist()}; expected each joint once")
+        if (places < 0).any() or (places >= total).any():
+            raise DenseVSError(f"indices are {places.tolist()}; expected places of {total} joints, the first 0")
+        checked = {
+            "names": names,
+            "indices": places.astype(np.intp),
+            "limits": checked_limits(self.limits, len(names)),
+            "units": checked_units(self.units, len(names)),
+            "total": total,
+        }
+        for name, value in checked.items():
+            object.__setattr__(self, name, value)
 
     @classmethod
     def choose(
@@ -108,12 +147,8 @@ class JointGroup:
         chosen = every if names is None else names
         indices = np.array(joint_indices(chosen, every, owner))
         bounds = checked_limits(limits, len(every))
-        all_units: tuple[Any, ...] = ("rad",) * len(every)
-        if units is not None:
-            all_units = tuple(units) if isinstance(units, (list, tuple, str)) else ()
-        if len(all_units) != len(every) or not all(isinstance(one, str) and one in UNITS for one in all_units):
-            raise DenseVSError(f"units are {shown(units)}; expected {len(every)}, each one of {', '.join(UNITS)}")
-        return cls(tuple(chosen), indices, bounds[indices], tuple(str(all_units[i]) for i in indices), len(every))
+        all_units = ("rad",) * len(every) if units is None else checked_units(units, len(every))
+        return cls(tuple(chosen), indices, bounds[indices], tuple(all_units[i] for i in indices), len(every))
 
     @classmethod
     def of_robot(cls, robot: Robot, names: Sequence[str] | None = None) -> "JointGroup":

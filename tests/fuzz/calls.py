@@ -103,6 +103,7 @@ def jacobian_targets() -> list[Target]:
 def servo_targets() -> list[Target]:
     """Laws, groups of joints, logs and babbling."""
     from dense_vs import Babbling, FeatureServo, HadamardBroyden, JointLog, VisualServo
+    from dense_vs.health import Fault, FaultKind
     from dense_vs.mask_servo import FeaturewiseBroyden
     from dense_vs.mask_servo.object_search import search_offsets
     from dense_vs.mask_servo.trust_region import TrustRegion
@@ -162,6 +163,11 @@ def servo_targets() -> list[Target]:
                kept=("joints",)),
         Target("JointGroup.choose", lambda **o: JointGroup.choose(**o).indices,
                lambda: {"names": ["a"], "available": ("a", "b"), "limits": limits[:2], "units": ("rad", "m")}),
+        Target("JointGroup", lambda **o: JointGroup(**o).spread(np.zeros(2)),
+               lambda: {"names": ("a", "b"), "indices": np.array([2, 0]), "limits": limits[:2],
+                        "units": ("rad", "m"), "total": 3}),
+        Target("Fault", lambda **o: str(Fault(**o)),
+               lambda: {"kind": FaultKind.DARK, "text": "nothing is seen", "stops": True, "holds": False}),
     ]  # fmt: skip
 
 

@@ -79,3 +79,19 @@ def test_faults_of_a_frame_are_faults(wrong: Any):
     fault = Fault(FaultKind.LATE, "late")
     assert check_faults([fault]) == (fault,)
     assert check_faults(()) == ()
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        ({"kind": "dark"}, "kind is 'dark'; expected one of clock, reading"),
+        ({"text": 7}, "text is 7; expected words"),
+        ({"stops": 1}, "stops is 1; expected True or False"),
+        ({"holds": None}, "holds is None; expected True or False"),
+    ],
+)
+def test_a_fault_is_of_its_kinds_and_says_what_it_does(change, words):
+    good = {"kind": FaultKind.DARK, "text": "nothing is seen", "stops": False, "holds": True}
+    assert str(Fault(**good)) == "dark image: nothing is seen"
+    with pytest.raises(DenseVSError, match=words):
+        Fault(**{**good, **change})

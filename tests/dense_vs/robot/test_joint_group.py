@@ -94,3 +94,48 @@ def test_units_are_those_that_a_robot_tells():
 def test_refuses_limits(limits):
     with pytest.raises(DenseVSError, match=r"joint_limits are .*expected 3 pairs of least and greatest position"):
         JointGroup.choose(None, NAMES, limits=limits)
+
+
+BY_HAND = {
+    "names": ("b", "a"),
+    "indices": [2, 0],
+    "limits": [[0.0, 1.0], [-1.0, 1.0]],
+    "units": ("rad", "m"),
+    "total": 3,
+}
+
+
+def test_a_group_by_hand_is_one_that_was_chosen():
+    group = JointGroup(**BY_HAND)
+    units, limits = ["m", "rad", "rad"], [[-1.0, 1.0], [0.0, 9.0], [0.0, 1.0]]
+    chosen = JointGroup.choose(["b", "a"], ["a", "c", "b"], limits=limits, units=units)
+    assert (group.names, group.units, group.total) == (chosen.names, chosen.units, chosen.total)
+    np.testing.assert_array_equal(group.indices, chosen.indices)
+    np.testing.assert_array_equal(group.limits, chosen.limits)
+    np.testing.assert_array_equal(group.take([1, 2, 3]), [3, 1])
+    free = JointGroup(**{**BY_HAND, "limits": None})
+    assert not free.limited
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        ({"names": "ba"}, "names is 'ba'; expected a sequence of names"),
+        ({"names": ("a", "a")}, r"names are .* expected each joint once"),
+        ({"indices": [1, 1]}, r"at \[1, 1\]; expected each joint once"),
+        ({"indices": [0, 3]}, r"indices are \[0, 3\]; expected places of 3 joints, the first 0"),
+        ({"indices": [-1, 0]}, r"indices are \[-1, 0\]; expected places of 3 joints"),
+        ({"indices": [0.0, 1.0]}, "expected 2 whole numbers"),
+        ({"indices": [0, 1, 2]}, "expected 2 whole numbers"),
+        ({"limits": [[1.0, 0.0], [0.0, 1.0]]}, "joint_limits"),
+        ({"limits": [[0.0, 1.0]]}, "joint_limits"),
+        ({"units": ("rad", "deg")}, "each one of rad, m"),
+        ({"units": ("rad",)}, "expected 2, each one of rad, m"),
+        ({"total": 1}, "total is 1; expected a whole number"),
+        ({"total": 2**60}, "total is 1152921504606846976; expected a whole number"),
+        ({"total": 3.0}, "total is 3.0; expected a whole number"),
+    ],
+)
+def test_parts_that_do_not_fit_are_no_group(change, words):
+    with pytest.raises(DenseVSError, match=words):
+        JointGroup(**{**BY_HAND, **change})
