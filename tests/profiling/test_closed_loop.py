@@ -32,7 +32,7 @@ class Batch:
         return SimpleNamespace(
             true_error_px=np.array([[1.0, 2.9], [3.0, np.nan]]),
             outcome=np.array(ENDS).reshape(2, 2),
-            restarts=np.array([0, 3]),
+            restarts=np.array([0, 1]),
         )
 
     def jacobian_errors(self):

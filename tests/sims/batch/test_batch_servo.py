@@ -8,6 +8,7 @@ import warp as wp
 
 from dense_vs import DenseVSError
 from dense_vs.jacobian.filter import JacobianFilter
+from dense_vs.kernels.simulation.servo_episode import EpisodeState
 from dense_vs.point_servo import ReachEnd
 from dense_vs.sims import BatchServo, DomainRandomization, SimWorld
 from dense_vs.sims.batch.episode import EpisodeOptions
@@ -108,6 +109,18 @@ def test_a_world_that_ends_in_nan_begins_anew_alone():
     batch.run(20)
     assert np.abs(batch.jacobian.numpy()[0]).max() > 1.0
     np.testing.assert_array_equal(batch.results().restarts, [1, 0])
+
+
+def test_worlds_that_are_to_begin_anew_add_up_until_the_next_frame():
+    targets = np.zeros((3, 2, 2))
+    batch = SimpleNamespace(
+        world=SimpleNamespace(shape=(3, 24, 32)),
+        episode=EpisodeState.empty(targets, "cpu"),
+        restarting=wp.zeros(3, dtype=int, device="cpu"),
+    )
+    BatchServo.restart(batch, np.array([True, False, False]))
+    BatchServo.restart(batch, np.array([False, False, True]))
+    np.testing.assert_array_equal(batch.restarting.numpy(), [1, 0, 1])
 
 
 @pytest.mark.slow
