@@ -41,6 +41,7 @@ from dense_vs.recording.joint_log import JointLog
 from dense_vs.robot import Babbling
 from dense_vs.sims import SimWorld
 from dense_vs.sims.engine.built_scenes import ARM_NAMES, TUNED_ARMS
+from dense_vs.sims.engine.realism import PRESETS
 from dense_vs.sims.engine.scene import FRAME_SECONDS
 from dense_vs.sims.engine.surface_points import SurfacePoint
 from dense_vs.view.provenance import provenance
@@ -49,6 +50,7 @@ from dense_vs.view.tables import table
 POSTURES = 8  # unseen ones
 POINTS = 200  # of the surface, a posture
 ANCHORS, SAME_PIXEL = 400, 0.3  # surface points of a keyframe, and px between one and the model's
+IMAGES = ("clean", *PRESETS)
 NOT_MEASURED = ("json", "gate", "jobs", "resume")  # options that no figure depends on
 REFERENCE_FRAMES = PointTrackOptions().stride * PointTrackOptions().reference_every
 
@@ -245,9 +247,7 @@ def main() -> int:
         "--arms", default=",".join(["arm", *TUNED_ARMS]), help="by comma (default: our own and the four of the table)"
     )
     parser.add_argument("--cameras", default="A,B", help="of the commercial arms, by comma (default: A,B)")
-    parser.add_argument(
-        "--images", default="clean", help="clean, sensor or realistic, or some by comma (default: clean)"
-    )
+    parser.add_argument("--images", default="clean", help=f"some of {', '.join(IMAGES)}, by comma (default: clean)")
     parser.add_argument("--joints", type=int, default=4, help="of the commercial arms, from the base (default: 4)")
     parser.add_argument("--seconds", type=float, default=20.0, help="of babbling (default: 20)")
     parser.add_argument("--seeds", default="0", help="of motion and postures, by comma (default: 0)")
@@ -256,6 +256,10 @@ def main() -> int:
     parser.add_argument("--resume", action="store_true", help="go on with a run that was stopped, as --json has it")
     add_report_arguments(parser)
     options = parser.parse_args()
+    if unknown := set(options.images.split(",")) - set(IMAGES):
+        parser.error(f"--images has {', '.join(sorted(unknown))}; expected some of {', '.join(IMAGES)}")
+    if options.jobs < 1 or options.joints < 1:
+        parser.error("--jobs and --joints are at least 1")
     wp.config.log_level = wp.LOG_ERROR
     asked = [
         BodyScore(arm, camera, images, int(seed))
@@ -270,7 +274,7 @@ def main() -> int:
     runs = [(one, options) for one in asked if one.name not in found]
     for score in map(run, runs) if options.jobs == 1 else several(runs, options.jobs):
         found[score.name] = score
-        print(table(HEADER, rows_of([score])) + score.failure, flush=True)
+        print(f"{score.name}: {score.failure}" if score.failure else table(HEADER, rows_of([score])), flush=True)
         if options.json is not None:  # a run that is stopped has not run for nothing
             write_json(options.json, {**origin, **began, **content([*found.values()], len(asked))})
     scores = [found[one.name] for one in asked]
@@ -290,8 +294,8 @@ def kept(file: Path | None, origin: dict[str, Any]) -> tuple[list[BodyScore], di
         return [], {}
     stored = json.loads(file.read_text(encoding="utf-8"))
     for name in ("commit", "arguments"):
-        if stored[name] != origin[name]:
-            raise SystemExit(f"{file} has {name} {stored[name]}; expected {origin[name]}")
+        if stored.get(name) != origin[name]:
+            raise SystemExit(f"{file} has {name} {stored.get(name)}; expected {origin[name]}")
     return [BodyScore.of_row(row) for row in stored["rows"]], {name: stored[name] for name in ("date", "machine")}
 
 

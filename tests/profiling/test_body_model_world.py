@@ -373,6 +373,21 @@ def test_every_arm_camera_kind_of_images_and_seed_is_measured_once(monkeypatch, 
 
 
 @pytest.mark.parametrize(
+    ("words", "error"),
+    [
+        ("--images clean,foggy", "--images has foggy; expected some of clean, realistic, sensor"),
+        ("--jobs 0", "--jobs and --joints are at least 1"),
+        ("--joints 0", "--jobs and --joints are at least 1"),
+    ],
+)
+def test_wrong_options_are_said_before_anything_is_measured(monkeypatch, capsys, words, error):
+    monkeypatch.setattr(sys, "argv", ["body_model.py", *words.split()])
+    with pytest.raises(SystemExit):
+        body_model.main()
+    assert error in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
     ("changed", "words"),
     [({"commit": "b"}, "has commit b; expected a"), ({"arguments": {"seeds": "1"}}, "has arguments {'seeds': '1'}")],
 )
