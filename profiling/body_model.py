@@ -7,8 +7,7 @@
 The model sees the images and joint readings of the babbling, nothing else. It is then asked about postures drawn from
 the box of joint positions that the babbling has covered. Pixels of the robot that the model does not know count: with a
 relative error of 1 in J, as infinitely far off in the prediction of points. Realistic images come late to their joint
-readings; the delay is found as ``dense-vs body`` finds it, and nothing of the truth is blurred or bent but as the lens
-does it.
+readings; the delay is found as ``dense-vs body`` finds it. The truth is that of the image as its lens shows it.
 """
 
 import argparse
