@@ -312,8 +312,9 @@ def test_a_babbling_is_paced_by_the_estimated_flow_inside_the_limits(monkeypatch
 
     monkeypatch.setattr(body_model, "Babbling", Babbling)
     monkeypatch.setattr(
-        body_model, "FlowEstimator", lambda height, width: lambda before, now: (height, width, before, now)
+        body_model, "FlowEstimator", lambda height, width, device: lambda before, now: (height, width, before, now)
     )
+    monkeypatch.setattr(body_model, "on_the_camera_clock", lambda images, joints: joints)
     monkeypatch.setattr(body_model, "to_gray", lambda rgb: rgb)
     monkeypatch.setattr(body_model, "true_links", lambda world: f"links {world.frames}")
     monkeypatch.setattr(body_model, "some_points", lambda world, seed: f"points {world.frames} {seed}")
