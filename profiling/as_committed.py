@@ -3,7 +3,8 @@
     python profiling/as_committed.py surfaces surfaces_7 --jobs 8 --json out/surfaces_7.json
 
 The first word is the program, the second the result in ``profiling/results``. Options after them go before those of the
-result. What belongs to a machine and not to what is measured is not repeated: where data lie, jobs, a limit of time.
+result. What belongs to a machine and not to what is measured is not repeated: where data lie, jobs, a limit of time,
+that a run was gone on with.
 """
 
 import json
@@ -16,7 +17,7 @@ from typing import Any
 from results_file import RESULTS
 
 FOLDER = Path(__file__).parent
-OF_A_MACHINE = ("data", "out", "jobs", "limit")
+OF_A_MACHINE = ("data", "out", "jobs", "limit", "resume")
 OFF = {"body_model": "--no-model"}  # flags that are switched off by another name
 
 

@@ -50,7 +50,7 @@ POSTURES = 8  # unseen ones
 POINTS = 200  # of the surface, a posture
 ANCHORS, SAME_PIXEL = 400, 0.3  # surface points of a keyframe, and px between one and the model's
 IMAGES = ("clean", *PRESETS)
-NOT_MEASURED = ("json", "gate", "jobs", "resume")  # options that no figure depends on
+OF_A_RUN = ("jobs", "resume")  # options that no figure depends on
 REFERENCE_FRAMES = PointTrackOptions().stride * PointTrackOptions().reference_every
 
 
@@ -267,7 +267,7 @@ def main() -> int:
         for arm in options.arms.split(",")
         for camera in (options.cameras.split(",") if arm in ARM_NAMES else [""])
     ]
-    origin = provenance(options, leave_out=NOT_MEASURED)
+    origin = provenance(options, leave_out=("json", "gate"))
     before, began = kept(options.json, origin) if options.resume else ([], {})
     found = {score.name: score for score in before}
     runs = [(one, options) for one in asked if one.name not in found]
@@ -278,7 +278,7 @@ def main() -> int:
             write_json(options.json, {**origin, **began, **content([*found.values()], len(asked))})
     scores = [found[one.name] for one in asked]
     print(table(HEADER, rows_of(scores)))
-    return report(metrics_of(scores), options, NOT_MEASURED, **began, **content(scores, len(asked)))
+    return report(metrics_of(scores), options, **began, **content(scores, len(asked)))
 
 
 def kept(file: Path | None, origin: dict[str, Any]) -> tuple[list[BodyScore], dict[str, Any]]:
@@ -293,9 +293,15 @@ def kept(file: Path | None, origin: dict[str, Any]) -> tuple[list[BodyScore], di
         return [], {}
     stored = json.loads(file.read_text(encoding="utf-8"))
     for name in ("commit", "arguments"):
-        if stored.get(name) != origin[name]:
-            raise SystemExit(f"{file} has {name} {stored.get(name)}; expected {origin[name]}")
+        had, has = (_of_figures(one.get(name)) for one in (stored, origin))
+        if had != has:
+            raise SystemExit(f"{file} has {name} {had}; expected {has}")
     return [BodyScore.of_row(row) for row in stored["rows"]], {name: stored[name] for name in ("date", "machine")}
+
+
+def _of_figures(told: Any) -> Any:
+    """A commit as it is; of arguments those that figures depend on."""
+    return {name: value for name, value in told.items() if name not in OF_A_RUN} if isinstance(told, dict) else told
 
 
 def content(scores: list[BodyScore], asked: int) -> dict[str, Any]:

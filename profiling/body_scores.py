@@ -125,10 +125,6 @@ class Summary:
         self._known = [score for score in self._scores if not score.failure]
         self.count, self.found = len(self._scores), len(self._known)
 
-    def mean(self, field: str) -> float:
-        """Mean of a figure."""
-        return float(np.mean(self._values(field))) if self._known else float("nan")
-
     def middle(self, field: str) -> float:
         """Median of a figure, the worse of two in the middle."""
         values = self._values(field)

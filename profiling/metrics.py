@@ -54,18 +54,12 @@ def add_report_arguments(parser: argparse.ArgumentParser) -> None:
     )
 
 
-def report(
-    metrics: Sequence[Metric],
-    arguments: argparse.Namespace,
-    leave_out: Sequence[str] = ("json", "gate"),
-    **beside: Any,
-) -> int:
+def report(metrics: Sequence[Metric], arguments: argparse.Namespace, **beside: Any) -> int:
     """Print the metrics, write them where ``--json`` says with what they were made by and on, hold them to ``--gate``.
 
     Args:
         metrics: the figures.
         arguments: of the command.
-        leave_out: of these, what the file does not name.
         beside: what else the file is to hold.
 
     Returns:
@@ -74,7 +68,7 @@ def report(
     rows = [[m.name, f"{m.value:.4g}", m.unit, m.better] for m in metrics]
     print("\n" + table(("metric", "value", "unit", "better"), rows))
     if arguments.json is not None:
-        origin = provenance(arguments, leave_out=tuple(leave_out))
+        origin = provenance(arguments, leave_out=("json", "gate"))
         write_json(arguments.json, {**origin, **beside, "metrics": [asdict(metric) for metric in metrics]})
     if arguments.gate is None:
         return 0

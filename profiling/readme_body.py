@@ -30,14 +30,13 @@ def body_lines() -> list[str]:
     result = Result("body_model")
     arguments = result.content["arguments"]
     scores = [BodyScore.of_row(row) for row in result.content["rows"]]
-    columns = [(place, summary(scores, place == 0, images)) for place in (0, 1) for images in ("clean", "realistic")]
-    heads = [
-        f"{'our arms' if place == 0 else 'commercial arms'}, {images}"
-        for place in (0, 1)
+    columns = [
+        (f"{whose}, {images}", place, summary(scores, place == 0, images))
+        for place, whose in enumerate(("our arms", "commercial arms"))
         for images in ("clean", "realistic")
     ]
-    rows = [[text, *(_cell(field, place, bodies, form) for place, bodies in columns)] for field, text, form in ROWS]
-    rows.insert(0, ["bodies found", *(f"{bodies.found} of {bodies.count}" for _, bodies in columns)])
+    rows = [[text, *(_cell(field, place, bodies, form) for _, place, bodies in columns)] for field, text, form in ROWS]
+    rows.insert(0, ["bodies found", *(f"{bodies.found} of {bodies.count}" for *_, bodies in columns)])
     return [
         f"Body models from {arguments['seconds']:g} s of babbling, asked at postures that they have not seen: medians "
         "of all bodies (the worst), and how many keep to the goal. Points that a model does not know count as "
@@ -46,8 +45,8 @@ def body_lines() -> list[str]:
         f"{arguments['joints']} joints of commercial arms, {result.origin()})"
         + (":" if result.content["finished"] else "; the run was stopped early, and has not come to all:"),
         "",
-        f"| | {' | '.join(heads)} |",
-        "|---" * (len(heads) + 1) + "|",
+        f"| | {' | '.join(head for head, *_ in columns)} |",
+        "|---" * (len(columns) + 1) + "|",
         *(f"| {' | '.join(row)} |" for row in rows),
     ]
 
@@ -71,4 +70,5 @@ def _cell(field: str, place: int, bodies: Summary, form: str) -> str:
     goal = GOALS.get(field, (None, None))[place]
     if goal is None:
         return words
-    return f"{words}; {bodies.holding(field, goal)} of {bodies.count} keep to {goal:g}"
+    limit = f"{goal:.0%}" if "%" in form else f"{goal:g}"
+    return f"{words}; {bodies.holding(field, goal)} of {bodies.count} keep to {limit}"

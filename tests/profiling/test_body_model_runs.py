@@ -24,7 +24,7 @@ def test_every_arm_camera_kind_of_images_and_seed_is_measured_once(monkeypatch, 
             return replace(asked, failure="no body")
         return replace(asked, points_median=1.0, points_p90=np.inf, known_p90=2.0, overlap=0.5)
 
-    def report(metrics, options, leave_out, finished, rows, **began):
+    def report(metrics, options, finished, rows, **began):
         reported.append((metrics, rows))
         origins.append(began)
         assert finished
@@ -83,6 +83,10 @@ def test_a_run_of_another_commit_or_arguments_is_not_gone_on_with(tmp_path, chan
     origin = {"commit": "a", "arguments": {"seeds": "2"}}
     file = tmp_path / "body.json"
     assert body_model.kept(file, origin) == ([], {})
+    begun = {"date": "before", "machine": {"cores": 2}}
+    more = {"arguments": {"seeds": "2", "jobs": 8, "resume": False}}
+    file.write_text(json.dumps({**origin, **begun, **more, "rows": []}))
+    assert body_model.kept(file, origin) == ([], begun)  # how many at a time is no matter
     file.write_text(json.dumps({**origin, **changed, "rows": []}))
     with pytest.raises(SystemExit, match=words):
         body_model.kept(file, origin)
