@@ -5,19 +5,24 @@ Where its motion does not tell the joints apart, as in reaches, J is remembered 
 May import: the ground and :mod:`dense_vs.generative`, whose least squares and rotations it uses.
 """
 
+from dense_vs.body_model.body_change import BodyChange, ChangeKind
+from dense_vs.body_model.body_views import BodyImage, BodyPoints
+from dense_vs.body_model.find_change import find_change
 from dense_vs.body_model.fit import BodyFitOptions
 from dense_vs.body_model.keyframes import Keyframes, MemoryOptions
 from dense_vs.body_model.load_body import load_body
-from dense_vs.body_model.model import BodyImage, BodyModel, BodyPoints
+from dense_vs.body_model.model import BodyModel
 from dense_vs.body_model.posture_memory import MemoryFit, PostureMemory
 from dense_vs.body_model.surface import SurfaceOptions
 from dense_vs.body_model.tracks import PointTrackOptions, PointTracks, follow_points
 
 __all__ = [
+    "BodyChange",
     "BodyFitOptions",
     "BodyImage",
     "BodyModel",
     "BodyPoints",
+    "ChangeKind",
     "Keyframes",
     "MemoryFit",
     "MemoryOptions",
@@ -25,6 +30,7 @@ __all__ = [
     "PointTracks",
     "PostureMemory",
     "SurfaceOptions",
+    "find_change",
     "follow_points",
     "load_body",
 ]

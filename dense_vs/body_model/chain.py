@@ -142,6 +142,22 @@ class Chain:
         points = self.points + np.where(slides, 0.0, np.einsum("nk,nki->ni", step[:, 2:], across))
         return replace(self, axes=axes, points=points, travel=self.travel + np.where(slides, step[:, :3], 0.0))
 
+    def turned(self, rotation: np.ndarray, shift: np.ndarray, offsets: np.ndarray) -> "Chain":
+        """As a camera sees it to which X is R X + shift, and with readings that are larger by offsets.
+
+        Args:
+            rotation: R ``(3, 3)``.
+            shift: ``(3,)``.
+            offsets: ``(N,)`` [rad, m].
+        """
+        return replace(
+            self,
+            axes=self.axes @ rotation.T,
+            points=self.points @ rotation.T + shift,
+            travel=self.travel @ rotation.T,
+            home=self.home + offsets,
+        )
+
     @cached_property
     def across(self) -> np.ndarray:
         """Two unit vectors across each direction, ``(N, 2, 3)``."""

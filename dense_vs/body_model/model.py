@@ -9,14 +9,16 @@ both papers). Lengths are in a unit of the model's own, as one camera's images l
 """
 
 import os
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Sequence
+from dataclasses import replace
 from functools import cached_property, partial
 from typing import Any
 
 import numpy as np
 
 from dense_vs.arrays import plain_array, points_array, real_vector
+from dense_vs.body_model.body_change import BodyChange
+from dense_vs.body_model.body_views import BodyImage, BodyPoints
 from dense_vs.body_model.chain import BACKGROUND, Chain
 from dense_vs.body_model.dense_motion import DenseMotion
 from dense_vs.body_model.fit import BodyFit, BodyFitOptions, fit_body
@@ -30,62 +32,9 @@ from dense_vs.body_model.surface_image import FrontPoints, SurfaceImage
 from dense_vs.body_model.tracks import PointTrackOptions, PointTracks, follow_points, gray_images, moving_pixels
 from dense_vs.checks import check_kind, check_options, is_list
 from dense_vs.errors import DenseVSError
+from dense_vs.generative.rotations import rotation_matrices
 
 LEAST_WITH_DEPTH = 50  # pixels of the body
-
-
-@dataclass(frozen=True)
-class BodyPoints:
-    """The surface at a posture, P points.
-
-    Attributes:
-        pixels: ``(P, 2)`` x, y [px]; may lie outside of the image.
-        depths: ``(P,)`` along the optical axis, in the model's unit.
-        links: ``(P,)`` the joint behind which each stands.
-        visible: bool ``(P,)``: inside the image and not covered by the body itself.
-        support: ``(P,)`` share of the keyframes that agree on it, 0 to 1.
-    """
-
-    pixels: np.ndarray
-    depths: np.ndarray
-    links: np.ndarray
-    visible: np.ndarray
-    support: np.ndarray
-    _calculate: Callable[[], np.ndarray] = field(repr=False, compare=False)
-
-    @cached_property
-    def covariances(self) -> np.ndarray:
-        """Of the pixels, ``(P, 2, 2)`` [px^2], calculated when first asked for; see :mod:`.precision`.
-
-        By lines, focal length and the point's own depth; a link that is wrong is not in it. NaN where the model does
-        not know, as one that an earlier version has saved.
-        """
-        return self._calculate()
-
-    @property
-    def deviations(self) -> np.ndarray:
-        """Standard deviation ``(P,)`` of the pixels, the mean of all directions [px]."""
-        return np.sqrt(0.5 * np.trace(self.covariances, axis1=1, axis2=2))
-
-
-@dataclass(frozen=True)
-class BodyImage:
-    """What a camera sees of the body at a posture.
-
-    Attributes:
-        points: ``(H, W)`` index of the surface point at each pixel, -1 where there is none.
-        links: ``(H, W)`` link, -1 off the body.
-        depths: ``(H, W)`` in the model's unit, infinite off the body.
-    """
-
-    points: np.ndarray
-    links: np.ndarray
-    depths: np.ndarray
-
-    @property
-    def body(self) -> np.ndarray:
-        """Bool ``(H, W)``, the pixels of the body."""
-        return self.links != BACKGROUND
 
 
 class BodyModel:
@@ -266,6 +215,29 @@ class BodyModel:
         precision = None if self.precision is None else self.precision.scaled(scale, self.chain.slides)
         chain = self.chain.scaled(scale)
         return BodyModel(replace(self._content(), chain=chain, surface=surface, precision=precision))
+
+    def changed(self, change: BodyChange) -> "BodyModel":
+        """The body after a change of joints' zeros or of the camera, as :func:`.find_change` finds it.
+
+        Raises:
+            DenseVSError: no change, or one of another number of joints.
+        """
+        count = len(check_kind("change", change, BodyChange).units)
+        if count != self.joint_count:
+            raise DenseVSError(f"the change is of {count} joints; expected {self.joint_count}")
+        rotation = rotation_matrices(change.turn)
+        points = self.surface.points @ rotation.T + change.shift
+        chain = self.chain.turned(rotation, change.shift, change.offsets)
+        precision = None if self.precision is None else self.precision.turned(rotation, self.chain, chain)
+        return BodyModel(
+            replace(
+                self._content(),
+                chain=chain,
+                surface=replace(self.surface, points=points),
+                precision=precision,
+                joint_range=self.joint_range + change.offsets[:, None],
+            )
+        )
 
     def flow(self, q: Any, dq: Any) -> np.ndarray:
         """Flow, float32 ``(H, W, 2)`` [px], stored at the pixels of the posture ``q`` that was reached by ``dq``.

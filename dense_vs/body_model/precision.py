@@ -74,6 +74,21 @@ class Precision:
         of_lines *= np.where(slides[:, None], factor, [1.0, 1.0, factor, factor])
         return replace(self, lines=lines)
 
+    def turned(self, rotation: np.ndarray, before: Chain, after: Chain) -> "Precision":
+        """The same of a chain that was turned, as :meth:`.Chain.turned`.
+
+        Args:
+            rotation: ``(3, 3)`` by which it was.
+            before, after: the chain.
+        """
+        joints, lines = before.joint_count, self.lines.copy()
+        steps = lines[:, : 4 * joints].reshape(len(lines), joints, 4)  # a view
+        across = np.einsum("nki,nli->nkl", after.across, before.across @ rotation.T)
+        both = np.einsum("nkl,rnpl->rnpk", across, steps.reshape(len(lines), joints, 2, 2)).reshape(steps.shape)
+        shifts = np.append(steps[..., :3] @ rotation.T, steps[..., 3:], axis=-1)
+        steps[...] = np.where(before.slides[:, None], shifts, both)
+        return replace(self, lines=lines, postures=self.postures + (after.home - before.home))
+
 
 def precision_of(found: BodyFit, surface: Surface, postures: np.ndarray) -> Precision:
     """What a fit and its surface leave open.

@@ -4,6 +4,9 @@ The camera stands still and the joints babble or reach; no markers, no calibrati
 followed by its joint log. A chain of links is fitted first. Where joints move together, as in reaches, no chain can be
 found: then J is remembered by posture, for the steps that the joints made. Which of the two is kept is decided by the
 motion that each explains in images held out, the last ones. 'dense-vs estimate --start' begins with either.
+
+With --from nothing is learned anew: a body that was learned before is brought up to what has changed since, a joint's
+zero or where the camera is.
 """
 
 import argparse
@@ -16,10 +19,12 @@ import numpy as np
 from dense_vs.body_model import (
     BodyFitOptions,
     BodyModel,
+    ChangeKind,
     Keyframes,
     MemoryFit,
     PointTrackOptions,
     PostureMemory,
+    find_change,
     follow_points,
 )
 from dense_vs.body_model.fit import fit_body
@@ -65,6 +70,14 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument("--out", type=Path, required=True, metavar="NPZ", help="file for the body")
     parser.add_argument(
+        "--from",
+        dest="since",
+        type=Path,
+        metavar="BODY",
+        help="find what has changed since this body was learned, a joint's zero or where the camera is, and write the "
+        "body as it is now; a few seconds of motion are enough",
+    )
+    parser.add_argument(
         "--kind",
         choices=("auto", "chain", "posture"),
         default="auto",
@@ -100,12 +113,16 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(arguments: argparse.Namespace) -> None:
     """Run the command."""
     _check(arguments)
+    before = None if arguments.since is None else BodyModel.load(arguments.since)
     seen = read_recordings(arguments)
+    if before is not None:
+        _bring_up_to(before, seen, arguments)
+        return
     started = time.perf_counter()
     learned = _learn(seen, arguments)
     body = learned.kept(arguments.kind)
     body.save(arguments.out)
-    path = arguments.picture or arguments.out.with_suffix(".png")
+    path = _picture_path(arguments)
     if isinstance(body, BodyModel):
         write_picture(path, body_picture(body, seen.last, seen.joints[-1], seen.names))
         if arguments.rerun:
@@ -127,6 +144,26 @@ def run(arguments: argparse.Namespace) -> None:
         if arguments.rerun:
             print("- there is nothing to show in 3D without them: no .rrd file was written")
     print(f"learned in {time.perf_counter() - started:.1f} s; body in {arguments.out}, picture in {path}")
+
+
+def _bring_up_to(before: BodyModel, seen: SeenBody, arguments: argparse.Namespace) -> None:
+    """Write a body that was learned before as it is in a recording.
+
+    Raises:
+        DenseVSError: it does not look as it did, and nothing that is looked for tells why; nothing is written then.
+    """
+    change = find_change(before, seen.images, np.array(seen.joints))
+    if change.kind is ChangeKind.UNKNOWN:
+        raise DenseVSError(f"{change.describe(seen.names)}; learn it anew, without --from")
+    body = before.changed(change)
+    body.save(arguments.out)
+    path = _picture_path(arguments)
+    write_picture(path, body_picture(body, seen.last, seen.joints[-1], seen.names))
+    print(f"{change.describe(seen.names)}; body in {arguments.out}, picture in {path}")
+
+
+def _picture_path(arguments: argparse.Namespace) -> Path:
+    return arguments.picture or arguments.out.with_suffix(".png")
 
 
 @dataclass
@@ -180,6 +217,8 @@ def _check(arguments: argparse.Namespace) -> None:
         check_writable(arguments.picture)
     if arguments.rerun:
         require_rerun()
+        if arguments.since is not None:
+            raise DenseVSError("--from and --rerun are both given; expected one of them")
 
 
 def _learn(seen: SeenBody, arguments: argparse.Namespace) -> Learned:

@@ -28,6 +28,7 @@ from dense_vs.pipeline.body_prior import BodyPrior
 from dense_vs.pipeline.explained_motion import share_of_pixels_known
 from dense_vs.pipeline.frame_pipeline import scaled_size
 from dense_vs.pipeline.recorded import JOINT_SMOOTHING, RecordedEstimate
+from dense_vs.pipeline.recorded_change import find_recorded_change
 from dense_vs.recording import ClockOffset, Recording, TruthFile, VideoWriter, survey_episode
 from dense_vs.recording.survey import joint_motions, moved_together
 from dense_vs.view.advice import advice
@@ -53,7 +54,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--start",
         type=Path,
         metavar="NPZ",
-        help="go on from this saved J, or begin with a body that 'dense-vs body' learned; images go on correcting it",
+        help="go on from this saved J, or begin with a body that 'dense-vs body' learned, brought up to what has "
+        "changed since; images go on correcting it",
     )
     parser.add_argument(
         "--time-offset",
@@ -191,6 +193,11 @@ def _episode(
         done.align(clock)
     else:
         clock = ClockOffset(offset, 1.0, 0.0, best=offset)
+    changed = None
+    if isinstance(body, BodyModel):
+        change = find_recorded_change(body, done.episode)
+        changed = change.describe(recording.joint_names)
+        done.begin_with(BodyPrior.of(body.changed(change), size, len(recording.joint_names)))
     started = time.perf_counter()
     drawing = nullcontext() if arguments.no_video else VideoWriter(out / "estimate.mp4", done.fps)
     logging = RerunFile(out / "estimate.rrd", done) if arguments.rerun else nullcontext()
@@ -212,6 +219,7 @@ def _episode(
     motions = joint_motions(episode.log)
     together = moved_together(episode.log, [joint.name for joint in motions if joint.moves])
     summary = _summary(done, clock, motions, together, errors, time.perf_counter() - started)
+    summary["body_change"] = changed
     summary["advice"] = advice(summary)
     write_json(out / "summary.json", summary)
     write_report(out / "report.png", summary, done)
@@ -292,6 +300,7 @@ def _lines(summary: dict[str, Any]) -> str:
         for name in summary["joints"]
     ]
     parts = [table(["quality", "value"], rows), table(["joint", "excitation", "part of E"], joints)]
+    parts += [f"- {summary['body_change']}"] if summary["body_change"] is not None else []
     parts += [f"{summary['frames']} frames in {summary['seconds']:.1f} s"]
     return "\n".join([*parts, *(f"- {line}" for line in summary["advice"])])
 

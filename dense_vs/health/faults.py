@@ -31,6 +31,8 @@ class FaultKind(StrEnum):
     """Images belong to earlier joint readings than their stamps say."""
     POINT = "point not seen"
     """The tracked point's surroundings are covered or look otherwise."""
+    BODY = "body changed"
+    """The image does not move as the body model says: a tool in the hand, a bumped camera, a joint's zero."""
 
 
 @dataclass(frozen=True)

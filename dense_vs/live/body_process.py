@@ -49,14 +49,15 @@ class BodyProcess:
     Args:
         size: height and width of the images [px].
         group: the robot's joints.
-        learned: called once a fit is over, from a thread of its own, with the model or None.
+        learned: called once a fit is over, from a thread of its own, with the model or None, and what has changed since
+            the one before where that is why there is another.
 
     Attributes:
         state: what is known of the body.
         images: that it has or will get, and can learn from.
     """
 
-    def __init__(self, size: tuple[int, int], group: JointGroup, learned: Callable[[BodyModel | None], None]):
+    def __init__(self, size: tuple[int, int], group: JointGroup, learned: Callable[[BodyModel | None, str], None]):
         self._learned = learned
         self.state, self.images = BodyState.UNKNOWN, 0
         self._kept: np.ndarray | None = None  # joints of the last image that it can learn from
@@ -105,11 +106,16 @@ class BodyProcess:
                 self.images += 1
             self._ask("frame", number, frame.gray, frame.positions, kept)
 
-    def learn(self, positions: np.ndarray) -> None:
-        """Let a model be fitted to the frames so far; ``learned`` is called with it."""
+    def learn(self, positions: np.ndarray, agrees: bool) -> None:
+        """Let a model be fitted to the frames so far; ``learned`` is called with it.
+
+        Args:
+            positions: present ones ``(N,)`` [rad].
+            agrees: whether the model that there is explains what moves: it may stay.
+        """
         if self.state is not BodyState.LEARNING:
             self.state = BodyState.LEARNING
-            self._ask("learn", positions, str(Path(self._folder.name) / "body.npz"))
+            self._ask("learn", positions, str(Path(self._folder.name) / "body.npz"), agrees)
 
     def use(self, model: BodyModel) -> None:
         """Let the process take a model that is known already."""
@@ -197,13 +203,13 @@ class BodyProcess:
                     self._answers.append((values[0], values[1]))
         self._lost()
 
-    def _take_model(self, found: bool, path: str) -> None:
+    def _take_model(self, found: bool, path: str, told: str) -> None:
         model = None
         with suppress(DenseVSError):
             model = BodyModel.load(path) if found else None
         if self.state is BodyState.LEARNING:  # else it was forgotten meanwhile
             self.state = BodyState.NOT_FOUND if model is None else BodyState.KNOWN
-            self._learned(model)
+            self._learned(model, told)
 
     def _lost(self) -> None:
         with self._news:
@@ -211,4 +217,4 @@ class BodyProcess:
             self._news.notify_all()
         if self.state is BodyState.LEARNING:
             self.state = BodyState.NOT_FOUND
-            self._learned(None)
+            self._learned(None, "")

@@ -25,7 +25,7 @@ class BodyTask:
         self._delay = loop.joint_delay
         self._images = 0  # that there were when it was last to be learned
         self.process: BodyProcess | None = None
-        if session.source.commands and session.options.body and loop.wants_body:
+        if session.source.commands and session.options.body and loop.learned_body.wanted:
             options = loop.estimator.options
             self.process = BodyProcess((options.height, options.width), loop.group, self._learned)
 
@@ -37,7 +37,7 @@ class BodyTask:
     @property
     def wanted(self) -> bool:
         """Whether one is to be learned: there is none, or one that no longer explains what moves."""
-        return self.process is not None and self.process.alive and self._session.running_loop().wants_body
+        return self.process is not None and self.process.alive and self._session.running_loop().learned_body.wanted
 
     @property
     def images_missing(self) -> int:
@@ -66,7 +66,8 @@ class BodyTask:
         """Have it learned from the images so far, where one is wanted."""
         if self.process is not None and self.wanted:
             self._images = self.process.images
-            self.process.learn(self._session.running_loop().frame.positions)
+            loop = self._session.running_loop()
+            self.process.learn(loop.frame.positions, loop.learned_body.agrees)
             self._session.board.log("learning the body from what was seen; points go by their own look until then")
 
     def take_over(self, loop: ServoLoop) -> None:
@@ -87,11 +88,11 @@ class BodyTask:
         if self.process is not None:
             self.process.end()
 
-    def _learned(self, model: BodyModel | None) -> None:
+    def _learned(self, model: BodyModel | None, told: str) -> None:
         """From the process's thread: the model, or that there is none."""
-        self._session.ask(lambda: self._use(model))
+        self._session.ask(lambda: self._use(model, told))
 
-    def _use(self, model: BodyModel | None) -> None:
+    def _use(self, model: BodyModel | None, told: str) -> None:
         session = self._session
         loop, process = session.running_loop(), self.process
         if model is None:
@@ -105,4 +106,5 @@ class BodyTask:
         elif process is not None and process.knows:
             loop.use_body(model)
             session.points.seek_by_body(loop.frame, loop.estimator, session.number)
-            session.board.log(f"body learned: its tracks fit within {model.error:.2f} px; points go by their links")
+            learned = f"body learned: its tracks fit within {model.error:.2f} px; points go by their links"
+            session.board.log(told or learned, "warning" if told else "info")

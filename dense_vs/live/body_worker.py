@@ -77,12 +77,20 @@ class BodyWorker:
             self._tell(number)
         self._body.see(shown)
 
-    def learn(self, positions: np.ndarray, path: str) -> None:
-        """Fit a model to the images so far; the answer is whether it is in the file."""
-        found = self._body.learn(positions)
+    def learn(self, positions: np.ndarray, path: str, agrees: bool) -> None:
+        """Learn from the images so far; the answer is whether a model is in the file, and what has changed in it.
+
+        Args:
+            positions: present ones ``(N,)`` [rad].
+            path: of the file.
+            agrees: whether the model that there is explains what moves.
+        """
+        found = self._body.learn(positions, agrees)
         if found and self._body.model is not None:
             self._body.model.save(path)
-        self._say(("learned", found, path))
+        change = self._body.change
+        told = "" if change is None or not change.found else change.describe(self._group.names)
+        self._say(("learned", found, path, told))
 
     def use(self, path: str) -> None:
         """Take a model from a file."""

@@ -128,6 +128,10 @@ class RecordedEstimate:
         """Move the joint log onto the camera's clock, before the first frame; see :meth:`Episode.shifted`."""
         self.episode = self.episode.shifted(offset)
 
+    def begin_with(self, prior: BodyPrior) -> None:
+        """Take another prior than the one given, before the first frame, as of a body once the clocks are one."""
+        self._pipeline.prior = prior
+
     def labels(self) -> np.ndarray:
         """Whether each pixel of the last frame is the robot's own body, bool ``(H, W)``.
 

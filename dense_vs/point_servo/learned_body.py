@@ -8,16 +8,18 @@ from typing import Any
 import cv2
 import numpy as np
 
-from dense_vs.body_model import BodyFitOptions, BodyModel, PointTrackOptions
+from dense_vs.body_model import BodyChange, BodyFitOptions, BodyModel, PointTrackOptions, find_change
 from dense_vs.body_model.dense_motion import DenseMotion
+from dense_vs.body_model.drawn_patches import agreement
 from dense_vs.body_model.spread import spread
 from dense_vs.checks import shown
 from dense_vs.errors import DenseVSError
 from dense_vs.flow.estimator import FlowEstimator
-from dense_vs.health.faults import FaultKind
+from dense_vs.health.faults import Fault, FaultKind
 from dense_vs.pipeline.body_prior import CHAIN_AGREEMENT, CHAIN_SHARE, BodyPrior
 from dense_vs.pipeline.frame_pipeline import FramePipeline, ProcessedFrame
 from dense_vs.point_servo.body_tracker import BodyTracker
+from dense_vs.point_servo.body_watch import BodyWatch
 from dense_vs.point_servo.point_link import link_of_point
 from dense_vs.point_servo.same_surface import same_surface
 from dense_vs.point_servo.surface_place import BESIDE, surface_at
@@ -29,6 +31,10 @@ LEAST_IMAGES = 40
 LEAST_TURN = 0.002  # rad, m, of a joint between images that are kept: a robot that stands still shows nothing new
 LEAST_PIXELS = 200  # of the body, for J to say where a fit starts
 LEAST_JOINTS = 2  # one joint's axis alone leaves the rest of the camera open
+LATEST = 45  # images in which a change of the body is looked for
+LOOKED_THROUGH = 16  # images by which it is found since when it has changed
+LEAST_GAIN = 0.1  # of its likeness, that a change has to bring: what brings less is the model's own error
+TELLS = frozenset({FaultKind.SLIP, FaultKind.MISFIT})  # faults after which the body may have changed
 PRIOR_AT_FIRST = 0.9  # share by which J is drawn to the body model's once it is learned
 JUDGED, MOVING = 12, 0.5  # pairs of images by which a model is judged, and px of motion that count
 STILL_EXPLAINED = 0.7  # of the share that it explained first, below which a model has no say any more
@@ -46,6 +52,7 @@ class LearnedBody:
 
     Attributes:
         model: of the robot; None where none is known.
+        change: what was found when that model was last asked whether it has changed; None of one that is new.
 
     Raises:
         DenseVSError: neither of them, or a model of another number of joints or image size.
@@ -54,26 +61,51 @@ class LearnedBody:
     def __init__(self, pipeline: FramePipeline, group: JointGroup, given: BodyModel | bool):
         self._pipeline = pipeline
         self._slides = tuple(unit != "rad" for unit in group.units)
-        self._learns = bool(given) if isinstance(given, (bool, np.bool_)) else False
+        self._learns = bool(given) if isinstance(given, (bool, np.bool_)) else True
         self._history: deque[tuple[np.ndarray, np.ndarray]] = deque(maxlen=HISTORY)
         self._times: deque[float] = deque(maxlen=HISTORY)  # of these images [s]
         self.model: BodyModel | None = None
+        self.change: BodyChange | None = None
+        self._watch: BodyWatch | None = None
+        self._doubted = False  # by a fault
         if not isinstance(given, (bool, np.bool_)):
             self.use(check_body(given, "a BodyModel, True or False"), None)
 
     @property
     def wanted(self) -> bool:
-        """Whether one is to be learned, and there is none, or one that no longer explains what moves."""
-        prior = self._pipeline.prior
-        if not self._learns:
-            return False
-        return self.model is None or prior is None or not prior.agrees
+        """Whether :meth:`learn` has something to do: there is no model, or one that may not be right any more."""
+        return self._learns and (not self.agrees or self._doubted or bool(self.doubts))
 
-    def see(self, frame: ProcessedFrame) -> None:
-        """Keep a frame with nothing wrong, in which the robot has moved since the last one kept."""
+    @property
+    def doubts(self) -> str:
+        """Why the model may not be right any more, in words; empty where nothing speaks against it."""
+        prior = self._pipeline.prior
+        if self.model is not None and not self.agrees and prior is not None:
+            return f"it explains {prior.agreement:.2f} of what moves"
+        return "" if self._watch is None else self._watch.doubts
+
+    @property
+    def agrees(self) -> bool:
+        """Whether there is a model, and it explains what moves."""
+        prior = self._pipeline.prior
+        return self.model is not None and prior is not None and prior.agrees
+
+    def see(self, frame: ProcessedFrame) -> Fault | None:
+        """Keep a frame with nothing wrong, in which the robot has moved since the last one kept.
+
+        Returns:
+            What speaks against the model, where something does.
+        """
+        self._doubted |= any(fault.kind in TELLS for fault in frame.faults)
         if teaches(frame, self._history[-1][1] if self._history else None):
             self._history.append((frame.gray, frame.positions))
             self._times.append(frame.time)
+            if self._watch is not None:
+                self._watch.see(frame.gray, frame.positions)
+        said = any(fault.kind is FaultKind.BODY for fault in frame.faults)
+        if said or self.model is None or not (doubts := self.doubts):
+            return None
+        return Fault(FaultKind.BODY, f"the body is not as it was learned: {doubts}", stops=False, holds=False)
 
     def forget_images(self) -> None:
         """After a change of the clock their joint positions are wrong."""
@@ -92,7 +124,53 @@ class LearnedBody:
         self._history = deque(((gray, q) for gray, _, q in known), maxlen=HISTORY)
         self._times = deque((time for _, time, _ in known), maxlen=HISTORY)
 
-    def learn(self, positions: np.ndarray) -> bool:
+    def learn(self, positions: np.ndarray, agrees: bool | None = None) -> bool:
+        """Bring the model up to what the images so far show, or fit one to them; whether there is one then.
+
+        Where there is a model, it is first asked whether a joint's zero or the camera has changed since. One that
+        explains what moves stays otherwise.
+
+        Args:
+            positions: present ones ``(N,)`` [rad].
+            agrees: whether the model explains what moves, :attr:`agrees` unless given.
+        """
+        agrees = self.agrees if agrees is None else agrees
+        if self.model is not None and len(self._history):
+            self._doubted = False
+            if self._watch is not None:
+                self._watch.latest.clear()
+            if self._changed(positions) or agrees:
+                return True
+        return self._fit(positions)
+
+    def _changed(self, positions: np.ndarray) -> bool:
+        """Whether the model's body has changed, and is known as it is now."""
+        assert self.model is not None
+        latest = [*self._history][-LATEST:]
+        self.change = change = find_change(self.model, [image for image, _ in latest], np.array([q for _, q in latest]))
+        if not change.found or change.agreement < change.agreement_before + LEAST_GAIN:
+            return False
+        model = self.model.changed(change)
+        explained = explained_share(model, self._pipeline.flow, [*self._history])
+        if explained < LEAST_EXPLAINED:
+            return False
+        self._forget_before(self.model, model)
+        self.use(model, positions, explained)
+        self.change = change
+        return True
+
+    def _forget_before(self, before: BodyModel, after: BodyModel) -> None:
+        """Forget the images in which a body was as before a change: where it was, it is not now."""
+        for k in spread(len(self._history), LOOKED_THROUGH)[::-1]:
+            gray, q = self._history[k]
+            was, now = (agreement(model, q, gray) for model in (before, after))
+            if was > now:
+                for kept in (self._history, self._times):
+                    for _ in range(int(k) + 1):
+                        kept.popleft()
+                return
+
+    def _fit(self, positions: np.ndarray) -> bool:
         """Fit a model to the images so far; whether they show one."""
         if len(self._history) < LEAST_IMAGES or len(positions) < LEAST_JOINTS:
             return False
@@ -143,7 +221,8 @@ class LearnedBody:
                 f"body model has {model.joint_count} joints and images of {tuple(model.size)}; "
                 f"expected {estimator.options.joints} and {size}"
             )
-        self.model = model
+        self.model, self.change, self._doubted = model, None, False
+        self._watch = BodyWatch(model, [*self._history])
         self._pipeline.prior = prior = BodyPrior(
             model.known, share=CHAIN_SHARE, least_agreement=min(CHAIN_AGREEMENT, STILL_EXPLAINED * explained)
         )
@@ -199,7 +278,7 @@ def teaches(frame: ProcessedFrame, kept: np.ndarray | None) -> bool:
     Those with nothing wrong in them, whether or not J was corrected by them, which takes some of them together where
     images are noisy. The positions of a frame in which the clock was found to be another are from before.
     """
-    wrong = {fault.kind for fault in frame.faults} - {FaultKind.NOISE}
+    wrong = {fault.kind for fault in frame.faults} - {FaultKind.NOISE, FaultKind.BODY}
     if FaultKind.LATE in wrong or (frame.measured is None and (frame.dq is None or wrong)):
         return False
     return kept is None or bool(np.abs(frame.positions - kept).max() >= LEAST_TURN)

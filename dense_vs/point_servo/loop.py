@@ -58,8 +58,9 @@ class ServoLoop:
         command_period: between commands [s]; in the frames between them J is learned. Every frame unless given.
         body: labels the robot's own pixels, see :meth:`FramePipeline.labels`; once it knows some, what else moves no
             longer slows the babbling down.
-        body_model: from an earlier run; with True one is learned after babbling where all joints turn, with False none
-            is used. It is J's prior, see :class:`BodyPrior`, and what points are followed by.
+        body_model: from an earlier run; with True one is learned after babbling, with False none is used. It is J's
+            prior, see :class:`BodyPrior`, and what points are followed by. Where it does not explain what moves, a
+            babbling ends with finding out what has changed, or with learning one anew, see :class:`LearnedBody`.
         renew_patch: correlation below which the patch of a point followed as "aligned" is taken anew, so that surfaces
             that turn are not lost; each time may add hundredths of a pixel of drift. Kept unless given.
         joint_delay: time that joint readings are behind the images [s], below 0 where the images are late. Unless given
@@ -122,7 +123,7 @@ class ServoLoop:
         self.tracker: PointTracker | BodyTracker | None = None
         self.memory: PointMemory | None = None
         self.aim = Aim(estimator)
-        self._body = LearnedBody(self.pipeline, self.group, body_model)
+        self.learned_body = LearnedBody(self.pipeline, self.group, body_model)
         self._learns_body = bool(body_model)
         self.on_frame = on_frame
         delay = None if joint_delay is None else check_number("joint_delay", joint_delay)
@@ -140,7 +141,7 @@ class ServoLoop:
     @property
     def body_model(self) -> BodyModel | None:
         """Of the robot; None where none is known."""
-        return self._body.model
+        return self.learned_body.model
 
     @property
     def faults(self) -> tuple[Fault, ...]:
@@ -191,15 +192,14 @@ class ServoLoop:
         )
         self.joints.watch.commanded(sent)
         frame = self._take(*read_camera(self.camera, self.estimator))
-        seen = all(fault.kind not in (FaultKind.DARK, FaultKind.FROZEN) for fault in frame.faults)
-        if self.tracker is not None and seen and frame is not self._followed:
-            self._follow_point(self.tracker, frame)
-            frame = self._frame
-        if seen:
-            self._body.see(frame)
+        if all(fault.kind not in (FaultKind.DARK, FaultKind.FROZEN) for fault in frame.faults):
+            if self.tracker is not None and frame is not self._followed:
+                self._follow_point(self.tracker, frame)
+            if (doubt := self.learned_body.see(self._frame)) is not None:
+                self._say(doubt)
         if self.on_frame is not None:
             self.on_frame(self)
-        return frame
+        return self._frame
 
     def resume(self) -> None:
         """Begin anew with the next image and reading as they are, keeping J and the tracked point.
@@ -231,13 +231,8 @@ class ServoLoop:
             if len(self._held) >= before:
                 break
         self._judge_motion(LEAST_SHARE)
-        if self._body.wanted:
+        if self.learned_body.wanted:
             self.learn_body()
-
-    @property
-    def wants_body(self) -> bool:
-        """Whether a body model is to be learned: there is none, or one that no longer explains what moves."""
-        return self._body.wanted
 
     def use_body(self, model: BodyModel) -> None:
         """Go on with a body model that was learned elsewhere, as in a process apart.
@@ -245,24 +240,24 @@ class ServoLoop:
         Raises:
             DenseVSError: no model, or one of another number of joints or image size.
         """
-        self._body.use(check_body(model), self.frame.positions)
+        self.learned_body.use(check_body(model), self.frame.positions)
 
     def forget(self) -> None:
         """Forget J and the body, as after the camera was moved, and begin with the next image. Points stay."""
         self.pipeline.restart(forget=True)
         self.pipeline.prior = None
-        self._body = LearnedBody(self.pipeline, self.group, self._learns_body)
+        self.learned_body = LearnedBody(self.pipeline, self.group, self._learns_body)
 
     def learn_body(self) -> bool:
-        """Learn the body model from the images so far, as :meth:`babble` does, in some seconds; whether it can be."""
-        return self._body.learn(self.frame.positions)
+        """Learn the body model from the images so far, as :meth:`babble` does, in some seconds; whether it is known."""
+        return self.learned_body.learn(self.frame.positions)
 
     def babble_once(self) -> ProcessedFrame:
         """One frame of babbling, for a program that decides after every frame whether to go on."""
         frame = self.step(self.when_due(self._babbling_step))
         if self.joints.finding and self.joints.find_delay(self.frame):
             self.pipeline.restart(forget=True)
-            self._body.retime(self.joints.kept_at)
+            self.learned_body.retime(self.joints.kept_at)
         return frame
 
     def define_point(
@@ -292,7 +287,7 @@ class ServoLoop:
         TrackerOptions(method=kind, **options)  # also where it is followed by its link
         place, frame, same = point_array(point, "point"), self.frame, same_surface(self.estimator, point)
         memory = PointMemory(place, frame.positions, frame.gray, same, {"method": kind, **options})
-        self.tracker = new_tracker(memory, frame, self._body if method == "link" else None)
+        self.tracker = new_tracker(memory, frame, self.learned_body if method == "link" else None)
         self.memory, self._followed = memory, frame
         self.aim.follow(self.point)
 
@@ -305,7 +300,7 @@ class ServoLoop:
         if found is None:
             return False
         self.tracker = found
-        if isinstance(found, PointTracker) and self._body.wanted and self.learn_body():
+        if isinstance(found, PointTracker) and self.learned_body.wanted and self.learn_body():
             self.define_point(found.points[0])
         self.aim.follow(self.point)
         return True
@@ -374,7 +369,7 @@ class ServoLoop:
         changed = None if check is None else self.joints.judge_motion(frame, check)
         if changed is not None:
             fault, since = changed
-            self._body.retime(self.joints.kept_at, since)
+            self.learned_body.retime(self.joints.kept_at, since)
             self.pipeline.restart()
             self._say(fault, positions=self.joints.at(time))
         return self._frame

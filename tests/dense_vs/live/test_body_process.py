@@ -56,7 +56,7 @@ def jacobian():
 @pytest.fixture
 def process():
     found = []
-    one = BodyProcess(SIZE, GROUP, found.append)
+    one = BodyProcess(SIZE, GROUP, lambda *told: found.append(told))
     one.found = found
     yield one
     one.end()
@@ -100,15 +100,15 @@ def test_it_follows_a_point_by_a_model_that_is_known(process):
 
 def test_too_few_images_are_no_body(process):
     process.frame(0, seen(0.0))
-    process.learn(np.zeros(1))
+    process.learn(np.zeros(1), False)
     assert process.state is BodyState.LEARNING
-    assert wait_for(lambda: process.found == [None], 60)
+    assert wait_for(lambda: process.found == [(None, "")], 60)
     assert process.state is BodyState.NOT_FOUND
     assert process.alive
 
 
 def test_a_fit_that_is_forgotten_meanwhile_is_not_used(process):
-    process.learn(np.zeros(1))
+    process.learn(np.zeros(1), False)
     process.forget()
     begin(process)  # it answers, so the fit is over
     answer(process, 11)
@@ -151,7 +151,7 @@ def test_a_killed_process_is_noticed(process):
     process.state = BodyState.LEARNING
     os.kill(process._process.pid, signal.SIGKILL)
     assert wait_for(lambda: not process.alive)
-    assert wait_for(lambda: process.found == [None])
+    assert wait_for(lambda: process.found == [(None, "")])
     assert not process.knows
     process.frame(99, seen(0.0))  # says nothing, waits for nobody
 

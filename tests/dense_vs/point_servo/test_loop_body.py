@@ -55,9 +55,9 @@ def loop():
 
 
 def test_a_model_from_elsewhere_is_js_prior_and_what_points_go_by(loop):
-    assert loop.wants_body
+    assert loop.learned_body.wanted
     loop.use_body(model())
-    assert not loop.wants_body
+    assert not loop.learned_body.wanted
     arm = np.array([84.0, 40.0]) - SCENE.center
     expected = np.array([[-arm[1]], [arm[0]]])
     # Drawn to the model by a share, from nothing.
@@ -72,7 +72,7 @@ def test_another_bodys_model_is_refused_and_changes_nothing(loop):
     with pytest.raises(DenseVSError, match="expected 1 and"):
         loop.use_body(model(size=(64, 64)))
     assert loop.body_model is None
-    assert loop.wants_body
+    assert loop.learned_body.wanted
 
 
 def test_j_and_body_are_forgotten_together(loop):
@@ -81,7 +81,7 @@ def test_j_and_body_are_forgotten_together(loop):
         loop.babble_once()
     loop.forget()
     assert loop.body_model is None
-    assert loop.wants_body
+    assert loop.learned_body.wanted
     assert loop.pipeline.prior is None
     assert not np.any(loop.estimator.jacobian)
     loop.babble_once()

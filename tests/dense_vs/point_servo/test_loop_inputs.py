@@ -123,10 +123,10 @@ def test_a_body_model_is_one(made):
 
 def test_no_body_is_learned_where_none_is_wanted(scene):
     _, loop = make(scene, body_model=np.False_)
-    assert not loop.wants_body
+    assert not loop.learned_body.wanted
     loop.forget()
-    assert not loop.wants_body
-    assert make(scene, body_model=np.True_)[1].wants_body
+    assert not loop.learned_body.wanted
+    assert make(scene, body_model=np.True_)[1].learned_body.wanted
 
 
 def test_a_point_that_cannot_be_followed_so_leaves_the_one_before(made):

@@ -239,7 +239,7 @@ def test_babbling_lasts_so_long_and_lets_what_waits_catch_up():
     assert shares == [module.BABBLING_SHARE, module.LEAST_SHARE]
     assert steps == [[0.0, 0.0]] * 3  # the third leaves as many as there were
     assert learned == []
-    loop._body.wanted = True
+    loop.learned_body.wanted = True
     loop.babble(0.3)
     assert learned == [11.5]
     for wrong in (0.0, -1.0, np.nan, np.inf):
@@ -263,7 +263,7 @@ def test_what_is_forgotten_with_the_camera(monkeypatch):
     loop.forget()
     assert loop.events == [("pipeline", True)]
     assert loop.pipeline.prior is None
-    assert loop._body == (loop.pipeline, "group", True)
+    assert loop.learned_body == (loop.pipeline, "group", True)
     commanding(loop)
     loop.events.clear()
     loop.resume()
@@ -301,7 +301,7 @@ def test_a_point_that_is_found_again_is_followed_by_its_link_where_that_can_be_l
         if found == "patch":
             monkeypatch.setattr(PointTracker, "points", ["p"])
     monkeypatch.setattr(module, "found_again", lambda memory, tracker, frame: given)
-    loop._body.wanted = wanted
+    loop.learned_body.wanted = wanted
     loop.learn_body = lambda: True
     loop.define_point = defined.append
     assert loop.find_again() == (found is not None)
