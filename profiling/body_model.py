@@ -15,7 +15,7 @@ import json
 import multiprocessing
 import os
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -228,10 +228,11 @@ def prediction_time(model: BodyModel, joints: np.ndarray) -> float:
     return 1e3 * min(times)
 
 
-def make_world(asked: BodyScore, options: argparse.Namespace) -> SimWorld:
-    """The arm's world with its first joints; ours have one camera and all of theirs."""
+def make_world(asked: BodyScore, options: argparse.Namespace, **more: Any) -> SimWorld:
+    """The arm's world with its first joints; ours have one camera and all of theirs. ``more`` is for the world."""
     common = {
-        "seed": asked.seed, "device": options.device, "realism": False if asked.images == "clean" else asked.images
+        "seed": asked.seed, "device": options.device, "realism": False if asked.images == "clean" else asked.images,
+        **more,
     }  # fmt: skip
     if asked.arm not in ARM_NAMES:
         return SimWorld(asked.arm, **common)
@@ -271,7 +272,7 @@ def main() -> int:
     before, began = kept(options.json, origin) if options.resume else ([], {})
     found = {score.name: score for score in before}
     runs = [(one, options) for one in asked if one.name not in found]
-    for score in map(run, runs) if options.jobs == 1 else several(runs, options.jobs):
+    for score in map(run, runs) if options.jobs == 1 else several(runs, options.jobs, run):
         found[score.name] = score
         print(f"{score.name}: {score.failure}" if score.failure else table(HEADER, rows_of([score])), flush=True)
         if options.json is not None:  # a run that is stopped has not run for nothing
@@ -314,11 +315,13 @@ def run(task: tuple[BodyScore, argparse.Namespace]) -> BodyScore:
     return measure(*task)
 
 
-def several(runs: list[tuple[BodyScore, argparse.Namespace]], jobs: int) -> Iterator[BodyScore]:
-    """Measure so many at a time, in processes of a core each."""
+def several(
+    runs: list[tuple[BodyScore, argparse.Namespace]], jobs: int, measured: Callable[[Any], Any]
+) -> Iterator[Any]:
+    """What is measured of each, so many at a time, in processes of a core each, as they come to an end."""
     os.environ |= {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1", "DENSE_VS_THREADS": "1"}
     with multiprocessing.get_context("spawn").Pool(jobs, _one_core) as pool:
-        yield from pool.imap_unordered(run, runs, chunksize=1)
+        yield from pool.imap_unordered(measured, runs, chunksize=1)
 
 
 def _one_core() -> None:
