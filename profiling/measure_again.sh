@@ -99,6 +99,7 @@ surfaces)
     measure surfaces surfaces_other_arms --jobs "$(nproc)" || true
     measure hidden_points hidden_points --jobs "$(nproc)"
     measure body_model body_model --jobs "$(nproc)"
+    measure body_changes body_changes --jobs "$(nproc)"
     ;;
 live)
     measure live live                           # 2

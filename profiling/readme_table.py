@@ -11,6 +11,7 @@ import sys
 from pathlib import Path
 
 from readme_body import body_lines, few_body_lines
+from readme_changes import change_lines
 from readme_depth import depth_lines
 from readme_experiments import experiment_lines, few_experiment_lines, summary_lines
 from readme_hidden import hidden_lines
@@ -100,7 +101,7 @@ BATCH = (
 def everything() -> str:
     """All figures, for the page on performance."""
     lines = [*_accuracy(), "", *surface_lines(), *real_robot_lines(), "", *depth_lines(), ""]
-    lines += [*body_lines(), "", *hidden_lines(), ""]
+    lines += [*body_lines(), "", *change_lines(), "", *hidden_lines(), ""]
     lines += [*_speed(), "", *program_lines(), ""]
     lines += [*live_lines(), "", *_batch(), "", *rendering_lines(), "", *gpu_test_lines(), "", *_scaling(), ""]
     lines += [

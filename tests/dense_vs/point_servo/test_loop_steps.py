@@ -34,7 +34,7 @@ def bare(**given):
     loop.__dict__.update(
         _held=deque(), _newest=10.0, joints=stream, tracker=None, memory=None, on_frame=None,
         gate=SimpleNamespace(restart=lambda: events.append("gate")), _pace=SimpleNamespace(due=lambda time: True),
-        _body=SimpleNamespace(see=lambda frame: events.append(("see", frame.time)), wanted=False,
+        learned_body=SimpleNamespace(see=lambda frame: events.append(("see", frame.time)), wanted=False,
                               retime=lambda *of: events.append(("retime", *of))),
         estimator=SimpleNamespace(options=SimpleNamespace(joints=2, depth=False, width=64)),
         pipeline=SimpleNamespace(restart=lambda forget=False: events.append(("pipeline", forget)), check=None),
@@ -169,6 +169,17 @@ def test_a_point_is_followed_in_images_that_show_something(kind):
     assert followed == []  # an image that is there already
 
 
+@pytest.mark.parametrize("doubt", [None, Fault(FaultKind.BODY, "it looks otherwise", stops=False, holds=False)])
+def test_what_speaks_against_the_body_is_said_in_the_same_frame(monkeypatch, doubt):
+    monkeypatch.setattr(module, "replace", lambda frame, **anew: Frame(**{**vars(frame), **anew}))
+    loop = bare()
+    commanding(loop)
+    loop.learned_body.see = lambda frame: doubt
+    frame = loop.step(np.zeros(2))
+    assert frame is loop.frame
+    assert frame.faults == (() if doubt is None else (doubt,))
+
+
 @pytest.mark.parametrize("why", ["", "it is covered"])
 def test_a_point_that_is_not_seen_is_said(monkeypatch, why):
     loop = bare()
@@ -284,7 +295,7 @@ def test_a_point_is_defined_with_its_memory(monkeypatch, method):
     assert memory.place.tolist() == [5.0, 6.0]
     assert memory.options == {"method": "aligned" if method == "link" else method, "window": 31,
                               "min_correlation": 0.85, "max_jump": 2.5, "lost_after": 15}  # fmt: skip
-    assert (loop.tracker.body is loop._body) == (method == "link")
+    assert (loop.tracker.body is loop.learned_body) == (method == "link")
     assert loop._followed is loop.frame
     assert followed == ["p"]
 
