@@ -6,8 +6,11 @@ from enum import StrEnum
 
 import numpy as np
 
-from dense_vs.checks import check_names
+from dense_vs.arrays import number_array
+from dense_vs.checks import check_names, check_number, check_whole, shown
 from dense_vs.errors import DenseVSError
+
+MOST = 1e6  # rad, m or the model's unit
 
 
 class ChangeKind(StrEnum):
@@ -41,6 +44,9 @@ class BodyChange:
         rivals: other changes of one joint or of the camera after which the images look alike within 0.005. A turn about
             the first joint's line is one of the camera too, and small changes of joints with like axes look the same.
         units: "rad" or "m" of each joint.
+
+    Raises:
+        DenseVSError: values of another type or shape, another unit, or numbers that are not finite or above 1e6.
     """
 
     kind: ChangeKind
@@ -53,6 +59,24 @@ class BodyChange:
     patches: int
     rivals: tuple["BodyChange", ...]
     units: tuple[str, ...]
+
+    def __post_init__(self):
+        if not isinstance(self.kind, ChangeKind):
+            raise DenseVSError(f"kind is {shown(self.kind)}; expected one of {', '.join(map(str, ChangeKind))}")
+        units = check_names("units", self.units)
+        if wrong := [unit for unit in units if unit not in ("rad", "m")]:
+            raise DenseVSError(f"units are {shown(wrong[0])}; expected rad or m for each joint")
+        sizes = {"offsets": len(units), "turn": 3, "shift": 3}
+        for name, size in sizes.items():
+            numbers = number_array(getattr(self, name), name, (size,))
+            if (largest := float(np.abs(numbers).max())) > MOST:
+                raise DenseVSError(f"{name} reach {largest:g}; expected at most {MOST:g} either way")
+            object.__setattr__(self, name, numbers)
+        for name in ("agreement", "agreement_before", "off"):
+            object.__setattr__(self, name, check_number(name, getattr(self, name), least=0))
+        object.__setattr__(self, "patches", check_whole("patches", self.patches, least=0))
+        if not isinstance(self.rivals, tuple) or not all(isinstance(one, BodyChange) for one in self.rivals):
+            raise DenseVSError(f"rivals are {shown(self.rivals)}; expected a tuple of BodyChange")
 
     @property
     def found(self) -> bool:

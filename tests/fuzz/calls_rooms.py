@@ -32,7 +32,8 @@ def body() -> Any:
     chain = Chain(np.array([[0, 0, 1.0], [0, 1.0, 0]]), np.array([[0, 0, 1.0], [0.1, 0, 1.0]]), np.zeros(2),
                   np.array([-1, 0]))  # fmt: skip
     places = np.random.default_rng(0).uniform([-0.4, -0.3, 0.9], [0.4, 0.3, 1.1], (200, 3))
-    surface = Surface(places, (places[:, 0] > 0.1).astype(int), np.ones(200), np.full(200, 90, np.uint8))
+    shades = np.random.default_rng(1).integers(0, 255, 200).astype(np.uint8)
+    surface = Surface(places, (places[:, 0] > 0.1).astype(int), np.ones(200), shades)
     limits = np.array([[-1.0, 1.0]] * 2)
     return BodyModel(ModelContent(chain, 40.0, (W / 2, H / 2), (H, W), surface, np.ones(2, bool), limits, 0.4))
 
@@ -190,10 +191,15 @@ def learning_targets() -> list[Target]:
 
 
 def body_targets() -> list[Target]:
-    """Some of the tracks, scales and rays of a body, and what its prior takes."""
+    """Some of the tracks, scales, rays and changes of a body, and what its prior takes."""
     from dense_vs import DenseJacobian
-    from dense_vs.body_model import PointTracks
+    from dense_vs.body_model import BodyChange, ChangeKind, PointTracks, find_change
     from dense_vs.pipeline.body_prior import BodyPrior
+
+    def change() -> dict[str, Any]:
+        numbers = {"offsets": np.full(2, 0.1), "turn": np.zeros(3), "shift": np.zeros(3)}
+        found = {"agreement": 0.9, "agreement_before": 0.5, "off": 3.0, "patches": 60}
+        return {"kind": ChangeKind.JOINTS, **numbers, **found, "rivals": (), "units": ("rad", "rad")}
 
     def motion() -> dict[str, Any]:
         estimator = DenseJacobian(height=H, width=W, joints=2, device="cpu", threads=1)
@@ -212,6 +218,11 @@ def body_targets() -> list[Target]:
         Target("BodyModel.rays", lambda pixels: body().rays(pixels), lambda: {"pixels": np.array([[16.0, 12.0]])}),
         Target("BodyModel.in_meters", lambda depths, joints: body().in_meters(depths, joints).focal_length,
                lambda: {"depths": np.full((1, H, W), 0.9), "joints": np.zeros((1, 2))}),
+        Target("find_change", lambda images, joints: find_change(body(), images, joints).agreement,
+               lambda: {"images": [gray(), gray()], "joints": np.zeros((2, 2))}),
+        Target("BodyChange", lambda **o: body().changed(BodyChange(**o)).rays([[16.0, 12.0]]), change),
+        Target("BodyChange.describe", lambda names: len(BodyChange(**change()).describe(names)),
+               lambda: {"names": ("a", "b")}),
         Target("BodyPrior.of", lambda size, joints: BodyPrior.of(body(), size, joints).share,
                lambda: {"size": (H, W), "joints": 2}),
         *[

@@ -1,5 +1,7 @@
 """What has changed since a body was learned is found and named, by images whose rays are exact."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
@@ -153,6 +155,30 @@ def _change(offsets=(0, 0, 0), turn=(0, 0, 0), shift=(0, 0, 0), kind=ChangeKind.
 
 
 @pytest.mark.parametrize(
+    ("wrong", "words"),
+    [
+        ({"kind": "joint"}, "kind is 'joint'; expected one of nothing, joint, camera, joints, unknown"),
+        ({"offsets": np.zeros(2)}, r"offsets .* expected"),
+        ({"turn": np.full(3, np.nan)}, "turn"),
+        ({"shift": [0, 0, 1.1e6]}, r"shift reach 1.1e\+06; expected at most 1e\+06 either way"),
+        ({"agreement": -0.1}, "agreement is -0.1"),
+        ({"agreement_before": np.inf}, "agreement_before is inf"),
+        ({"off": "far"}, "off is 'far'"),
+        ({"patches": 1.5}, "patches is 1.5"),
+        ({"rivals": ("camera",)}, r"rivals are .*; expected a tuple of BodyChange"),
+        ({"rivals": None}, "rivals are None; expected a tuple of BodyChange"),
+        ({"units": ("rad", "rad", "deg")}, "units are 'deg'; expected rad or m for each joint"),
+        ({"units": "rad"}, "units is 'rad'"),
+    ],
+)
+def test_a_change_by_hand_is_checked(wrong, words):
+    with pytest.raises(DenseVSError, match=words):
+        replace(_change(), **wrong)
+    whole = replace(_change(), offsets=[0, 1, 0], turn=(0, 0, 1), rivals=(_change(),))
+    assert whole.offsets.dtype == whole.turn.dtype == np.float64
+
+
+@pytest.mark.parametrize(
     ("call", "words"),
     [
         (lambda m, i: find_change(3, i, Q), "model is 3; expected a BodyModel"),
@@ -161,7 +187,7 @@ def _change(offsets=(0, 0, 0), turn=(0, 0, 0), shift=(0, 0, 0), kind=ChangeKind.
         (lambda m, i: find_change(m, i, Q[:-1]), r"joints has shape \(4, 3\)"),
         (lambda m, i: find_change(m, i, Q * np.nan), "joints"),
         (lambda m, i: m.changed(None), "change is None; expected a BodyChange"),
-        (lambda m, i: m.changed(_change(units=("rad",) * 2)), "the change is of 2 joints; expected 3"),
+        (lambda m, i: m.changed(_change(offsets=(0, 0), units=("rad",) * 2)), "the change is of 2 joints; expected 3"),
         (lambda m, i: _change().describe(("a", "b")), "2 names; expected 3"),
         (lambda m, i: _change().describe("abc"), "names"),
     ],
