@@ -18,6 +18,7 @@ from dense_vs.body_model.posture_memory import FORMAT as MEMORY
 from dense_vs.checks import check_number, check_whole
 from dense_vs.cli.estimate_episodes import episodes_table, estimate_episodes
 from dense_vs.cli.options import add_cluster_arguments, add_device_arguments
+from dense_vs.cli.recorded_change import find_recorded_change
 from dense_vs.cli.recording_options import add_recording_arguments, episode_numbers, open_chosen
 from dense_vs.errors import DenseVSError
 from dense_vs.files import output_folder, stored_format, write_json
@@ -28,7 +29,6 @@ from dense_vs.pipeline.body_prior import BodyPrior
 from dense_vs.pipeline.explained_motion import share_of_pixels_known
 from dense_vs.pipeline.frame_pipeline import scaled_size
 from dense_vs.pipeline.recorded import JOINT_SMOOTHING, RecordedEstimate
-from dense_vs.pipeline.recorded_change import find_recorded_change
 from dense_vs.recording import ClockOffset, Recording, TruthFile, VideoWriter, survey_episode
 from dense_vs.recording.survey import joint_motions, moved_together
 from dense_vs.view.advice import advice

@@ -9,8 +9,8 @@ from textured_arm import TexturedArm, postures
 
 from dense_vs.body_model import BodyModel, ChangeKind
 from dense_vs.cli import main
+from dense_vs.cli.recorded_change import find_recorded_change
 from dense_vs.errors import DenseVSError
-from dense_vs.pipeline.recorded_change import find_recorded_change
 from dense_vs.recording import open_recording
 
 OFFSET = 0.12
