@@ -30,7 +30,7 @@ LEAST_PATCHES = 20  # in all images together
 ALIKE = 0.5, 0.9  # correlation from which a patch counts, and from which it counts in full
 ITERATIONS, NARROWER = 12, 0.7  # of a least squares, and how the errors that are believed fall from one to the next
 LEAST_SCALE = 1.5  # px, errors that are always believed
-TURN, SHIFT, OFFSET = 0.5, 0.5, 1.0  # standard deviations before anything is seen: rad, of the depth, rad
+TURN, SHIFT, OFFSET = 0.5, 0.5, 1.0  # standard deviations of a step, which damp it: rad, of the depth, rad or m
 TRIED = 4  # changes of one joint's zero that are looked at more than once
 BETTER = 0.02  # of the agreement, that a less simple change has to gain
 OF_GAIN = 0.2  # of what the best one gains, that one which is simpler may lack
@@ -176,16 +176,16 @@ class _Search:
 
     def _fitted(self, guess: _Guess, seen: _Sightings, turn: int) -> _Guess:
         """A guess as sightings have it."""
-        depth = float(np.median(seen.home[:, 2]))
-        known = [TURN] * 3 + [SHIFT] * 3 if guess.camera else []
-        normal = np.diag(np.array([*known, *[OFFSET] * len(guess.joints)]) ** -2.0)
+        depth = max(float(np.median(seen.home[:, 2])), 1e-6)
+        usual = [*([TURN] * 3 + [SHIFT] * 3) * guess.camera, *[OFFSET] * len(guess.joints)]
+        damping = np.diag(np.array(usual) ** -2.0)
         scale = float(self._reaches[turn])
         for _ in range(ITERATIONS):
             errors, slopes = self._linearized(guess, seen, depth)
             squares = np.sum(errors**2, axis=1)
             weights = seen.weights / (1 + squares / scale**2) ** 2
             step = np.linalg.solve(
-                normal + np.einsum("kic,k,kid->cd", slopes, weights, slopes),
+                damping + np.einsum("kic,k,kid->cd", slopes, weights, slopes),
                 np.einsum("kic,k,ki->c", slopes, weights, errors),
             )
             guess = _stepped(guess, step, depth)
