@@ -157,7 +157,7 @@ class _Search:
     def _sightings(self, guess: _Guess, reach: int) -> _Sightings:
         """Patches of the body, changed as guessed, in all images; points and readings as before the change."""
         body = self._model.changed(guess.change(self._model))
-        parts = []
+        parts, off = [], []
         for image, q in zip(self._images, self._joints, strict=True):
             drawn = draw(body, q)
             patches = seek(drawn, distinct_pixels(drawn), image, reach)
@@ -167,12 +167,11 @@ class _Search:
             turned, moved = (pose[0, links] for pose in self._model.chain.link_poses((q - guess.offsets)[None]))
             home = np.einsum("kji,kj->ki", turned, there - moved)
             directions = direction_weights(np.rint(image).astype(np.uint8), patches.places)
-            parts.append(
-                (home, links, np.tile(q, (len(links), 1)), patches.places, _weights(patches), directions, _off(patches))
-            )
-        return _Sightings(
-            *(np.concatenate(part) for part in [*zip(*parts, strict=True)][:-1]), _median([p[-1] for p in parts])
-        )
+            readings = np.tile(q, (len(links), 1))
+            parts.append((home, links, readings, patches.places, _weights(patches), directions))
+            off.append(_off(patches))
+        home, links, readings, places, weights, directions = (np.concatenate(part) for part in zip(*parts, strict=True))
+        return _Sightings(home, links, readings, places, weights, directions, _median(off))
 
     def _fitted(self, guess: _Guess, seen: _Sightings, turn: int) -> _Guess:
         """A guess as sightings have it."""
