@@ -39,7 +39,7 @@ def change_lines() -> list[str]:
         f"| {' | '.join(head)} |",
         "|---" * len(head) + "|",
         *(f"| {' | '.join(row)} |" for row in rows),
-        *([f"\nNo body was found of {len(every) - len(scores)}."] if len(scores) < len(every) else []),
+        *(["", f"No body was found in {len(every) - len(scores)} cases."] if len(scores) < len(every) else []),
     ]
 
 
