@@ -39,7 +39,7 @@ def change_lines() -> list[str]:
         f"| {' | '.join(head)} |",
         "|---" * len(head) + "|",
         *(f"| {' | '.join(row)} |" for row in rows),
-        *(["", f"No body was found in {len(every) - len(scores)} cases."] if len(scores) < len(every) else []),
+        *(["", f"Runs in which no body was found: {len(every) - len(scores)}."] if len(scores) < len(every) else []),
     ]
 
 

@@ -63,4 +63,4 @@ def test_what_is_not_there_is_said(written):
     lines = written([score("joint"), ChangeScore("ur5e", "A", "clean", 6, failure="too few tracks")], finished=False)
     assert "1 bodies" in lines[0]
     assert lines[0].endswith("the run was stopped early, and has not come to all:")
-    assert lines[-2:] == ["", "No body was found in 1 cases."]
+    assert lines[-2:] == ["", "Runs in which no body was found: 1."]
