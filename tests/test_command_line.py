@@ -30,7 +30,7 @@ OPTIONS = {
     "batch": "--out --robot --point --worlds --targets --babble --randomize --order --height --width --seed --gpus "
     f"--checkpoint-every --wait {DEVICE}",
     "body": "recordings --episode --episodes --camera --joints --out --kind --scale --focal-length --held-out "
-    "--time-offset --rerun --picture",
+    "--time-offset --rerun --picture --from",
     "depth-eval": "folder --methods --sets --json",
     "depth-train": "--sequences --seed --out --jobs",
     "estimate": f"{RECORDING} --out --episodes --start --time-offset --scale --every --flow --smoothing --covariance "
