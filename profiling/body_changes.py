@@ -17,7 +17,8 @@ from typing import Any
 
 import numpy as np
 import warp as wp
-from body_model import IMAGES, babble, make_world, several
+from asked_bodies import IMAGES, asked_bodies, several
+from body_model import babble, make_world
 from body_scores import BodyScore
 from change_scores import HEADER, Case, ChangeScore, metrics_of, rows_of, summary_rows
 from metrics import add_report_arguments, report
@@ -28,7 +29,7 @@ from dense_vs.errors import DenseVSError
 from dense_vs.files import write_json
 from dense_vs.jacobian.error import jacobian_error
 from dense_vs.sims import DomainRandomization
-from dense_vs.sims.engine.built_scenes import ARM_NAMES, TUNED_ARMS
+from dense_vs.sims.engine.built_scenes import TUNED_ARMS
 from dense_vs.view.provenance import provenance
 from dense_vs.view.tables import table
 
@@ -145,22 +146,11 @@ def main() -> int:
     parser.add_argument("--device", default="auto", help="auto, cpu or cuda:N, of the robots (default: auto)")
     add_report_arguments(parser)
     options = parser.parse_args()
-    if unknown := set(options.images.split(",")) - set(IMAGES):
-        parser.error(f"--images has {', '.join(sorted(unknown))}; expected some of {', '.join(IMAGES)}")
-    if options.jobs < 1 or options.joints < 1:
-        parser.error("--jobs and --joints are at least 1")
+    asked = asked_bodies(parser, options)
     wp.config.log_level = wp.LOG_ERROR
-    asked = [
-        BodyScore(arm, camera, images, int(seed))
-        for images in options.images.split(",")
-        for seed in options.seeds.split(",")
-        for arm in options.arms.split(",")
-        for camera in (options.cameras.split(",") if arm in ARM_NAMES else [""])
-    ]
     origin = provenance(options, leave_out=("json", "gate"))
-    runs = [(one, options) for one in asked]
     found: dict[str, list[ChangeScore]] = {}
-    for scores in map(run, runs) if options.jobs == 1 else several(runs, options.jobs, run):
+    for scores in several(run, [(one, options) for one in asked], options.jobs):
         found[scores[0].body] = scores
         print(table(HEADER, rows_of(scores)), flush=True)
         if options.json is not None:  # a run that is stopped has not run for nothing

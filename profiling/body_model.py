@@ -12,16 +12,14 @@ readings; the delay is found as ``dense-vs body`` finds it. The truth is that of
 
 import argparse
 import json
-import multiprocessing
-import os
 import time
-from collections.abc import Callable, Iterator
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import warp as wp
+from asked_bodies import IMAGES, asked_bodies, several
 from body_scores import HEADER, BodyScore, metrics_of, rows_of
 from metrics import add_report_arguments, report
 from postures import go_to, rest
@@ -40,7 +38,6 @@ from dense_vs.recording.joint_log import JointLog
 from dense_vs.robot import Babbling
 from dense_vs.sims import SimWorld
 from dense_vs.sims.engine.built_scenes import ARM_NAMES, TUNED_ARMS
-from dense_vs.sims.engine.realism import PRESETS
 from dense_vs.sims.engine.scene import FRAME_SECONDS
 from dense_vs.sims.engine.surface_points import SurfacePoint
 from dense_vs.view.provenance import provenance
@@ -49,7 +46,6 @@ from dense_vs.view.tables import table
 POSTURES = 8  # unseen ones
 POINTS = 200  # of the surface, a posture
 ANCHORS, SAME_PIXEL = 400, 0.3  # surface points of a keyframe, and px between one and the model's
-IMAGES = ("clean", *PRESETS)
 OF_A_RUN = ("jobs", "resume")  # options that no figure depends on
 REFERENCE_FRAMES = PointTrackOptions().stride * PointTrackOptions().reference_every
 
@@ -256,23 +252,13 @@ def main() -> int:
     parser.add_argument("--resume", action="store_true", help="go on with a run that was stopped, as --json has it")
     add_report_arguments(parser)
     options = parser.parse_args()
-    if unknown := set(options.images.split(",")) - set(IMAGES):
-        parser.error(f"--images has {', '.join(sorted(unknown))}; expected some of {', '.join(IMAGES)}")
-    if options.jobs < 1 or options.joints < 1:
-        parser.error("--jobs and --joints are at least 1")
+    asked = asked_bodies(parser, options)
     wp.config.log_level = wp.LOG_ERROR
-    asked = [
-        BodyScore(arm, camera, images, int(seed))
-        for images in options.images.split(",")
-        for seed in options.seeds.split(",")
-        for arm in options.arms.split(",")
-        for camera in (options.cameras.split(",") if arm in ARM_NAMES else [""])
-    ]
     origin = provenance(options, leave_out=("json", "gate"))
     before, began = kept(options.json, origin) if options.resume else ([], {})
     found = {score.name: score for score in before}
     runs = [(one, options) for one in asked if one.name not in found]
-    for score in map(run, runs) if options.jobs == 1 else several(runs, options.jobs, run):
+    for score in several(run, runs, options.jobs):
         found[score.name] = score
         print(f"{score.name}: {score.failure}" if score.failure else table(HEADER, rows_of([score])), flush=True)
         if options.json is not None:  # a run that is stopped has not run for nothing
@@ -313,22 +299,6 @@ def content(scores: list[BodyScore], asked: int) -> dict[str, Any]:
 def run(task: tuple[BodyScore, argparse.Namespace]) -> BodyScore:
     """Measure one body."""
     return measure(*task)
-
-
-def several(
-    runs: list[tuple[BodyScore, argparse.Namespace]], jobs: int, measured: Callable[[Any], Any]
-) -> Iterator[Any]:
-    """What is measured of each, so many at a time, in processes of a core each, as they come to an end."""
-    os.environ |= {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1", "DENSE_VS_THREADS": "1"}
-    with multiprocessing.get_context("spawn").Pool(jobs, _one_core) as pool:
-        yield from pool.imap_unordered(measured, runs, chunksize=1)
-
-
-def _one_core() -> None:
-    import cv2
-
-    wp.config.log_level = wp.LOG_ERROR
-    cv2.setNumThreads(1)
 
 
 if __name__ == "__main__":

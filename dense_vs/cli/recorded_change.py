@@ -6,6 +6,7 @@ import cv2
 import numpy as np
 
 from dense_vs.body_model import BodyChange, BodyModel, find_change
+from dense_vs.body_model.find_change import IMAGES
 from dense_vs.body_model.spread import spread
 from dense_vs.checks import check_kind
 from dense_vs.errors import DenseVSError
@@ -13,7 +14,6 @@ from dense_vs.flow.estimator import to_gray
 from dense_vs.recording import Episode
 
 FIRST = 300  # images of an episode, of which some are looked at
-KEPT = 12  # of these
 
 
 def find_recorded_change(body: BodyModel, episode: Episode) -> BodyChange:
@@ -31,7 +31,7 @@ def find_recorded_change(body: BodyModel, episode: Episode) -> BodyChange:
     seen = [(to_gray(frame.image), frame.joints) for frame in islice(episode, FIRST)]
     if not seen:
         raise DenseVSError(f"episode {episode.number} of {episode.source.path} has no image within its joint log")
-    some = [seen[k] for k in spread(len(seen), KEPT)]
+    some = [seen[k] for k in spread(len(seen), IMAGES)]
     has = some[0][0].shape
     if abs(has[1] / width * height - has[0]) > 1:
         raise DenseVSError(f"images are of {has[1]} x {has[0]} px; expected {width} x {height}, or another scale of it")

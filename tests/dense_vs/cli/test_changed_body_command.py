@@ -111,7 +111,7 @@ def test_recordings_that_do_not_fit_the_body_are_refused(days):
     with pytest.raises(DenseVSError, match="body is 3; expected a BodyModel"):
         find_recorded_change(3, episode)
     two = open_recording(*days["first"], joint_names=["base", "wrist"]).episode()
-    with pytest.raises(DenseVSError, match=r"joints has shape \(12, 2\)"):
+    with pytest.raises(DenseVSError, match=r"joints has shape \(8, 2\)"):
         find_recorded_change(body, two)
     body.size = (150, 150)
     with pytest.raises(DenseVSError, match="images are of 200 x 150 px; expected 150 x 150, or another scale"):
