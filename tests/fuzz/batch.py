@@ -5,12 +5,14 @@
 The file is written as far as the batch came: the parent names the case at which it ended.
 """
 
+import contextlib
 import json
 import resource
 import sys
 import time
 import warnings
 from pathlib import Path
+from tempfile import TemporaryDirectory
 
 import numpy as np
 
@@ -26,8 +28,14 @@ ROOM = 4 << 30  # bytes of addresses beyond what the imported libraries take
 
 def main() -> None:
     """Run the batch."""
-    kind, seed, count, path = sys.argv[1], int(sys.argv[2]), int(sys.argv[3]), Path(sys.argv[4])
+    kind, seed, count, path = sys.argv[1], int(sys.argv[2]), int(sys.argv[3]), Path(sys.argv[4]).resolve()
     warnings.simplefilter("ignore")
+    with TemporaryDirectory() as folder, contextlib.chdir(folder):  # what bad names write stays out of the checkout
+        run(kind, seed, count, path)
+
+
+def run(kind: str, seed: int, count: int, path: Path) -> None:
+    """Run so many cases of a kind, and write what came of them."""
     tally = Tally()
     progress = path.with_suffix(".case")
     started = time.monotonic()
