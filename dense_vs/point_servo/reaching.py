@@ -19,6 +19,8 @@ if TYPE_CHECKING:
 FAR = 0.08  # of the image's width from the target, from which on a move is planned
 NEAR = 0.025  # of it, at which DIJE (17) takes over
 ARRIVED = 0.02  # rad from the planned posture
+STALLED = 30  # steps that bring the robot no nearer to a posture, after which more of them would not either
+NEARER = 1e-3  # rad, m, by which it comes nearer, or it does not
 FASTEST = 0.02  # of the image's width a frame, by which the point moves at most: blur, and rows exposed one by one
 PLANNED_EVERY = 15  # frames, after which the posture is planned anew, as the chain is known better by then
 RETURNS = 1  # times in a reach that a lost point is looked for where it was defined
@@ -44,6 +46,7 @@ class Reaching:
         self._faults: dict[FaultKind, Fault] = {}
         self._planned: np.ndarray | None = None
         self._planned_at = -PLANNED_EVERY
+        self._approach = Approach()
         self._under_way = False  # to a planned posture
         self._blind = loop.tracker.unseen if isinstance(loop.tracker, BodyTracker) else 0  # frames
 
@@ -54,7 +57,7 @@ class Reaching:
         far = self._is_far()
         while self._left > 0 and waited < WAITED and not self._over(waited):
             if self._gone():
-                if returns == RETURNS or not self._find_again():
+                if returns == RETURNS or not (self._find_again() or self._known()):
                     break
                 returns += 1
                 self._blind = 0
@@ -103,10 +106,13 @@ class Reaching:
         On a planned way the links turn, and one may show nothing that can be followed for a while; the chain knows
         where it is meanwhile. At the target it is waited for, and then called lost there.
         """
-        tracker = self._tracker
-        unseen = isinstance(tracker, BodyTracker) and tracker.unseen > 0
         expected = self._under_way or self._arrival.settled
-        self._blind = self._blind + 1 if unseen and not expected else 0
+        self._blind = self._blind + 1 if self._unseen() and not expected else 0
+
+    def _unseen(self) -> bool:
+        """Whether the point is followed by its link, of which nothing is seen now."""
+        tracker = self._tracker
+        return isinstance(tracker, BodyTracker) and tracker.unseen > 0
 
     def _distance(self) -> float:
         return self._loop.aim.distance(self._loop.point)
@@ -132,20 +138,21 @@ class Reaching:
                 start=self._planned,
             )
         posture = self._planned
-        if posture is None or np.abs(posture - loop.joints.newest).max() < ARRIVED:
+        if posture is None or self._approach.over(posture, loop.joints.newest, ARRIVED):
             return loop.servo_step
         self._under_way = True
         return lambda: self._toward(posture)
 
     def _toward(self, posture: np.ndarray) -> np.ndarray:
-        """Joint step ``(N,)`` straight to a posture, as long as the servo's longest and as the point may move by."""
-        loop, tracker = self._loop, self._tracker
-        way, longest = posture - loop.joints.newest, loop.servo.options.max_step
-        if isinstance(tracker, BodyTracker) and not tracker.unseen:
+        """Joint step ``(N,)`` straight to a posture, by the servo's gain and longest step and as the point may move."""
+        loop, tracker, options = self._loop, self._tracker, self._loop.servo.options
+        way, longest = posture - loop.joints.newest, options.max_step
+        self._approach.sent(posture, loop.joints.newest)
+        if isinstance(tracker, BodyTracker) and not tracker.unseen and way.any():
             motion = float(np.linalg.norm(tracker.features.jacobian(POINT, loop.joints.newest) @ way))
             share = FASTEST * loop.estimator.options.width / max(motion, 1e-12)
             longest = min(longest, share * float(np.abs(way).max()))
-        return loop.group.step_toward(posture, loop.joints.newest, longest)
+        return loop.group.step_toward(posture, loop.joints.newest, longest, min(options.gain, 1.0))
 
     def _find_again(self) -> bool:
         """Go back to the posture in which the point was defined, and look for it there; whether it is seen."""
@@ -157,9 +164,41 @@ class Reaching:
         while self._left > 0 and looked < LOOKED:
             self._step(lambda: self._toward(memory.positions))
             self._arrival.observe(np.inf)  # on the way back it is not at its target, wherever it was
-            there = np.abs(memory.positions - loop.frame.positions).max() < BACK
+            there = self._approach.over(memory.positions, loop.frame.positions, BACK)
             if there and not any(fault.stops for fault in loop.faults):
                 looked += 1
                 if loop.find_again():
                     return True
-        return not self._gone()
+        return not given_up(self._tracker) and not self._unseen()
+
+    def _known(self) -> bool:
+        """Whether the chain knows where the point is, though nothing is seen of its link: it may be seen elsewhere."""
+        tracker = self._tracker
+        return isinstance(tracker, BodyTracker) and bool(np.isfinite(tracker.uncertainty))
+
+
+class Approach:
+    """Whether there is more to come of sending a robot to a posture."""
+
+    def __init__(self) -> None:
+        self._posture: np.ndarray | None = None
+        self._least, self._steps = np.inf, 0
+
+    def sent(self, posture: np.ndarray, positions: np.ndarray) -> None:
+        """Note a step toward a posture ``(N,)`` from positions ``(N,)`` [rad, m]; to another one they count anew."""
+        if not self._is_toward(posture):
+            self._posture, self._least, self._steps = posture, np.inf, 0
+        way = float(np.abs(posture - positions).max())
+        if self._steps < STALLED:  # once it has given up it has
+            nearer = way < self._least - NEARER
+            self._least, self._steps = (way, 0) if nearer else (self._least, self._steps + 1)
+
+    def over(self, posture: np.ndarray, positions: np.ndarray, near: float) -> bool:
+        """Whether it is within ``near`` of a posture, or :data:`STALLED` steps brought it no nearer: something holds
+        it, or it swings.
+        """
+        there = bool(np.abs(posture - positions).max() < near)
+        return there or (self._is_toward(posture) and self._steps >= STALLED)
+
+    def _is_toward(self, posture: np.ndarray) -> bool:
+        return self._posture is not None and bool(np.abs(posture - self._posture).max() <= ARRIVED)

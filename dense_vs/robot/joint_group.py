@@ -189,16 +189,23 @@ class JointGroup:
         vector[self.indices] = number_array(delta, "delta", self.indices.shape)
         return vector
 
-    def step_toward(self, posture: Any, positions: Any, longest: float) -> np.ndarray:
-        """The step ``(n,)`` from ``positions`` straight toward a posture, in no joint longer than so much [rad, m].
+    def step_toward(self, posture: Any, positions: Any, longest: float, gain: float = 1.0) -> np.ndarray:
+        """The step ``(n,)`` from ``positions`` straight toward a posture.
+
+        Args:
+            posture, positions: ``(n,)`` [rad, m].
+            longest: step of a joint [rad, m].
+            gain: share of the way. Steps add up to what a robot is sent to, and its motors follow some frames late: all
+                of the way at each reading is too much, and swings about the posture for good.
 
         Raises:
-            DenseVSError: anything but n finite numbers, or a length that is not above 0.
+            DenseVSError: anything but n finite numbers, a length that is not above 0, or a gain out of (0, 1].
         """
         longest = check_number("longest", longest, above=0)
+        gain = check_number("gain", gain, above=0, most=1)
         q = number_array(positions, "positions", (-1,))
         way = number_array(posture, "posture", q.shape) - q
-        return self.clip_step(way * min(1.0, longest / max(float(np.abs(way).max(initial=0.0)), 1e-12)), q)
+        return self.clip_step(way * min(gain, longest / max(float(np.abs(way).max(initial=0.0)), 1e-12)), q)
 
     def clip_step(self, delta: Any, positions: Any) -> np.ndarray:
         """The step ``(n,)`` from ``positions``, cut at the limits; a joint beyond its limit is brought back.

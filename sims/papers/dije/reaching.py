@@ -229,7 +229,8 @@ class ReachingExperiment:
         loop = self.loop
 
         def toward() -> np.ndarray:
-            return loop.group.step_toward(self._began, loop.joints.newest, loop.servo.options.max_step)
+            options = loop.servo.options
+            return loop.group.step_toward(self._began, loop.joints.newest, options.max_step, min(options.gain, 1.0))
 
         for _ in range(MOST_BACK):
             loop.step(loop.when_due(toward))
