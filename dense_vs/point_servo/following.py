@@ -13,6 +13,7 @@ from dense_vs.point_servo.same_surface import same_surface
 from dense_vs.point_servo.tracker import PointTracker
 
 AROUND = 160  # px, side of a point's surroundings that flow is found in; coarse levels bridge a quarter of it
+VAGUE = 3.0  # px, standard deviation of a point's place from which on that is said
 LEAST_BODY = 0.01  # share of the image that makes the robot's own pixels count as known
 
 
@@ -100,6 +101,8 @@ def _why_unseen(tracker: BodyTracker, pipeline: FramePipeline) -> str:
         x, y = tracker.point
         why = "something covers it" if pipeline.hidden_at(tracker.point) else f"({x:.0f}, {y:.0f}) is out of the image"
         return f"{why}; by the rest of its link it is known to {tracker.uncertainty:.1f} px"
+    if tracker.uncertainty > VAGUE:
+        return f"its place is known to {tracker.uncertainty:.1f} px only"
     return ""
 
 

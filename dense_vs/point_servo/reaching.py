@@ -26,7 +26,7 @@ PLANNED_EVERY = 15  # frames, after which the posture is planned anew, as the ch
 RETURNS = 1  # times in a reach that a lost point is looked for where it was defined
 BACK = 0.01  # rad from the posture in which it was defined
 LOOKED = 5  # frames there in which it is looked for
-GONE = 45  # frames in which nothing is seen of its link; those of a planned move, which the chain knows, do not count
+GONE = 45  # frames in which it is not known where the point is; those of a planned move, by the chain, do not count
 CLOSER = 15  # frames at the target, in all, in which it may come closer: what is left adds to what is not known
 WAITED = 45  # frames at the target, in all, after which a place that is not certain will not become so
 
@@ -101,13 +101,14 @@ class Reaching:
         return given_up(self._tracker) or self._blind >= GONE
 
     def _look_out(self) -> None:
-        """Count the frames in which nothing is seen of the point's link.
+        """Count the frames in which nothing is seen of the point's link, or its place is known worse than it is near.
 
         On a planned way the links turn, and one may show nothing that can be followed for a while; the chain knows
         where it is meanwhile. At the target it is waited for, and then called lost there.
         """
-        expected = self._under_way or self._arrival.settled
-        self._blind = self._blind + 1 if self._unseen() and not expected else 0
+        tracker, expected = self._tracker, self._under_way or self._arrival.settled
+        vague = isinstance(tracker, BodyTracker) and tracker.uncertainty > NEAR * self._loop.estimator.options.width
+        self._blind = self._blind + 1 if (vague or self._unseen()) and not expected else 0
 
     def _unseen(self) -> bool:
         """Whether the point is followed by its link, of which nothing is seen now."""
@@ -172,7 +173,7 @@ class Reaching:
         return not given_up(self._tracker) and not self._unseen()
 
     def _known(self) -> bool:
-        """Whether the chain knows where the point is, though nothing is seen of its link: it may be seen elsewhere."""
+        """Whether the chain leads to the target, though nothing is seen of the point's link: it may be seen there."""
         tracker = self._tracker
         return isinstance(tracker, BodyTracker) and bool(np.isfinite(tracker.uncertainty))
 

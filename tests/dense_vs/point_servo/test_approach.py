@@ -159,3 +159,24 @@ def test_a_robot_that_reads_the_very_posture_stays_there():
     tracker, _ = body_tracker()
     one = Reaching(Loop(tracker=tracker), Arrival(), 1)
     np.testing.assert_array_equal(one._toward(np.zeros(2)), 0.0)
+
+
+@pytest.mark.parametrize(("uncertainty", "returned"), [(4.9, False), (5.1, True)])  # px; a fortieth of the width is 5
+def test_a_point_whose_place_is_known_badly_for_long_is_looked_for(uncertainty, returned):
+    """No plan is found, so it is servoed: it must not go on and on to where it takes the point for."""
+    tracker, _ = body_tracker()
+    tracker.uncertainty = uncertainty
+    loop = Loop(away=400.0, tracker=tracker)
+    loop.memory = SimpleNamespace(positions=np.zeros(2))
+    Reaching(loop, Arrival(), 45 + 9).run()
+    assert loop.steps[:45] == ["servo"] * 45
+    assert bool(loop.found) == returned
+
+
+def test_a_place_that_is_known_badly_on_a_planned_way_or_at_the_target_is_not_looked_for():
+    tracker, _ = body_tracker([np.array([9.0, 0.0])] * 20)
+    tracker.uncertainty = 9.0
+    loop = Loop(away=120.0, tracker=tracker)
+    loop.memory, loop.certain = SimpleNamespace(positions=np.zeros(2)), False
+    reach = Reaching(loop, Arrival(), 400).run()
+    assert (reach.end, reach.error_px, loop.found) == (ReachEnd.LOST, 0.0, [])

@@ -307,6 +307,15 @@ def test_a_point_is_in_sight_inside_the_image_where_nothing_covers_it(point, cov
     assert following._why_unseen(tracker, line).startswith("too few features")
 
 
+@pytest.mark.parametrize(("uncertainty", "said"), [(2.99, ""), (3.01, "its place is known to 3.0 px only")])
+def test_a_place_that_is_known_badly_is_said(uncertainty, said):
+    tracker = object.__new__(BodyTracker)
+    tracker.point, tracker.unseen, tracker.uncertainty = np.array([5.0, 5.0]), 0, uncertainty
+    options = SimpleNamespace(width=200, height=100)
+    line = SimpleNamespace(estimator=SimpleNamespace(options=options), hidden_at=lambda at: False)
+    assert following._why_unseen(tracker, line) == said
+
+
 def test_j_of_a_point_out_of_sight_is_of_the_chain():
     tracker = object.__new__(BodyTracker)
     tracker.point, tracker.unseen = np.array([-3.0, 5.0]), 0
