@@ -72,6 +72,13 @@ def test_what_is_plain_tells_nothing():
     assert not _correlation(image[:WINDOW, :WINDOW], ones, np.full((30, 30), 90, np.float32)).any()
 
 
+@pytest.mark.parametrize(("deviation", "counts"), [(1.3, False), (1.6, True)])  # gray levels; half of 2^2 is 1.41^2
+def test_an_image_that_is_plain_there_looks_like_nothing(deviation, counts):
+    patch, ones = texture()[:WINDOW, :WINDOW], np.ones((WINDOW, WINDOW), np.float32)
+    faint = (90 + deviation * (patch - patch.mean()) / patch.std()).astype(np.float32)
+    np.testing.assert_allclose(_correlation(patch, ones, faint), float(counts), atol=2e-3)
+
+
 @pytest.mark.parametrize("shift", [(0, 0), (3, -2), (-5, 4)])
 def test_patches_are_found_where_they_went(shift):
     dx, dy = shift

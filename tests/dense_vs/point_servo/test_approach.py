@@ -92,7 +92,7 @@ def test_steps_that_are_not_due_or_may_not_be_sent_do_not_count():
 
 @pytest.mark.parametrize(("other", "over"), [(0.019, True), (0.021, False)])
 def test_another_posture_begins_anew(other, over):
-    approach, posture, here = Approach(), np.array([0.5, 0.0]), np.zeros(2)
+    approach, posture, here = Approach(), np.array([0.5, 0.0]), np.array([0.9, 0.0])
     assert not approach.over(posture, here, 0.02)
     for _ in range(STALLED):
         approach.sent(posture, here)
@@ -108,7 +108,7 @@ def test_another_posture_begins_anew(other, over):
 def test_a_robot_that_still_comes_nearer_is_not_given_up(nearer, over):
     approach, posture = Approach(), np.array([0.5, 0.0])
     for k in range(STALLED + 9):
-        approach.sent(posture, np.array([0.0 + nearer * k, 0.0]))
+        approach.sent(posture, np.array([0.9 - nearer * k, 0.0]))
     # What is too little in one step adds up in several.
     assert approach.over(posture, np.zeros(2), 0.02) == over
 
