@@ -150,7 +150,8 @@ def part_targets(kept: Any, gate: Any) -> list[Target]:
             Target(f"JointGroup.{name}", lambda name=name, **o: getattr(JointGroup.of_robot(Arm()), name)(**o),
                    lambda good=good: dict(good), weight=0.5)
             for name, good in (("spread", {"delta": dq()}), ("clip_step", {"delta": dq(), "positions": np.zeros(N)}),
-                               ("step_toward", {"posture": dq(), "positions": np.zeros(N), "longest": 0.1}))
+                               ("step_toward",
+                                {"posture": dq(), "positions": np.zeros(N), "longest": 0.1, "gain": 0.5}))
         ],
         Target("MaskServo, parts", carried, lambda: {"camera": Arm(), "segmenter": Segmenter()}, weight=0.5),
         Target("FramePipeline", lambda **o: FramePipeline(kept.estimator, **o).baseline,

@@ -113,6 +113,9 @@ def test_steps_of_a_group_are_checked(wrong):
     for longest in ("x", 0, np.nan, None, [0.1]):
         with pytest.raises(DenseVSError, match="longest is"):
             group.step_toward(good, good, longest)
+    for gain in ("x", 0, 1.1, np.nan, None, [0.1]):
+        with pytest.raises(DenseVSError, match="gain is"):
+            group.step_toward(good, good, 0.1, gain)
 
 
 def test_a_gate_and_a_wrapper_take_a_robot():

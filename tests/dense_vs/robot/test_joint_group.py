@@ -47,6 +47,13 @@ def test_a_step_toward_a_posture_is_straight_and_no_longer_than_the_way(longest,
     np.testing.assert_allclose(group.step_toward(np.array([9.0, 0.0]), np.array([0.8, 0.0]), 9.0), [0.2, 0.0])
 
 
+@pytest.mark.parametrize(("gain", "step"), [(0.5, [0.3, -0.15]), (0.2, [0.12, -0.06]), (1.0, [0.4, -0.2])])
+def test_a_step_toward_a_posture_is_so_much_of_the_way(gain, step):
+    group = JointGroup.choose(["shoulder", "elbow"], NAMES, limits=LIMITS)
+    posture, positions = np.array([0.7, -0.2]), np.array([0.1, 0.1])
+    np.testing.assert_allclose(group.step_toward(posture, positions, 0.4, gain), step)
+
+
 def test_steps_end_at_the_limits_and_lead_back_to_them():
     group = JointGroup.choose(["shoulder", "elbow"], NAMES, limits=LIMITS)
     np.testing.assert_allclose(group.clip_step(np.array([0.5, 9.0]), np.array([0.8, 0.0])), [0.2, 9.0])
