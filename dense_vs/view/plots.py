@@ -8,6 +8,9 @@ import numpy as np
 
 from dense_vs.view.canvas import new_figure, save_figure
 
+WIDTH = 10  # inches
+KEY, LETTER = 0.6, 0.085  # inches, of a line and its surroundings in the legend, and of a letter
+
 
 def plot_reach(trace: Any, joint_names: Sequence[str], path: str | os.PathLike[str]) -> None:
     """Write a PNG of a trace.
@@ -24,7 +27,7 @@ def plot_reach(trace: Any, joint_names: Sequence[str], path: str | os.PathLike[s
     times = np.array(trace.times)
     points, true_points, targets = (np.array(values) for values in (trace.points, trace.true_points, trace.targets))
     estimated, true = np.array(trace.estimated), np.array(trace.true)
-    figure = new_figure(10, 11)
+    figure = new_figure(WIDTH, 11)
     axes = figure.subplots(4, 1, sharex=True)
     for row, name in enumerate("xy"):
         place, slope = axes[row], axes[2 + row]
@@ -39,8 +42,11 @@ def plot_reach(trace: Any, joint_names: Sequence[str], path: str | os.PathLike[s
         slope.set_ylabel(f"d{name}/dq at the point [px/rad]")
     axes[0].set_title("Point and target")
     axes[2].set_title("J at the point: estimated (solid) and true (dashed)")
-    for axis in (axes[0], axes[2]):
-        axis.legend(loc="upper left", fontsize="small", ncols=max(3, len(joint_names)))
+    axes[0].legend(loc="upper left", fontsize="small", ncols=3)
+    lines = axes[2].get_lines()[::2]  # of each joint, estimated
+    across = int((WIDTH - 1) // (KEY + LETTER * max(map(len, joint_names), default=0)))
+    columns = min(max(1, across), max(1, len(joint_names)))
+    figure.legend(lines, joint_names, loc="outside lower center", fontsize="small", ncols=columns)
     learned = np.flatnonzero(~np.isnan(points[:, 0]))
     for axis in axes:
         axis.grid(alpha=0.3)
