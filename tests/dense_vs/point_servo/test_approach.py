@@ -180,3 +180,11 @@ def test_a_place_that_is_known_badly_on_a_planned_way_or_at_the_target_is_not_lo
     loop.memory, loop.certain = SimpleNamespace(positions=np.zeros(2)), False
     reach = Reaching(loop, Arrival(), 400).run()
     assert (reach.end, reach.error_px, loop.found) == (ReachEnd.LOST, 0.0, [])
+
+
+def test_the_point_moves_a_fiftieth_of_the_width_a_frame_at_most_on_the_way_that_is_left():
+    tracker, _ = body_tracker(by_chain=((1000.0, 0.0), (0.0, 0.0)))  # px/rad
+    loop = Loop(tracker=tracker)
+    loop.joints.newest = np.array([0.4, 0.3])
+    step = Reaching(loop, Arrival(), 1)._toward(np.array([0.5, 0.1]))
+    np.testing.assert_allclose(step, [0.004, -0.008])  # 4 px of 200
