@@ -36,6 +36,6 @@ def test_trees_that_fit_together_are_a_forest():
 )
 def test_what_is_no_forest_is_refused(changed):
     with pytest.raises(
-        DenseVSError, match=r"a forest of . trees and .* nodes; expected trees whose nodes fit together"
+        DenseVSError, match=r"forest of . trees and .*; expected trees whose nodes fit together"
     ):
         forest(**changed)
