@@ -35,7 +35,5 @@ def test_trees_that_fit_together_are_a_forest():
     ],
 )
 def test_what_is_no_forest_is_refused(changed):
-    with pytest.raises(
-        DenseVSError, match=r"forest of . trees and .*; expected trees whose nodes fit together"
-    ):
+    with pytest.raises(DenseVSError, match=r"forest of . trees and .*; expected trees whose nodes fit together"):
         forest(**changed)
