@@ -7,6 +7,7 @@ import pytest
 
 from dense_vs.errors import DenseVSError
 from dense_vs.generative import Observations
+from dense_vs.generative.learning.end_to_end import coordinate_rms
 from dense_vs.generative.learning.fitting import _bundle_sigma, _check_sufficient, first_joints
 from dense_vs.generative.least_squares.levenberg_marquardt import _scale, _solve_blocks, _step, minimize
 from dense_vs.generative.least_squares.pixel_problem import NormalEquations
@@ -313,3 +314,10 @@ def test_a_report_comes_back_from_what_is_stored(misfit, useless):
     assert back.losses == [4.0, 1.0]
     assert back.iterations == 12
     assert back.useless == useless
+
+
+@pytest.mark.parametrize(
+    ("weights", "cost", "rms"), [([2.0, 3.0], 40.0, 2.0), ([0.1, 0.1], 4.0, 2.0), ([0.0], 9.0, 3.0)]
+)
+def test_the_mean_error_of_a_coordinate_is_over_two_of_each_pixel(weights, cost, rms):
+    assert coordinate_rms(SimpleNamespace(weights=np.array(weights)), cost) == pytest.approx(rms)

@@ -104,6 +104,8 @@ def test_refuses_what_is_no_motion(frame):
         for value in values:
             with pytest.raises(DenseVSError, match="expected"):
                 explained.observe(**good | {name: value})
+    with pytest.raises(DenseVSError, match=r"^flow has shape .* of shape \(any, any, 2\)$"):
+        explained.observe(**good | {"flow": flow[..., 0]})
     assert np.isnan(explained.explained())
     explained.observe(**good)
     for bound in ("x", 1j, None, True, [1.0]):
