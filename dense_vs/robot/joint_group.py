@@ -189,7 +189,7 @@ class JointGroup:
         vector[self.indices] = number_array(delta, "delta", self.indices.shape)
         return vector
 
-    def step_toward(self, posture: Any, positions: Any, longest: float, gain: float = 1.0) -> np.ndarray:
+    def step_toward(self, posture: Any, positions: Any, longest: float, gain: float) -> np.ndarray:
         """The step ``(n,)`` from ``positions`` straight toward a posture.
 
         Args:

@@ -101,8 +101,8 @@ def test_steps_of_a_group_are_checked(wrong):
     group, good = JointGroup.of_robot(Robot()), np.zeros(2)
     calls = {
         "delta": [group.spread, lambda one: group.clip_step(one, good)],
-        "posture": [lambda one: group.step_toward(one, good, 0.1)],
-        "(posture|positions)": [lambda one: group.step_toward(good, one, 0.1)],
+        "posture": [lambda one: group.step_toward(one, good, 0.1, 1.0)],
+        "(posture|positions)": [lambda one: group.step_toward(good, one, 0.1, 1.0)],
         "step": [lambda one: gate_of(Robot()).bounded(one, good)],
         "positions": [lambda one: group.clip_step(good, one), lambda one: gate_of(Robot()).bounded(good, one)],
     }  # fmt: skip
@@ -112,7 +112,7 @@ def test_steps_of_a_group_are_checked(wrong):
                 call(wrong)
     for longest in ("x", 0, np.nan, None, [0.1]):
         with pytest.raises(DenseVSError, match="longest is"):
-            group.step_toward(good, good, longest)
+            group.step_toward(good, good, longest, 1.0)
     for gain in ("x", 0, 1.1, np.nan, None, [0.1]):
         with pytest.raises(DenseVSError, match="gain is"):
             group.step_toward(good, good, 0.1, gain)

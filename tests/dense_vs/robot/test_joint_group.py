@@ -42,9 +42,9 @@ def test_all_joints_without_limits_unless_told():
 def test_a_step_toward_a_posture_is_straight_and_no_longer_than_the_way(longest, step):
     group = JointGroup.choose(["shoulder", "elbow"], NAMES, limits=LIMITS)
     posture, positions = np.array([0.7, -0.2]), np.array([0.1, 0.1])
-    np.testing.assert_allclose(group.step_toward(posture, positions, longest), step)
-    np.testing.assert_array_equal(group.step_toward(posture, posture, longest), 0.0)
-    np.testing.assert_allclose(group.step_toward(np.array([9.0, 0.0]), np.array([0.8, 0.0]), 9.0), [0.2, 0.0])
+    np.testing.assert_allclose(group.step_toward(posture, positions, longest, 1.0), step)
+    np.testing.assert_array_equal(group.step_toward(posture, posture, longest, 1.0), 0.0)
+    np.testing.assert_allclose(group.step_toward(np.array([9.0, 0.0]), np.array([0.8, 0.0]), 9.0, 1.0), [0.2, 0.0])
 
 
 @pytest.mark.parametrize(("gain", "step"), [(0.5, [0.3, -0.15]), (0.2, [0.12, -0.06]), (1.0, [0.4, -0.2])])
