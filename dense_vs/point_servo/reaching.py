@@ -10,6 +10,7 @@ from dense_vs.health.faults import Fault, FaultKind
 from dense_vs.point_servo.body_tracker import BodyTracker
 from dense_vs.point_servo.following import given_up
 from dense_vs.point_servo.point_on_link import POINT
+from dense_vs.point_servo.posture_approach import PostureApproach
 from dense_vs.point_servo.reach import Arrival, Reach, ReachEnd
 from dense_vs.point_servo.tracker import PointTracker
 
@@ -19,8 +20,6 @@ if TYPE_CHECKING:
 FAR = 0.08  # of the image's width from the target, from which on a move is planned
 NEAR = 0.025  # of it, at which DIJE (17) takes over
 ARRIVED = 0.02  # rad from the planned posture
-STALLED = 30  # steps that bring the robot no nearer to a posture, after which more of them would not either
-NEARER = 1e-3  # rad, m, by which it comes nearer, or it does not
 FASTEST = 0.02  # of the image's width a frame, by which the point moves at most: blur, and rows exposed one by one
 PLANNED_EVERY = 15  # frames, after which the posture is planned anew, as the chain is known better by then
 RETURNS = 1  # times in a reach that a lost point is looked for where it was defined
@@ -46,7 +45,7 @@ class Reaching:
         self._faults: dict[FaultKind, Fault] = {}
         self._planned: np.ndarray | None = None
         self._planned_at = -PLANNED_EVERY
-        self._approach = Approach()
+        self._approach = PostureApproach()
         self._under_way = False  # to a planned posture
         self._blind = loop.tracker.unseen if isinstance(loop.tracker, BodyTracker) else 0  # frames
 
@@ -176,30 +175,3 @@ class Reaching:
         """Whether the chain leads to the target, though nothing is seen of the point's link: it may be seen there."""
         tracker = self._tracker
         return isinstance(tracker, BodyTracker) and bool(np.isfinite(tracker.uncertainty))
-
-
-class Approach:
-    """Whether there is more to come of sending a robot to a posture."""
-
-    def __init__(self) -> None:
-        self._posture: np.ndarray | None = None
-        self._least, self._steps = np.inf, 0
-
-    def sent(self, posture: np.ndarray, positions: np.ndarray) -> None:
-        """Note a step toward a posture ``(N,)`` from positions ``(N,)`` [rad, m]; to another one they count anew."""
-        if not self._is_toward(posture):
-            self._posture, self._least, self._steps = posture, np.inf, 0
-        way = float(np.abs(posture - positions).max())
-        if self._steps < STALLED:  # once it has given up it has
-            nearer = way < self._least - NEARER
-            self._least, self._steps = (way, 0) if nearer else (self._least, self._steps + 1)
-
-    def over(self, posture: np.ndarray, positions: np.ndarray, near: float) -> bool:
-        """Whether it is within ``near`` of a posture, or :data:`STALLED` steps brought it no nearer: something holds
-        it, or it swings.
-        """
-        there = bool(np.abs(posture - positions).max() < near)
-        return there or (self._is_toward(posture) and self._steps >= STALLED)
-
-    def _is_toward(self, posture: np.ndarray) -> bool:
-        return self._posture is not None and bool(np.abs(posture - self._posture).max() <= ARRIVED)

@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 from counting_loop import Arrival, Loop, body_tracker, point_tracker
 
+from dense_vs.point_servo.posture_approach import STALLED, PostureApproach
 from dense_vs.point_servo.reach import ReachEnd
-from dense_vs.point_servo.reaching import STALLED, Approach, Reaching
+from dense_vs.point_servo.reaching import Reaching
 
 LAG = 5.0  # frames in which a motor makes up for most of what it is behind
 
@@ -92,7 +93,7 @@ def test_steps_that_are_not_due_or_may_not_be_sent_do_not_count():
 
 @pytest.mark.parametrize(("other", "over"), [(0.019, True), (0.021, False)])
 def test_another_posture_begins_anew(other, over):
-    approach, posture, here = Approach(), np.array([0.5, 0.0]), np.array([0.9, 0.0])
+    approach, posture, here = PostureApproach(), np.array([0.5, 0.0]), np.array([0.9, 0.0])
     assert not approach.over(posture, here, 0.02)
     for _ in range(STALLED):
         approach.sent(posture, here)
@@ -106,7 +107,7 @@ def test_another_posture_begins_anew(other, over):
 
 @pytest.mark.parametrize(("nearer", "over"), [(3e-5, True), (9e-4, False)])
 def test_a_robot_that_still_comes_nearer_is_not_given_up(nearer, over):
-    approach, posture = Approach(), np.array([0.5, 0.0])
+    approach, posture = PostureApproach(), np.array([0.5, 0.0])
     for k in range(STALLED + 9):
         approach.sent(posture, np.array([0.9 - nearer * k, 0.0]))
     # What is too little in one step adds up in several.
