@@ -69,7 +69,7 @@ class BodyModel:
 
     def __getstate__(self) -> dict[str, Any]:
         """What a copy is made of: without the memory that images are drawn in, which it makes itself."""
-        return {name: value for name, value in vars(self).items() if name != "_drawing"}
+        return {name: value for name, value in vars(self).items() if name not in ("_drawing", "_seen")}
 
     @classmethod
     def fit(
@@ -157,7 +157,7 @@ class BodyModel:
         body = front.index >= 0
         seen = front.index[body]
         links[body], depths[body] = self.surface.links[seen], front.positions[seen, 2]
-        return BodyImage(front.index, links, depths)
+        return BodyImage(front.index.copy(), links, depths)
 
     def jacobian(self, q: Any) -> np.ndarray:
         """J at a posture ``(N,)`` [rad], float32 ``(H, W, 2, N)`` [px/rad]; 0 off the body."""
@@ -168,6 +168,24 @@ class BodyModel:
         posture = self._posture(q, "q")
         front = self._front(posture)
         return self._drawing.jacobian(posture, self.learned, front), front.index >= 0
+
+    def corrected_jacobian(self, q: Any, measured: Any) -> np.ndarray:
+        """J at a posture, the depth of each pixel corrected by a J that was measured; 0 off the body.
+
+        Depth is what a body of one camera's images knows least, and changes J in one direction of 2 N only: where the
+        measured J says more of it than the body does, it decides. Where the measured one is far from what any depth
+        gives, as where something covers the body, it has little say.
+
+        Args:
+            q: ``(N,)`` [rad].
+            measured: ``(H, W, 2, N)`` [px/rad], as a filter's.
+
+        Returns:
+            float32 ``(H, W, 2, N)`` [px/rad].
+        """
+        posture = self._posture(q, "q")
+        other = real_vector(measured, "measured", (*self.size, 2, self.joint_count), np.float32)
+        return self._drawing.jacobian(posture, self.learned, self._front(posture), other)
 
     def depth_jacobian(self, q: Any) -> np.ndarray:
         """How depth answers to every joint at a posture ``(N,)`` [rad], float32 ``(H, W, N)``; 0 off the body.
@@ -336,7 +354,11 @@ class BodyModel:
         return SurfaceImage(self.chain, surface.points, surface.links, self.focal_length, self.lens, self.size)
 
     def _front(self, posture: np.ndarray) -> FrontPoints:
-        return self._drawing.front(posture)
+        """What a posture shows, kept as it is often asked for several times: not to be changed, nor handed out."""
+        kept = self.__dict__.get("_seen")
+        if kept is None or kept[0] != posture.tobytes():
+            kept = self.__dict__["_seen"] = posture.tobytes(), self._drawing.front(posture)
+        return kept[1]
 
     def _positions(self, q: np.ndarray, index: np.ndarray | None = None) -> np.ndarray:
         """The surface's points ``(P, 3)``, or those of an index, in the camera frame."""

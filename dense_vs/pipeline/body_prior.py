@@ -59,6 +59,8 @@ class BodyPrior:
         least_agreement: below it the model has no say.
         told: gives ``(N, N)`` at a posture ``(N,)``, which joint steps the model's J speaks of, as
             ``PostureMemory.told`` does; of all unless given. In other directions J stays as it is.
+        corrected: gives the model's J ``(H, W, 2, N)`` at a posture ``(N,)``, its depths corrected by the estimator's
+            J, as ``BodyModel.corrected_jacobian`` does; that is what J is drawn to, where given.
 
     Attributes:
         agreement: share of the image motion on the body that the model explained lately; 1 is all, 0 none, and below,
@@ -75,11 +77,13 @@ class BodyPrior:
         share: float = 1.0,
         least_agreement: float = 0.5,
         told: Callable[[np.ndarray], np.ndarray] | None = None,
+        corrected: Callable[[np.ndarray, np.ndarray], np.ndarray] | None = None,
     ):
         if not callable(known):
             raise DenseVSError(f"known is {shown(known)}; expected a function of joint positions")
         check_function("told", told)
-        self.known, self.told = known, told
+        check_function("corrected", corrected)
+        self.known, self.told, self.corrected = known, told, corrected
         self.share = check_number("share", share, above=0, most=1)
         self.least_agreement = check_number("least_agreement", least_agreement, most=1)
         self.agreement = 1.0
@@ -107,8 +111,7 @@ class BodyPrior:
             raise DenseVSError(f"body is a {type(body).__name__} without {', '.join(lacking)}; expected a known body")
         size = check_pair("size", size, least=1, most=LARGEST_SIDE)
         joints = check_whole("joints", joints, least=1, most=4096)
-        scale = size[1] / body.size[1]
-        if joints != body.joint_count or abs(scale * body.size[0] - size[0]) > 1:
+        if joints != body.joint_count or abs(size[1] / body.size[1] * body.size[0] - size[0]) > 1:
             raise DenseVSError(
                 f"the body is of {body.size[1]} x {body.size[0]} px and {body.joint_count} joints; expected "
                 f"{size[1]} x {size[0]} px, or another scale of it, and {joints} joints"
@@ -118,14 +121,16 @@ class BodyPrior:
             J, mask = body.known(q)
             if size == body.size:
                 return J, mask
-            flat = np.ascontiguousarray(J.reshape(*body.size, -1))
-            resized = cv2.resize(flat, size[::-1], interpolation=cv2.INTER_LINEAR) * np.float32(scale)
             there = cv2.resize(mask.astype(np.uint8), size[::-1], interpolation=cv2.INTER_NEAREST).astype(bool)
-            return resized.reshape(*size, 2, joints), there
+            return _resized(J, size), there
+
+        def corrected(q: np.ndarray, measured: np.ndarray) -> np.ndarray:
+            return _resized(body.corrected_jacobian(q, _resized(measured, body.size)), size)  # type: ignore[attr-defined]
 
         told = getattr(body, "told", None)
         if told is None:
-            return cls(known, share=CHAIN_SHARE, least_agreement=CHAIN_AGREEMENT)
+            by_depth = corrected if hasattr(body, "corrected_jacobian") else None
+            return cls(known, share=CHAIN_SHARE, least_agreement=CHAIN_AGREEMENT, corrected=by_depth)
         return cls(known, share=MEMORY_SHARE, least_agreement=MEMORY_AGREEMENT, told=told)
 
     @property
@@ -276,7 +281,9 @@ class BodyPrior:
         return self._kept[1:]
 
     def _completed(self, J: np.ndarray, estimator: DenseJacobian, positions: np.ndarray) -> np.ndarray:
-        """The model's J, with the estimator's in the directions that the model does not speak of."""
+        """The model's J, with the estimator's in what the model does not speak of or knows less well."""
+        if self.corrected is not None:
+            return self.corrected(positions, estimator.to_numpy())
         if self.told is None:
             return J
         told = np.asarray(self.told(positions), dtype=np.float32)
@@ -289,6 +296,15 @@ class BodyPrior:
             with one_blas_thread():
                 self._moved = J, asked, (J.reshape(-1, len(step)) @ step).reshape(J.shape[:3])
         return self._moved[2]
+
+
+def _resized(J: np.ndarray, size: tuple[int, int]) -> np.ndarray:
+    """J ``(H, W, 2, N)`` in images of another scale."""
+    if J.shape[:2] == size:
+        return J
+    flat = np.ascontiguousarray(J.reshape(*J.shape[:2], -1))
+    resized = cv2.resize(flat, size[::-1], interpolation=cv2.INTER_LINEAR) * np.float32(size[1] / J.shape[1])
+    return resized.reshape(*size, *J.shape[2:])
 
 
 def _posture(estimator: Any, positions: Any) -> np.ndarray:

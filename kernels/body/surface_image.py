@@ -136,6 +136,14 @@ def fill_between(
         front_out[y, x] = found
 
 
+@wp.func
+def image_motion(velocity: wp.vec3, p: wp.vec3, focal: float, bend: float, corner: float) -> wp.vec2:
+    """Motion in the image of a point that moves, the interaction matrix times its velocity."""
+    scale = focal / p[2]
+    motion = scale * wp.vec2(velocity[0] - p[0] / p[2] * velocity[2], velocity[1] - p[1] / p[2] * velocity[2])
+    return bent_motion(scale * wp.vec2(p[0], p[1]), motion, bend, corner)
+
+
 @wp.kernel
 def surface_jacobian(
     row_begin: int,
@@ -161,12 +169,67 @@ def surface_jacobian(
         if point >= 0:
             p = position_in[point]
             link = link_in[point]
-            scale = focal / p[2]
             for n in range(jacobian_out.shape[3]):
                 v = wp.vec3(0.0, 0.0, 0.0)
                 if moved_by_in[link, n] != 0:
                     v = wp.cross(axis_in[n], p) + moment_in[n]
-                motion = scale * wp.vec2(v[0] - p[0] / p[2] * v[2], v[1] - p[1] / p[2] * v[2])
-                motion = bent_motion(scale * wp.vec2(p[0], p[1]), motion, bend, corner)
+                motion = image_motion(v, p, focal, bend, corner)
                 jacobian_out[y, x, 0, n] = motion[0]
                 jacobian_out[y, x, 1, n] = motion[1]
+
+
+@wp.kernel
+def correct_depth(
+    row_begin: int,
+    column_step: int,
+    # In:
+    front_in: wp.array2d(dtype=int),  # (H, W) index of a point, negative off the body
+    position_in: wp.array(dtype=wp.vec3),  # (P,) in the camera frame
+    link_in: wp.array(dtype=int),  # (P,)
+    moment_in: wp.array(dtype=wp.vec3),  # (N,) of the screws at this posture, 0 of a joint that is not learned
+    moved_by_in: wp.array2d(dtype=int),  # (links, N) whether the joint moves the link
+    measured_in: wp.array4d(dtype=float),  # (H, W, 2, N) another J [px/rad]
+    focal: float,  # [px]
+    bend: float,  # of the lens
+    corner: float,  # distance of the image's corners from the center [px]
+    depth_deviation: float,  # relative standard deviation of the surface's depth
+    noise_scale: float,  # noise of the other J, in what no depth explains
+    least_noise: float,  # of it, in J
+    # In and out:
+    jacobian_inout: wp.array4d(dtype=float),  # (H, W, 2, N) [px/rad] of the surface, :func:`surface_jacobian`
+):
+    """J of the surface at a depth to which another J speaks: a mean by variances of a pixel's inverse depth.
+
+    J is a part that depth does not change, that of the screws' axes, and one that goes with inverse depth, that of
+    their moments: both are linear in it, so one division gives the mean.
+    """
+    _, row, column = wp.tid()
+    y = row_begin + row
+    for x in range(column, front_in.shape[1], column_step):
+        point = front_in[y, x]
+        if point >= 0:
+            p = position_in[point]
+            link = link_in[point]
+            along = float(0.0)
+            by_depth = float(0.0)
+            apart = float(0.0)
+            size = float(0.0)
+            for n in range(measured_in.shape[3]):
+                J = wp.vec2(jacobian_inout[y, x, 0, n], jacobian_inout[y, x, 1, n])
+                off = wp.vec2(measured_in[y, x, 0, n], measured_in[y, x, 1, n]) - J
+                apart += wp.length_sq(off)
+                size += wp.length_sq(J)
+                if moved_by_in[link, n] != 0:
+                    part = image_motion(moment_in[n], p, focal, bend, corner)
+                    along += wp.dot(off, part)
+                    by_depth += wp.length_sq(part)
+            if by_depth > 0.0:
+                unexplained = wp.max(apart - along * along / by_depth, 0.0)
+                noise = noise_scale * noise_scale * unexplained + least_noise * least_noise * size
+                change = along / (by_depth + noise / (depth_deviation * depth_deviation))
+                known = wp.abs(change) < 1.0  # at most to twice the inverse depth or none; not of what overflows
+                for n in range(measured_in.shape[3]):
+                    if known and moved_by_in[link, n] != 0:
+                        part = change * image_motion(moment_in[n], p, focal, bend, corner)
+                        jacobian_inout[y, x, 0, n] += part[0]
+                        jacobian_inout[y, x, 1, n] += part[1]

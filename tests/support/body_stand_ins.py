@@ -38,4 +38,5 @@ def frame(image, measured=True, turn=None, time=0.0, faults=(), dq=None):
 
 
 def model(**changes):
-    return SimpleNamespace(**{"joint_count": 2, "size": (20, 30), "known": "known", "error": 0.5, **changes})
+    answers = {"known": "known", "corrected_jacobian": "corrected"}
+    return SimpleNamespace(**{"joint_count": 2, "size": (20, 30), "error": 0.5, **answers, **changes})

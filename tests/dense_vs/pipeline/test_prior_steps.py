@@ -232,3 +232,36 @@ def test_how_much_a_chain_and_a_memory_have_to_say():
     for wrong in ({"share": 0.0}, {"share": 1.01}, {"least_agreement": 1.01}):
         with pytest.raises(DenseVSError, match=next(iter(wrong))):
             BodyPrior(body.known, **wrong)
+
+
+def test_j_is_drawn_to_what_the_estimator_s_own_j_makes_of_the_model_s():
+    estimator, asked = Estimator(), []
+    better = np.full((H, W, 2, N), 7.0, np.float32)
+    prior, _, body, _ = of(share=0.6, corrected=lambda q, measured: asked.append((q.tolist(), measured)) or better)
+    for draw in (prior.begin, prior.draw):
+        draw(estimator, np.array([0.3, 0.1]))
+        J, share = estimator.blended[-1]
+        assert J is better
+        np.testing.assert_array_equal(share, np.float32(1.0 if draw == prior.begin else 0.6) * body)
+        assert asked[-1][0] == [0.3, 0.1]
+        assert asked[-1][1] is estimator.J
+    with pytest.raises(DenseVSError, match="corrected is"):
+        BodyPrior(prior.known, corrected=3)
+
+
+@pytest.mark.parametrize("size", [(6, 7), (12, 14)])
+def test_a_correction_in_images_of_another_scale(size):
+    """The measured J goes to the body's pixels, what comes of it back; both in pixels of their images."""
+    body, asked = Body(), []
+    assert BodyPrior.of(body, size, N).corrected is None
+    body.corrected_jacobian = lambda q, measured: asked.append((q, measured)) or measured + body.J
+    corrected = BodyPrior.of(body, size, N).corrected
+    scale = size[0] // 6
+    small = np.random.default_rng(2).normal(size=(6, 7, 2, N)).astype(np.float32)
+    found = corrected(np.zeros(N), np.kron(scale * small, np.ones((scale, scale, 1, 1), np.float32)))
+    np.testing.assert_allclose(asked[0][1], small, rtol=1e-6)
+    assert found.shape == (*size, 2, N)
+    for n in range(N):
+        for c in range(2):
+            expected = scale * cv2.resize((small + body.J)[:, :, c, n], size[::-1], interpolation=cv2.INTER_LINEAR)
+            np.testing.assert_allclose(found[:, :, c, n], expected, rtol=1e-5, atol=1e-6)

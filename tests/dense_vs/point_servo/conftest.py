@@ -14,8 +14,8 @@ def drawn(monkeypatch):
     made = []
 
     class Prior:
-        def __init__(self, known, *, share, least_agreement):
-            self.given, self.begun = (known, share, least_agreement), []
+        def __init__(self, known, *, share, least_agreement, corrected):
+            self.given, self.corrected, self.begun = (known, share, least_agreement), corrected, []
             self.agrees, self.agreement = True, 1.0
             made.append(self)
 

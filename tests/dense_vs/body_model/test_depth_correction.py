@@ -1,0 +1,139 @@
+"""J of a surface whose depth another J corrects: beside least squares in float64, and what it is to do."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from dense_vs.body_model import BodyModel
+from dense_vs.body_model.chain import Chain
+from dense_vs.body_model.lens import Lens
+from dense_vs.body_model.model_file import ModelContent
+from dense_vs.body_model.surface import Surface
+from dense_vs.errors import DenseVSError
+from dense_vs.jacobian import jacobian_error
+
+SIZE, FOCAL, CENTER, N = (48, 64), 70.0, (30.5, 22.0), 3
+DEVIATION, NOISE, LEAST = 0.03, 2.0, 0.1
+
+
+def model(bend=0.0, learned=(True, True, True), closer=0.0):
+    """A hinge, a slide on it and a hinge on another branch; their surface, or one nearer to the camera by a share."""
+    rng = np.random.default_rng(4)
+    axes = rng.normal(size=(N, 3))
+    axes /= np.linalg.norm(axes, axis=1, keepdims=True)
+    axes[1] = 0.0
+    travel = np.zeros((N, 3))
+    travel[1] = [0.3, 0.9, -0.1]
+    chain = Chain(axes, rng.normal(size=(N, 3)) * 0.3 + [0, 0, 2], np.zeros(N), np.array([-1, 0, -1]), travel)
+    points = rng.uniform([-0.9, -0.7, 1.4], [0.9, 0.7, 2.6], size=(1500, 3)) * (1 - closer)
+    surface = Surface(points, rng.integers(-1, N, size=1500), np.ones(1500), np.zeros(1500, np.uint8))
+    ends = np.array([[-1.0, 1.0]] * N)
+    return BodyModel(ModelContent(chain, FOCAL, CENTER, SIZE, surface, np.array(learned), ends, 0.1, None, bend))
+
+
+def exact(body, q, scale=1.0):
+    """J ``(K, 2, N)`` in float64 of the points in front, their depths times a factor."""
+    seen = body.image(q)
+    index = seen.points[seen.body]
+    rotation, translation = body.chain.link_poses(q[None])
+    links, points = body.surface.links[index], body.surface.points[index]
+    there = scale * (np.einsum("pij,pj->pi", rotation[0, links], points) + translation[0, links])
+    velocity = body.chain.velocities(q, there, links) * body.learned[:, None]
+    lens = Lens.of_center(np.array(CENTER), body.lens.bend)
+    moved = []
+    for n in range(N):
+        ahead, behind = (there + h * velocity[:, n] for h in (1e-5, -1e-5))
+        moved.append(
+            (lens.bent(FOCAL * ahead[:, :2] / ahead[:, 2:] + CENTER)
+             - lens.bent(FOCAL * behind[:, :2] / behind[:, 2:] + CENTER)) / 2e-5
+        )  # fmt: skip
+    return np.stack(moved, axis=2)
+
+
+@pytest.mark.parametrize(("bend", "learned"), [(0.0, (True,) * 3), (-0.1, (True,) * 3), (0.0, (True, True, False))])
+def test_it_is_the_mean_of_two_depths_by_least_squares(bend, learned):
+    """Residuals of the other J by its noise and of the depth by its deviation, least of all inverse depths."""
+    body, q, rng = model(bend, learned), np.array([0.2, -0.15, 0.3]), np.random.default_rng(1)
+    there, J = body.image(q).body, exact(body, q)
+    part = exact(body, q, 0.5) - J  # what is added by as much inverse depth again
+    size = np.linalg.norm(J, axis=(1, 2))
+    other = J + 0.1 * rng.normal(size=(len(J), 1, 1)) * part + 0.03 * size[:, None, None] * rng.normal(size=J.shape)
+    measured = rng.normal(size=(*SIZE, 2, N)).astype(np.float32)  # off the body it is no matter
+    measured[there] = other
+    corrected = body.corrected_jacobian(q, measured)
+    assert corrected.dtype == np.float32
+    assert corrected.shape == (*SIZE, 2, N)
+    assert not corrected[~there].any()
+    changed = 0
+    for found, j, d, o in zip(corrected[there], J, part, other, strict=True):
+        expected = j
+        if np.linalg.norm(d) > 0:
+            best = np.linalg.lstsq(d.reshape(-1, 1), (o - j).ravel(), rcond=None)[0][0]
+            noise = np.hypot(NOISE * np.linalg.norm(o - j - best * d), LEAST * np.linalg.norm(j))
+            rows = np.append(d.ravel() / noise, 1 / DEVIATION)[:, None]
+            change = np.linalg.lstsq(rows, np.append((o - j).ravel() / noise, 0), rcond=None)[0][0]
+            expected = j + change * d
+            changed += abs(change) > 0.01
+        np.testing.assert_allclose(found, expected, atol=5e-3 * max(1.0, np.linalg.norm(j)))
+    assert changed > 100
+
+
+def test_an_exact_j_of_a_body_closer_by_takes_it_there():
+    q = np.array([0.2, -0.15, 0.3])
+    body = model()
+    seen = body.image(q).body
+    closer = np.zeros((*SIZE, 2, N), np.float32)
+    closer[seen] = exact(body, q, 0.95)
+    before = jacobian_error(body.jacobian(q), closer, seen)
+    after = jacobian_error(body.corrected_jacobian(q, closer), closer, seen)
+    assert before.p90 > 0.1
+    assert after.p90 < 0.55 * before.p90
+    far = body.corrected_jacobian(q, -4 * body.jacobian(q))  # no depth gives that: as of something in front
+    assert jacobian_error(far, body.jacobian(q), seen).p90 < 0.1
+
+
+def test_the_same_j_changes_nothing():
+    body, q = model(bend=0.05), np.array([0.1, 0.1, -0.2])
+    J = body.jacobian(q)
+    np.testing.assert_array_equal(body.corrected_jacobian(q, J), J)
+    still = body.corrected_jacobian(q, np.zeros_like(J))  # a filter that has learned nothing yet
+    assert jacobian_error(still, J, body.image(q).body).p90 < 0.1
+
+
+def test_what_was_asked_before_and_is_handed_out_changes_nothing():
+    body, other = model(), np.random.default_rng(0).normal(size=(*SIZE, 2, N)).astype(np.float32)
+    postures = [np.array([0.2, -0.15, 0.3]), np.array([0.0, 0.1, -0.1])]
+    fresh = [model().corrected_jacobian(q, other) for q in postures]
+    for _ in range(2):
+        for q, expected in zip(postures, fresh, strict=True):
+            body.image(q).points[...] = 3
+            body.known(q)[1][...] = True
+            np.testing.assert_array_equal(body.corrected_jacobian(q, other), expected)
+            np.testing.assert_array_equal(body.jacobian(q), model().jacobian(q))
+
+
+def test_a_body_without_points_has_no_j():
+    body = model()
+    none = replace(body.surface, points=body.surface.points[:0], links=body.surface.links[:0],
+                   support=body.surface.support[:0], gray=body.surface.gray[:0])  # fmt: skip
+    empty = BodyModel(replace(body._content(), surface=none))
+    assert not empty.corrected_jacobian(np.zeros(N), np.ones((*SIZE, 2, N))).any()
+
+
+@pytest.mark.parametrize("huge", [1e15, -1e25, 3e38])
+def test_a_j_beyond_all_bounds_changes_nothing(huge):
+    body, q = model(), np.array([0.2, -0.15, 0.3])
+    corrected = body.corrected_jacobian(q, np.full((*SIZE, 2, N), huge))
+    assert np.isfinite(corrected).all()
+    assert jacobian_error(corrected, body.jacobian(q), body.image(q).body).p90 < 0.1
+
+
+def test_bad_input_is_refused():
+    body, right = model(), np.zeros((*SIZE, 2, N))
+    with pytest.raises(DenseVSError, match=r"measured has shape .* expected .*\(48, 64, 2, 3\)"):
+        body.corrected_jacobian(np.zeros(N), right[1:])
+    with pytest.raises(DenseVSError, match=r"measured is .* finite"):
+        body.corrected_jacobian(np.zeros(N), np.full_like(right, np.nan))
+    with pytest.raises(DenseVSError, match="q has"):
+        body.corrected_jacobian(np.zeros(N - 1), right)
