@@ -35,7 +35,6 @@ LATEST = 45  # images in which a change of the body is looked for
 LOOKED_THROUGH = 16  # images by which it is found since when it has changed
 LEAST_GAIN = 0.1  # of its likeness, that a change has to bring: what brings less is the model's own error
 TELLS = frozenset({FaultKind.SLIP, FaultKind.MISFIT})  # faults after which the body may have changed
-PRIOR_AT_FIRST = 1.0  # share by which J is drawn to the body model's once it is learned
 JUDGED, MOVING = 12, 0.5  # pairs of images by which a model is judged, and px of motion that count
 STILL_EXPLAINED = 0.7  # of the share that it explained first, below which a model has no say any more
 LEAST_EXPLAINED = 0.35  # of the motion, by a model that is believed; right ones explain 0.4 of what noisy images show
@@ -228,7 +227,7 @@ class LearnedBody:
             corrected=model.corrected_jacobian,
         )  # fmt: skip
         if positions is not None:
-            prior.begin(estimator, positions, PRIOR_AT_FIRST)
+            prior.begin(estimator, positions)
 
     def tracker(self, point: np.ndarray, frame: ProcessedFrame, *, window: int, lost_after: int) -> BodyTracker | None:
         """A tracker of the point ``(2,)`` [px] in a frame by its link; None where it is on none that is known.

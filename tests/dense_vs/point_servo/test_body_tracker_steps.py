@@ -241,7 +241,7 @@ def test_uncertainty_is_of_what_the_tracker_knows():
 
 @pytest.mark.parametrize(
     ("unseen", "uncertainty", "certain", "lost"),
-    [(0, 1.0, True, False), (0, 1.01, False, False), (1, 0.1, False, False), (4, 0.1, False, False),
+    [(0, 0.8, True, False), (0, 0.81, False, False), (1, 0.1, False, False), (4, 0.1, False, False),
      (5, 0.1, False, True), (6, 9.0, False, True)],
 )  # fmt: skip
 def test_certain_and_lost(unseen, uncertainty, certain, lost):

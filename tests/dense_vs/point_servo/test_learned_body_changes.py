@@ -53,7 +53,7 @@ def test_a_body_that_has_changed_is_used_as_it_is_now(changing):
     assert one.model is changing.after
     assert one.change is changing.told["applied"] is changing.told["change"]
     assert [given[0] for given in changing.calls] == [changing.after]  # judged by motion, nothing is fitted
-    assert changing.priors[-1].begun == [(one._pipeline.estimator, POSTURE, 1.0)]
+    assert changing.priors[-1].begun == [(one._pipeline.estimator, POSTURE)]
     assert not one.wanted
 
 

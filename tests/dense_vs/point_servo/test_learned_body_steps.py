@@ -91,7 +91,7 @@ def test_a_model_is_fitted_to_some_of_the_images_and_j_is_drawn_to_it(learning):
     known, share, agreement = prior.given
     assert (known, share, prior.corrected) == ("known", 0.7, "corrected")
     assert agreement == pytest.approx(min(learned_body.CHAIN_AGREEMENT, 0.7 * 0.6))
-    assert prior.begun == [(one._pipeline.estimator, POSTURE, 1.0)]
+    assert prior.begun == [(one._pipeline.estimator, POSTURE)]
 
 
 def test_the_fit_is_told_which_joints_slide(learning):
