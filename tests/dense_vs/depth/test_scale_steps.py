@@ -114,6 +114,20 @@ def test_views_that_do_not_agree_lose_weight(degrees):
     np.testing.assert_allclose(scale_posterior._view_weights(exact, scale, weight, grow, least, degrees), 1.0)
 
 
+def test_where_all_views_agree_their_weight_is_by_the_least_error():
+    rng = np.random.default_rng(2)
+    scale, grow, weight = np.linspace(1, 0.3, 6), np.array([2.0, 1.0, 0.0, 0.5]), np.ones(6)
+    least = np.diag([1.0, 4.0, 9.0, 1.0])
+    Y = np.outer(scale, [50.0, 40, 30, 20]) + rng.normal(0, 0.2, (6, 4))
+    Y[5] += [2.0, -3.0, 0.0, 3.0]
+    found = scale_posterior._view_weights(Y, scale, weight, grow, least, 2.0)
+    off = Y[5] - scale[5] * (scale @ Y / np.sum(scale**2))
+    off = off - grow * (off @ grow) / (grow @ grow)
+    size = np.mean(off**2 / least.diagonal())
+    assert 1.5 < size < 10
+    np.testing.assert_allclose(found, [1.0] * 5 + [3.0 / (2.0 + size)])
+
+
 def log_normal(mean=0.3, spread=0.4):
     log = np.linspace(mean - 8 * spread, mean + 8 * spread, 4001)
     mass = np.exp(-0.5 * ((log - mean) / spread) ** 2)
@@ -214,6 +228,15 @@ def test_of_two_that_move_alike_the_larger_or_the_nearer_to_the_center_is_taken(
     for others in (small, far):
         both = [[*a, *b] for a, b in zip(others, large, strict=True)]
         assert all(one is a[0] for one, a in zip(follow_region(both, back, SIZE), large, strict=True))
+
+
+@pytest.mark.parametrize(("off", "larger"), [(60.0, True), (250.0, False)])
+def test_a_larger_region_is_taken_unless_it_is_far_from_the_center(off, larger):
+    large, back = views(size=50.0, offset=(off, 0.0))
+    small, _ = views(size=40.0, offset=(0.0, 0.0))
+    both = [[*a, *b] for a, b in zip(large, small, strict=True)]
+    taken = large if larger else small
+    assert follow_region(both, back, SIZE)[0] is taken[0][0]
 
 
 @pytest.mark.parametrize(("share", "tried"), [(0.049, False), (0.051, True)])

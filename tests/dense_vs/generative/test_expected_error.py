@@ -85,6 +85,9 @@ def test_an_image_that_no_posture_explains_moves_nothing(ur5, model):
     noise = np.where(np.isfinite(ur5.pixels[0]), rng.uniform(0, 600, ur5.pixels[0].shape), np.nan)
     assert model.misfit_px(ur5.pixels[:5], model.infer_joints(ur5.pixels[:5])).max() < 1.5
     assert model.misfit_px(noise, model.infer_joints(noise)) > 30
-    for now, target, name in ((noise, ur5.pixels[1], "current"), (ur5.pixels[1], noise, "target")):
+    blurred = ur5.pixels[0] + rng.normal(0, 10, ur5.pixels[0].shape)
+    assert 5 < model.misfit_px(blurred, model.infer_joints(blurred)) < 20
+    for now, target, name in ((noise, ur5.pixels[1], "current"), (ur5.pixels[1], noise, "target"),
+                              (blurred, ur5.pixels[1], "current")):  # fmt: skip
         with pytest.raises(DenseVSError, match=f"no posture explains the {name} image: the nearest is"):
             model.command(now, target)

@@ -212,3 +212,13 @@ def test_few_places_or_small_motion_speak_for_none():
     assert speaks_for_one(part, whole, error) is True
     error[1] = np.nan
     assert speaks_for_one(part, whole, error) is None
+
+
+def test_what_speaks_for_one_joint_says_of_the_others_that_they_move_as_they_read():
+    check = GainCheck(JOINTS)
+    for k in range(3):
+        assert check.judge(motion((0.7, 1, 1), begin=0.1 * k, seed=k), SPAN, WHOLE) is None
+    for k in range(3, 6):  # the next one stands still
+        assert check.judge(motion((1, 0, 1), begin=0.1 * k, seed=k), SPAN, WHOLE) is None
+    found = check.judge(motion((1, 0, 1), begin=0.6, seed=6), SPAN, WHOLE)
+    assert found == GainChange(1, pytest.approx(0.05, abs=1e-9), pytest.approx(0.3))

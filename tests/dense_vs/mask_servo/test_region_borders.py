@@ -124,6 +124,13 @@ def test_a_feature_that_was_not_meant_to_change_is_not_blamed(share, counts):
     assert (one.active(np.ones((2, 2)))[0].any() == 0) == counts
 
 
+def test_none_is_moved_alone_where_it_is_not_known_which_joints_move_it():
+    one = started(region(coupling=None))
+    one.advance(View.WHOLE, q(0.02, 0.02), q(90.0, 40.0), quality())
+    assert one._alone is None
+    assert one.active(np.ones((2, 2))).all()
+
+
 @pytest.mark.parametrize(("after", "alone"), [(58.1, True), (57.9, False), (5.0, False), (5.1, False)])
 def test_a_feature_is_moved_alone_until_its_error_falls(after, alone):
     one = started(region())

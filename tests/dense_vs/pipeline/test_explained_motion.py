@@ -7,7 +7,7 @@ import pytest
 
 from dense_vs import DenseVSError
 from dense_vs.pipeline import ExplainedMotion
-from dense_vs.pipeline.explained_motion import MotionSums, share_of_pixels_known
+from dense_vs.pipeline.explained_motion import MotionSums, _check_image, share_of_pixels_known
 
 
 def reference(flow, J, dq):
@@ -165,3 +165,12 @@ def test_a_pixel_that_moves_by_just_the_limit_is_not_known(monkeypatch):
     J = np.array([0.25, 0.5, 0.0, 0.25])[None, :, None, None] * np.array([[1.0], [0.0]])
     assert share_of_pixels_known(SimpleNamespace(to_numpy=lambda: J), np.array([1.0])) == 0.25
     assert share_of_pixels_known(SimpleNamespace(to_numpy=lambda: J), np.array([2.0])) == 0.75
+
+
+@pytest.mark.parametrize(
+    "wrong", [np.zeros((3, 4)), np.zeros((3, 4, 3)), np.zeros((3, 4, 2), int), np.zeros((0, 4, 2)), [1]]
+)
+def test_an_image_of_another_shape_is_told_what_is_expected(wrong):
+    with pytest.raises(DenseVSError, match=r"^flow .*; expected floating-point numbers of shape \(any, any, 2\)$"):
+        _check_image("flow", wrong, (-1, -1, 2))
+    assert _check_image("flow", np.zeros((3, 4, 2)), (-1, -1, 2)).shape == (3, 4, 2)

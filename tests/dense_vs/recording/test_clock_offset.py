@@ -7,7 +7,7 @@ import pytest
 
 from dense_vs import JointLog
 from dense_vs.flow.estimator import to_gray
-from dense_vs.recording import MotionSamples, find_clock_offset
+from dense_vs.recording import MotionSamples, clock_offset, find_clock_offset
 from dense_vs.robot.babbling import Babbling
 
 FRAMES = 100
@@ -73,7 +73,7 @@ def test_joints_of_another_motion_are_not_believed(simulated):
     assert "does not tell" in found.reason
 
 
-def test_no_motion_no_offset(simulated):
+def test_no_motion_no_offset(simulated, monkeypatch):
     samples, log = simulated
     still = JointLog(log.names, log.times, np.zeros_like(log.positions))
     assert find_clock_offset(samples, still).reason == "no joint moves"
@@ -81,6 +81,12 @@ def test_no_motion_no_offset(simulated):
     for k in range(60):
         frozen.add(np.full((60, 80), 90, np.uint8), k / 30)
     assert find_clock_offset(frozen, log).reason == "nothing moves in the images"
+    # As likely at every offset.
+    monkeypatch.setattr(clock_offset, "_window_curves", lambda *given: (np.ones((5, len(given[-1]))), np.arange(5.0)))
+    assert "no second and a half" in find_clock_offset(samples, log).reason
+    monkeypatch.setattr(clock_offset, "_window_curves", lambda *given: (np.zeros((0, len(given[-1]))), np.zeros(0)))
+    assert "no second and a half" in find_clock_offset(samples, log).reason
+    monkeypatch.undo()
     apart = find_clock_offset(samples, log.shifted(100.0))
     assert apart.seconds == 0
     assert "within the joint log" in apart.reason

@@ -94,13 +94,15 @@ def test_half_of_the_salt_and_pepper_is_black_and_half_is_white(world, percent):
 def test_a_hand_circles_about_its_place(world):
     injector = FaultInjector(world, seed=2)
     injector.begin("hand", at=[30, 20])
-    side, middles = 48 // 5, []
-    for image, *_, true, _, _ in frames(world, injector, 30):
+    side, middles, begun, turns = 48 // 5, [], world.time, []
+    for image, *_, true, time, _ in frames(world, injector, 30):
         y, x = np.nonzero((image != true).any(axis=-1))
         middles.append([(x.min() + x.max() + 1) / 2, (y.min() + y.max() + 1) / 2])
+        turns.append(2 * np.pi * (time - begun))
     away = np.array(middles) - [30, 20]
     assert np.abs(away.mean(axis=0)).max() < 0.6
     np.testing.assert_allclose(np.hypot(*away.T), 0.15 * side, atol=1.3)  # to whole pixels
+    np.testing.assert_allclose(away, 0.15 * side * np.column_stack([np.cos(turns), np.sin(turns)]), atol=1.1)
 
 
 def test_late_images_are_old_and_delayed_ones_say_so(world):

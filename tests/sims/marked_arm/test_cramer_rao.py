@@ -19,9 +19,13 @@ from dense_vs.sims.papers.gothoskar.scores import held_out_error
 def test_true_parameters_make_the_true_pixels(arm):
     truth = Trial(arm, 2, 2, "normal").evidence(20).truth
     assert truth.joints is not None
-    generated = predict(true_parameters(truth.arm, truth.joints[0]), truth.joints)
+    parameters = true_parameters(truth.arm, truth.joints[0])
+    generated = predict(parameters, truth.joints)
     seen = np.isfinite(truth.pixels[..., 0])
     np.testing.assert_allclose(generated[seen], truth.pixels[seen], atol=1e-8)
+    # Of each line the point that is nearest to the hand, so that no number is large beside others.
+    away = parameters.points - parameters.features.mean(axis=0)
+    np.testing.assert_allclose(np.sum(away * parameters.axes, axis=1), 0.0, atol=1e-9)
 
 
 @pytest.mark.slow

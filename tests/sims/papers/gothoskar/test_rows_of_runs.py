@@ -16,7 +16,7 @@ from dense_vs.sims.papers.gothoskar import (
     speed,
     stages,
 )
-from dense_vs.sims.papers.gothoskar.servo_runs import _errors
+from dense_vs.sims.papers.gothoskar.servo_runs import LEAST_SEEN, _errors, _inferred
 
 SEEDS = [3, 4]
 
@@ -259,3 +259,21 @@ def test_medians_and_worst_of_stages(monkeypatch, tmp_path):
         assert papers[f"{order}: {worst}"] is None
     assert papers[f"after end-to-end: {of}"] == 0.47
     assert found["after end-to-end: mean distance, worst"] == 0.5
+
+
+def test_joints_are_inferred_near_where_all_of_them_are_known_and_enough_is_seen():
+    asked = []
+
+    class Model:
+        parameters = SimpleNamespace(features=np.append(np.zeros((LEAST_SEEN, 3)), [[np.nan, 0, 0]], axis=0))
+
+        def infer_joints(self, images, near=None):
+            asked.append((images[:, 0, 0, 0].tolist(), None if near is None else near.tolist()))
+            return np.full((len(images), 2), 9.0)
+
+    images = np.ones((4, 1, LEAST_SEEN + 1, 2)) * np.arange(4.0)[:, None, None, None]
+    images[3, 0, 1] = np.nan  # one too few, as the last feature is not known
+    near = np.array([[0.1, 0.2], [0.3, np.nan], [np.nan, np.nan], [0.5, 0.6]])
+    joints = _inferred(Model(), images, near)
+    assert asked == [([0.0], [[0.1, 0.2]]), ([1.0, 2.0], None)]
+    np.testing.assert_array_equal(joints, [[9, 9], [9, 9], [9, 9], [0.5, 0.6]])

@@ -36,8 +36,9 @@ def made(monkeypatch):
     """Cells of the seeds, whose arms are learned at once, and the pictures that are drawn."""
     cells, drawn = [], []
 
-    def make(*_, **__):
+    def make(*_, peg=False):
         cells.append(Cell())
+        cells[-1].peg = peg
         return cells[-1]
 
     guide = SimpleNamespace(model=SimpleNamespace(report=SimpleNamespace(mean_error_px=0.6)))
@@ -63,12 +64,13 @@ def test_grasps_are_counted(arguments, monkeypatch):
     assert values(rows)["error of the learned arm, worst"] == 0.6
 
 
-def test_insertions_are_counted_by_their_depth(arguments, monkeypatch):
+def test_insertions_are_counted_by_their_depth(made, arguments, monkeypatch):
     depths = iter([0.0, 0.036, 0.04, 0.034, 0.01, 0.035])
     monkeypatch.setattr(insertion, "insert", lambda *_: next(depths))
     rows = insertion.run(arguments)
     assert [(row.ours, row.seeds) for row in rows[:2]] == [(2.0, (3,)), (1.0, (4,))]
     assert values(rows)["ur5: share inserted"] == 0.5
+    assert [cell.peg for cell in made[0]] == [True] * len(SEEDS)
     assert values(rows)["depth of 40 mm, median"] == pytest.approx(34.5)
 
 
