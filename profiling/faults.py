@@ -3,11 +3,12 @@
     python profiling/faults.py [--arms arm planar] [--seeds 0 1 2] [--faults NAME ...] [--jobs N] [--json FILE]
     python profiling/faults.py --page    # writes the table from profiling/results; --check fails where it differs
 
-For every fault, and for none, a robot babbles for 10 s. Then: J's error (the truth is the simulator's), the fault
-while it babbles, J's error at its end and 3 s later, the same fault again in the middle of a reach, and three reaches
-after it. A frame counts as off where the tracked point is more than 3 px from where the true one was at the image's
-time, as far as the loop knows that time, and as flagged where the loop names a fault or says that the point is lost
-or its place uncertain.
+For every fault, and for none, a robot babbles for 10 s, learns its body and babbles for another second, as J is best
+known in the posture in which the body is learned. Then: J's error (the truth is the simulator's), the fault while it
+babbles, J's error at its end and 3 s later, the same fault again in the middle of a reach, and three reaches after it. A
+frame counts as off where the tracked point is more than 3 px from where the true one was at the image's time, as far as
+the loop knows that time, and as flagged where the loop names a fault or says that the point is lost or its place
+uncertain.
 """
 
 import argparse
@@ -42,6 +43,7 @@ OFF = 3.0  # px
 REACHED = 2.0  # px
 POINTS = {"arm": "tip", "planar": "tip"}
 JOINT = 1  # that is at fault
+SETTLED = 1.0  # s of babbling once a body is learned
 INTO_REACH = 6  # frames
 RESTART = "killed and restarted"  # the process: nothing is left but its checkpoint and the robot where it is
 NOTHING, LASTS = "nothing, to compare with", 2.0  # s: J's error differs from posture to posture without any fault
@@ -90,6 +92,7 @@ class FaultTrial:
             self.world, traced=False, point=POINTS[arm], seed=seed, injector=self.injector, on_frame=self._after_frame
         )
         self.run.learn()
+        self.run.loop.babble(SETTLED)
 
     def restart(self) -> None:
         """Begin anew with what a checkpoint keeps, the robot where it is."""
