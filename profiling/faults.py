@@ -5,9 +5,9 @@
 
 For every fault, and for none, a robot babbles for 10 s, learns its body and babbles for another second, as J is best
 known in the posture in which the body is learned. Then: J's error (the truth is the simulator's), the fault while it
-babbles, J's error at its end and 3 s later, the same fault again in the middle of a reach, and three reaches after it. A
-frame counts as off where the tracked point is more than 3 px from where the true one was at the image's time, as far as
-the loop knows that time, and as flagged where the loop names a fault or says that the point is lost or its place
+babbles, J's error at its end and 3 s later, the same fault again in the middle of a reach, and three reaches after it.
+A frame counts as off where the tracked point is more than 3 px from where the true one was at the image's time, as far
+as the loop knows that time, and as flagged where the loop names a fault or says that the point is lost or its place
 uncertain.
 """
 
