@@ -37,7 +37,7 @@ ROUNDS = 3  # of looking back for the point itself, each with the depth that the
 AGAIN = 4  # keyframes in which it is sought again whenever there is a new one, as the chain is known better by then
 BELIEVED = 0.72  # correlation from which a place of the point's own look tells its depth
 LEAST_OPEN = 0.05  # of the logarithm of the depth, left open in a search: places that repeat a guess tell nothing
-MOST_UNCERTAIN = 0.8  # px, standard deviation of the place up to which it is certain: then one in 500 is 2 px off
+MOST_UNCERTAIN = 0.8  # px, standard deviation of the place up to which it is certain
 DOUBT = 1.5  # times the depth's standard deviation: places of features around share their errors
 OWN_SHARE = 0.7  # of :meth:`PointLook.drift`, of a look that is seen; where no such feature is in sight, for SURE
 TRUST = 0.5  # of the way to where the own look is seen: where it is off the rest of the link, both are half wrong
@@ -133,7 +133,7 @@ class BodyTracker:
 
     @property
     def certain(self) -> bool:
-        """Whether it is known to 2 px where the point is, by two standard deviations."""
+        """Whether it is known to 2 px where the point is: two and a half standard deviations, and it is seen now."""
         return self.unseen == 0 and self.uncertainty <= MOST_UNCERTAIN
 
     def update(self, gray: np.ndarray, positions: np.ndarray) -> np.ndarray:
