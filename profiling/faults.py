@@ -3,9 +3,10 @@
     python profiling/faults.py [--arms arm planar] [--seeds 0 1 2] [--faults NAME ...] [--jobs N] [--json FILE]
     python profiling/faults.py --page    # writes the table from profiling/results; --check fails where it differs
 
-For every fault, and for none, a robot babbles for 10 s, learns its body and babbles for another second, as J is best
-known in the posture in which the body is learned. Then: J's error (the truth is the simulator's), the fault while it
-babbles, J's error at its end and 3 s later, the same fault again in the middle of a reach, and three reaches after it.
+For every fault, and for none, a robot babbles for 10 s and learns its body. Then: J's error while it babbles for 3 s
+(the truth is the simulator's), the fault while it babbles, J's error at its end and 3 s later, the same fault again in
+the middle of a reach, and three reaches after it. J's error goes with the posture, so before and after a fault it is a
+mean over several.
 A frame counts as off where the tracked point is more than 3 px from where the true one was at the image's time, as far
 as the loop knows that time, and as flagged where the loop names a fault or says that the point is lost or its place
 uncertain.
@@ -43,7 +44,8 @@ OFF = 3.0  # px
 REACHED = 2.0  # px
 POINTS = {"arm": "tip", "planar": "tip"}
 JOINT = 1  # that is at fault
-SETTLED = 1.0  # s of babbling once a body is learned
+BEFORE, LATER, AFTER = 3.0, 2.5, 1.0  # s in which J's error is taken, from a fault's end on, and in which it is again
+SAMPLES = 5  # of each
 INTO_REACH = 6  # frames
 RESTART = "killed and restarted"  # the process: nothing is left but its checkpoint and the robot where it is
 NOTHING, LASTS = "nothing, to compare with", 2.0  # s: J's error differs from posture to posture without any fault
@@ -55,7 +57,8 @@ class Row:
     """One fault on one robot with one seed.
 
     Attributes:
-        before, at_end, after: median error of J before the fault, at its end and 3 s later.
+        before, at_end, after: median error of J before the fault, at its end and 3 s later, the first and the last as
+            a mean over some postures.
         named: kinds of fault that the loop named while it babbled.
         reach: how the reach with the fault in it ended; its true error [px].
         worst: largest distance of the tracked from the true point [px].
@@ -92,7 +95,6 @@ class FaultTrial:
             self.world, traced=False, point=POINTS[arm], seed=seed, injector=self.injector, on_frame=self._after_frame
         )
         self.run.learn()
-        self.run.loop.babble(SETTLED)
 
     def restart(self) -> None:
         """Begin anew with what a checkpoint keeps, the robot where it is."""
@@ -116,12 +118,12 @@ class FaultTrial:
 
     def meet_restart(self, number: int) -> Row:
         """The process killed while it babbles, and again in a reach, after which its point has to be chosen anew."""
-        before = self.run.jacobian_error().median
+        before = self._error(BEFORE)
         self.named = set()
         self.restart()
         at_end = self.run.jacobian_error().median
-        self.run.loop.babble(3.0)
-        after = self.run.jacobian_error().median
+        self.run.loop.babble(LATER)
+        after = self._error(AFTER)
         self.run.choose()
         target, *others = self._targets(number)
         self.run.reach(target, max_frames=INTO_REACH)
@@ -145,14 +147,14 @@ class FaultTrial:
         """A fault while babbling, in a reach, and what is left of both."""
         loop = self.run.loop
         loop.tracker = self.run.surface_point = None
-        before = self.run.jacobian_error().median
+        before = self._error(BEFORE)
         self.named = set()
         at = self.world.project(POINTS[self.arm])
         loop.babble(LASTS if fault == NOTHING else self.injector.begin(fault, joint=JOINT, at=at))
         at_end = self.run.jacobian_error().median
         self.injector.end()
-        loop.babble(3.0)
-        after = self.run.jacobian_error().median
+        loop.babble(LATER)
+        after = self._error(AFTER)
         self.run.choose()
         target, *others = self._targets(number)
         self.frames, self.due, self.places = [], None if fault == NOTHING else fault, {}
@@ -175,6 +177,14 @@ class FaultTrial:
         """Four places that the point can reach, others for every fault."""
         self.run._seed = 100 * self.seed + number
         return self.run.targets(4)
+
+    def _error(self, seconds: float) -> float:
+        """J's median error while the robot babbles on for some seconds, mean of several moments."""
+        errors = []
+        for _ in range(SAMPLES):
+            self.run.loop.babble(seconds / SAMPLES)
+            errors.append(self.run.jacobian_error().median)
+        return float(np.mean(errors))
 
     def _after_frame(self, run: ReachingExperiment) -> None:
         loop = run.loop

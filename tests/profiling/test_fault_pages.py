@@ -146,8 +146,6 @@ def begun(monkeypatch):
             self.learned = 0
             estimator = SimpleNamespace(options=SimpleNamespace(height=24, width=32))
             self.loop = SimpleNamespace(pipeline="pipeline", estimator=estimator)
-            self.babbled = []
-            self.loop.babble = lambda seconds: self.babbled.append((self.learned, seconds))
 
         def learn(self):
             self.learned += 1
@@ -162,7 +160,6 @@ def begun(monkeypatch):
 def test_a_trial_begins_by_learning(begun):
     one = faults.FaultTrial("planar", 3)
     assert one.run.learned == 1
-    assert one.run.babbled == [(1, 1.0)]  # away from the posture in which J is best known
     (world, options) = begun
     assert world == ("planar", 3, "cpu")
     assert options.pop("on_frame") == one._after_frame
