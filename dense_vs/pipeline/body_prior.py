@@ -124,13 +124,15 @@ class BodyPrior:
             there = cv2.resize(mask.astype(np.uint8), size[::-1], interpolation=cv2.INTER_NEAREST).astype(bool)
             return _resized(J, size), there
 
-        def corrected(q: np.ndarray, measured: np.ndarray) -> np.ndarray:
-            return _resized(body.corrected_jacobian(q, _resized(measured, body.size)), size)  # type: ignore[attr-defined]
+        told, by_depth = (getattr(body, name, None) for name in ("told", "corrected_jacobian"))
 
-        told = getattr(body, "told", None)
+        def corrected(q: np.ndarray, measured: np.ndarray) -> np.ndarray:
+            assert by_depth is not None  # else nobody asks
+            return _resized(by_depth(q, _resized(measured, body.size)), size)
+
         if told is None:
-            by_depth = corrected if hasattr(body, "corrected_jacobian") else None
-            return cls(known, share=CHAIN_SHARE, least_agreement=CHAIN_AGREEMENT, corrected=by_depth)
+            of_body = None if by_depth is None else corrected
+            return cls(known, share=CHAIN_SHARE, least_agreement=CHAIN_AGREEMENT, corrected=of_body)
         return cls(known, share=MEMORY_SHARE, least_agreement=MEMORY_AGREEMENT, told=told)
 
     @property
