@@ -69,7 +69,7 @@ class BodyModel:
 
     def __getstate__(self) -> dict[str, Any]:
         """What a copy is made of: without the memory that images are drawn in, which it makes itself."""
-        return {name: value for name, value in vars(self).items() if name not in ("_drawing", "_seen")}
+        return {name: value for name, value in vars(self).items() if name != "_drawing"}
 
     @classmethod
     def fit(
@@ -354,11 +354,7 @@ class BodyModel:
         return SurfaceImage(self.chain, surface.points, surface.links, self.focal_length, self.lens, self.size)
 
     def _front(self, posture: np.ndarray) -> FrontPoints:
-        """What a posture shows, kept as it is often asked for several times: not to be changed, nor handed out."""
-        kept = self.__dict__.get("_seen")
-        if kept is None or kept[0] != posture.tobytes():
-            kept = self.__dict__["_seen"] = posture.tobytes(), self._drawing.front(posture)
-        return kept[1]
+        return self._drawing.front(posture)
 
     def _positions(self, q: np.ndarray, index: np.ndarray | None = None) -> np.ndarray:
         """The surface's points ``(P, 3)``, or those of an index, in the camera frame."""

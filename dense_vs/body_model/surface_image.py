@@ -63,6 +63,7 @@ class SurfaceImage:
     ):
         self._chain, self._size, self._threads = chain, size, resolve_threads()
         self._drawn = threading.Lock()  # threads may ask for postures at once
+        self._last: tuple[bytes, FrontPoints] | None = None  # posture and what it shows, often asked for several times
         count, rows = len(points), chain.joint_count + 1
         # Rows of the link poses: a link's number but for the background's, which is the last one.
         self._links = _copied(np.asarray(links) % rows, wp.int32)
@@ -84,13 +85,16 @@ class SurfaceImage:
         ]
 
     def front(self, q: np.ndarray) -> FrontPoints:
-        """The points that are in front at a posture ``(N,)`` [rad].
+        """The points that are in front at a posture ``(N,)`` [rad]; not to be changed.
 
         A point covers the pixel that it falls on; pixels with points on at least four of eight sides take the nearest
         of these, and so twice. Points at or behind the camera are left out.
         """
-        poses = self._chain.link_poses(np.asarray(q, dtype=np.float64)[None])
+        posture = np.asarray(q, dtype=np.float64)
+        poses = self._chain.link_poses(posture[None])
         with self._drawn:
+            if self._last is not None and self._last[0] == posture.tobytes():
+                return self._last[1]
             for memory, pose in zip(self._poses, poses, strict=True):
                 memory.numpy()[...] = pose[0]
             self._depth.numpy().fill(FARTHEST)
@@ -99,7 +103,9 @@ class SurfaceImage:
                 command.launch()
             for launch in self._over_pixels:
                 launch()
-            return FrontPoints(self._index.numpy().copy(), self._positions.numpy().copy())
+            front = FrontPoints(self._index.numpy().copy(), self._positions.numpy().copy())
+            self._last = posture.tobytes(), front
+            return front
 
     def jacobian(
         self, q: np.ndarray, learned: np.ndarray, front: FrontPoints, measured: np.ndarray | None = None
