@@ -310,7 +310,7 @@ def align_kernel(tiled: bool) -> Any:
                 )
                 found = moved > 0.0 or image_patch > 0.0
                 if found and wp.length(p - start) < reach and wp.determinant(affine) > 0.01:
-                    correlation = image_patch / wp.sqrt(image_image * patch_patch)
+                    correlation = wp.min(image_patch / wp.sqrt(image_image * patch_patch), 1.0)
                     iteration += 1
                     seeking = iteration < wp.static(MAX_ITERATIONS) and (shifting or moved > wp.static(TOLERANCE))
                     shifting = shifting and moved > wp.static(SHIFT_TOLERANCE)

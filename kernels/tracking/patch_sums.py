@@ -1,9 +1,10 @@
 """The sums over a patch's pixels that an iteration of its alignment needs, and that take nearly all of its time.
 
 With the image's gradient as seen in the patch, g = A' grad i(p + A x), and G = g (x, 1) as in
-``patch_alignment.py``, these are weighted sums of 1, i, t, i^2, t^2, i t, G, G i, G t and G G'. On a CPU a patch that
-lies well inside the image is summed up 8 pixels at a time, in C++: Warp's loop over its pixels takes them one by one,
-which takes seven times as long.
+``patch_alignment.py``, these are weighted sums of 1, i, t, i^2, t^2, i t, G, G i, G t and G G'. Gray values i and t
+count from that of the patch's middle: the squares of a bright surface's are so large that rounding their sums is more
+than all that a plain one varies by. On a CPU a patch that lies well inside the image is summed up 8 pixels at a time, in
+C++: Warp's loop over its pixels takes them one by one, which takes seven times as long.
 """
 
 import warp as wp
@@ -47,11 +48,12 @@ def patch_sums(
     last_y = float(image.shape[1] - 1 - base_y)
     half = window // 2
     unit = 1.0 / float(half)  # D is sought in px at the patch's edge, as d is in px
+    middle = pixels[world, point, window * window // 2][0]
     for k in range(lane, window * window, stride):
         pixel = pixels[world, point, k]
         w = pixel[1]
         if w > 0.0:
-            t = pixel[0]
+            t = pixel[0] - middle
             x = float(k % window - half)
             y = float(k // window - half)
             at = p + affine * wp.vec2(x, y)
@@ -61,7 +63,7 @@ def patch_sums(
                 left = base_x + int(floor_x)
                 top = base_y + int(floor_y)
                 seen = sample_spline(image, world, left, top, at[0] - floor_x, at[1] - floor_y)
-                i = seen[0]
+                i = seen[0] - middle
                 gx = affine[0, 0] * seen[1] + affine[1, 0] * seen[2]
                 gy = affine[0, 1] * seen[1] + affine[1, 1] * seen[2]
                 x *= unit
@@ -110,6 +112,7 @@ _SUM_INSIDE = f"""
     const wp::uint8 *origin = image.data + world * image.strides[0] + base_y * row + base_x;
     const size_t first_pixel = (size_t)(world * pixels.shape[1] + point) * count;
     const float *patch = reinterpret_cast<const float*>(pixels.data + first_pixel);
+    const float middle = patch[2 * (count / 2)];
     const float unit = 1.0f / half, side = (float)window, last = (float)half;
     const float xx = affine.data[0][0], xy = affine.data[0][1], yx = affine.data[1][0], yy = affine.data[1][1];
     // As spline_weights, spline_slopes and sample_spline of cubic_spline.py.
@@ -144,7 +147,7 @@ _SUM_INSIDE = f"""
             __builtin_memcpy(&pairs, rest, sizeof(pairs));
             for (int lane = count - k; lane < lanes; ++lane) x[lane] = y[lane] = 0.0f;
         }}
-        const Lanes t = __builtin_shufflevector(pairs, pairs, 0, 2, 4, 6, 8, 10, 12, 14);
+        const Lanes t = __builtin_shufflevector(pairs, pairs, 0, 2, 4, 6, 8, 10, 12, 14) - middle;
         const Lanes w = __builtin_shufflevector(pairs, pairs, 1, 3, 5, 7, 9, 11, 13, 15);
         const Lanes at_x = p.c[0] + xx * x + xy * y, at_y = p.c[1] + yx * x + yy * y;
         const Lanes left = __builtin_elementwise_floor(at_x), top = __builtin_elementwise_floor(at_y);
@@ -152,7 +155,7 @@ _SUM_INSIDE = f"""
         Lanes across_weights[4], across_slopes[4], down_weights[4], down_slopes[4];
         weights(at_x - left, across_weights), slopes(at_x - left, across_slopes);
         weights(at_y - top, down_weights), slopes(at_y - top, down_slopes);
-        Lanes i = -128.0f, slope_x = 0.0f, slope_y = 0.0f;
+        Lanes i = -128.0f - middle, slope_x = 0.0f, slope_y = 0.0f;
         for (int tap = 0; tap < 4; ++tap) {{
             int four[lanes];  // neighboring pixels, a byte each
             for (int lane = 0; lane < lanes; ++lane) __builtin_memcpy(&four[lane], origin + first[lane] + tap * row, 4);

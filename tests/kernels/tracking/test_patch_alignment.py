@@ -7,6 +7,7 @@ import cv2
 import numpy as np
 import pytest
 import warp as wp
+from scipy.ndimage import map_coordinates
 
 from dense_vs.kernels.tracking.patch_alignment import PatchAlignment, Patches, define_patches
 
@@ -163,6 +164,39 @@ def test_correlation_says_where_the_patch_is_not():
     _, _, correlation = run(cases, 25)
     assert correlation.max() < 0.85
     assert (correlation >= -1).all()
+
+
+def correlations_of(cases, places, affine, window):
+    """Of patches and what is seen at places, float64; of whole patches that lie inside of the image."""
+    half = window // 2
+    y, x = np.mgrid[-half : half + 1, -half : half + 1].reshape(2, -1)
+    offsets = np.column_stack([x, y])
+
+    def seen(image, at):
+        return map_coordinates(image.astype(float), at.T[::-1], order=3, prefilter=False)
+
+    pairs = [
+        (seen(before, start + offsets), seen(after, place + offsets @ turn.T.astype(float)))
+        for before, start, after, place, turn in zip(
+            cases.before, cases.start, cases.after, places, affine, strict=True
+        )
+    ]
+    return np.array([np.corrcoef(*pair)[0, 1] for pair in pairs])
+
+
+@pytest.mark.parametrize("gain", [1.0, 0.05, 0.01])
+@pytest.mark.parametrize("light", [0, 110, -110])
+def test_correlation_is_that_of_the_pixels_on_plain_and_bright_surfaces_too(gain, light):
+    """At 1 % of the textures' contrast gray values vary by a tenth, and their squares are 16,000."""
+    cases = affine_cases(noise=0, offset=1.0, mask="whole", seed=4)
+    rng = np.random.default_rng(5)
+    for images in (cases.before, cases.after):
+        images[...] = quantized(127 + gain * (images.astype(float) - 127) + light, 0.4, rng)
+    places, affine, correlation = run(cases, 25)
+    expected = correlations_of(cases, places, affine, 25)
+    np.testing.assert_allclose(correlation, expected, atol=2e-3)  # of the last step; that before it is given
+    assert np.median(np.abs(correlation - expected)) < 5e-4
+    assert correlation.max() <= 1
 
 
 @pytest.mark.parametrize("what", ["before", "after", "weights"])
