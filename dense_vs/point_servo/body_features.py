@@ -77,6 +77,12 @@ class Keyframe:
             directions = np.concatenate([directions, weight * direction_weights(self.image, place[None])])
         return Keyframe(self.positions, features, places, self.image, directions)
 
+    def with_more(self, features: np.ndarray, places: np.ndarray) -> "Keyframe":
+        """The keyframe with other features ``(K,)`` as well, that its image shows at places ``(K, 2)`` [px]."""
+        directions = np.concatenate([self.directions, direction_weights(self.image, places)])
+        features, places = np.append(self.features, features), np.vstack([self.places, places])
+        return Keyframe(self.positions, features, places, self.image, directions)
+
 
 class BodyFeatures:
     """Features and chain.

@@ -7,6 +7,7 @@ replaced by new ones, each on the link whose motion explains it. The point is kn
 a depth, by the features around it and by where its own look, turned as the chain says, is seen before and on the way.
 """
 
+from collections import deque
 from collections.abc import Callable, Sequence
 
 import numpy as np
@@ -37,7 +38,8 @@ ROUNDS = 3  # of looking back for the point itself, each with the depth that the
 AGAIN = 4  # keyframes in which it is sought again whenever there is a new one, as the chain is known better by then
 BELIEVED = 0.72  # correlation from which a place of the point's own look tells its depth
 LEAST_OPEN = 0.05  # of the logarithm of the depth, left open in a search: places that repeat a guess tell nothing
-MOST_UNCERTAIN = 0.8  # px, standard deviation of the place up to which it is certain
+MOST_UNCERTAIN = 0.75  # px, standard deviation of the place up to which it is certain, in the middle of LATELY images
+LATELY = 9  # images: what is seen of a look comes and goes, and a place is no better known for one lucky image
 DOUBT = 1.5  # times the depth's standard deviation: places of features around share their errors
 OWN_SHARE = 0.7  # of :meth:`PointLook.drift`, of a look that is seen; where no such feature is in sight, for SURE
 TRUST = 0.5  # of the way to where the own look is seen: where it is off the rest of the link, both are half wrong
@@ -65,7 +67,7 @@ class BodyTracker:
         seen: features of its link that were in sight in the last image.
         held: whether enough of them are from the image in which the point was defined, and look as they did there.
         unseen: images since at least :data:`LEAST_SEEN` were.
-        uncertainty: standard deviation of the point's place [px].
+        uncertainty, lately: standard deviation of the point's place [px], now and in the last :data:`LATELY` images.
         on_link: the point by what the chain says.
     """
 
@@ -110,6 +112,7 @@ class BodyTracker:
             self.on_link.place(self._first)
         self._refine()
         self.uncertainty = self._uncertainty(self._positions)
+        self.lately = deque([self.uncertainty], LATELY)
 
     @property
     def known(self) -> bool:
@@ -134,7 +137,12 @@ class BodyTracker:
     @property
     def certain(self) -> bool:
         """Whether it is known to 2 px where the point is: two and a half standard deviations, and it is seen now."""
-        return self.unseen == 0 and self.uncertainty <= MOST_UNCERTAIN
+        return self.unseen == 0 and self.usual_uncertainty <= MOST_UNCERTAIN
+
+    @property
+    def usual_uncertainty(self) -> float:
+        """Standard deviation of the point's place [px], the median of the last images."""
+        return float(np.median(self.lately))
 
     def update(self, gray: np.ndarray, positions: np.ndarray) -> np.ndarray:
         """Find the point in the present image; its place ``(2,)`` [px].
@@ -143,8 +151,7 @@ class BodyTracker:
             gray: uint8 ``(H, W)``.
             positions: joint positions ``(N,)`` [rad].
         """
-        q = np.asarray(positions, dtype=np.float64)
-        features, link = self.features, self.on_link.link
+        features, link, q = self.features, self.on_link.link, np.asarray(positions, dtype=np.float64)
         expected = features.project(self._live, q)
         places, believed = carried(self._gray, gray, self._places, self._expected(expected))
         self._images += 1
@@ -162,9 +169,7 @@ class BodyTracker:
         self._live, self._places, directions = self._live[believed], places[believed], directions[believed]
         if not self.held:
             directions = self._regain(gray, q, directions)
-        self._correct(q, link, gray, directions)
-        self._gray, self._positions = gray, q
-        self.uncertainty = self._uncertainty(q)
+        self._locate(q, gray, directions)
         if self._due:
             self._due.pop(0)()
         elif self._moved(np.append(self._on_link(link), POINT), q) > KEYFRAME_MOTION:
@@ -187,19 +192,20 @@ class BodyTracker:
         self._live = numbers
         self._hold(gray, places, believed, believed.copy())
         self._live, self._places = numbers[believed], places[believed]
-        self._correct(q, self.on_link.link, gray, direction_weights(gray, self._places))
-        self._gray, self._positions = gray, q
-        self.uncertainty = self._uncertainty(q)
+        self._locate(q, gray, direction_weights(gray, self._places))
         return self.unseen == 0
 
-    def _hold(self, gray: np.ndarray, places: np.ndarray, believed: np.ndarray, due: np.ndarray) -> None:
-        """Hold some of the features in sight to their first looks: changes ``places`` and ``believed``.
+    def _locate(self, q: np.ndarray, gray: np.ndarray, directions: np.ndarray) -> None:
+        """Take an image as the present one: where the point is in it, and how well that is known."""
+        self._correct(q, self.on_link.link, gray, directions)
+        self._gray, self._positions = gray, q
+        self.uncertainty = self._uncertainty(q)
+        self.lately.append(self.uncertainty)
 
-        Args:
-            gray: uint8 ``(H, W)``.
-            places: ``(K, 2)`` of the features in sight [px].
-            believed: bool ``(K,)``, whether they are seen there.
-            due: bool ``(K,)``, those to be held.
+    def _hold(self, gray: np.ndarray, places: np.ndarray, believed: np.ndarray, due: np.ndarray) -> None:
+        """Hold features in sight that are ``due``, bool ``(K,)``, to their first looks.
+
+        Changes ``places`` ``(K, 2)`` [px] and ``believed``, bool ``(K,)``, whether they are seen there.
         """
         numbers = self._live[due]
         places[due], sure, alike = self._looks.held(numbers, gray, places[due])
@@ -260,7 +266,8 @@ class BodyTracker:
             there = features.project(on, q)
             among = np.isin(self._live, on)
             mean, error = mean_about(expected, there, self._places[among] - there, directions[among])
-            self._offset = mean - self.on_link.astray(q)
+            told = 1.0 if self.held else 1 - LEAST_SEEN / len(on)  # as many others drift together by chance
+            self._offset = told * (mean - self.on_link.astray(q))
             self._aside = BASIC + error
             self.unseen, self._told = 0, len(on)
         else:
@@ -362,11 +369,7 @@ class BodyTracker:
         numbers = features.added(len(found))
         self._looks.take(numbers, gray, found)
         self._live, self._places = np.append(self._live, numbers), np.vstack([self._places, found])
-        last = features.keyframes[-1]
-        directions = np.concatenate([last.directions, direction_weights(gray, found)])
-        features.keyframes[-1] = Keyframe(
-            last.positions, np.append(last.features, numbers), np.vstack([last.places, found]), last.image, directions
-        )
+        features.keyframes[-1] = features.keyframes[-1].with_more(numbers, found)
 
     def _look_back(
         self,

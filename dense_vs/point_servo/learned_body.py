@@ -10,7 +10,7 @@ import numpy as np
 
 from dense_vs.body_model import BodyChange, BodyFitOptions, BodyModel, PointTrackOptions, find_change
 from dense_vs.body_model.dense_motion import DenseMotion
-from dense_vs.body_model.drawn_patches import agreement
+from dense_vs.body_model.drawn_patches import agreement, correlations, smooth
 from dense_vs.body_model.spread import spread
 from dense_vs.checks import shown
 from dense_vs.errors import DenseVSError
@@ -38,6 +38,9 @@ TELLS = frozenset({FaultKind.SLIP, FaultKind.MISFIT})  # faults after which the 
 JUDGED, MOVING = 12, 0.5  # pairs of images by which a model is judged, and px of motion that count
 STILL_EXPLAINED = 0.7  # of the share that it explained first, below which a model has no say any more
 LEAST_EXPLAINED = 0.35  # of the motion, by a model that is believed; right ones explain 0.4 of what noisy images show
+WELL_EXPLAINED = 0.6  # share of the motion by which a model is believed whatever it looks like
+ALIKE, SHOWN = 0.8, 24  # mean correlation of a model's patches with its images, and patches that tell it; right ones
+# have 0.84 or more, and one whose J was 0.65 off had 0.77
 MOST_ERROR = 1.0  # px, median distance of its tracks from it; blur, noise and a rolling shutter make up to 0.8
 
 
@@ -188,7 +191,7 @@ class LearnedBody:
         if model.error > MOST_ERROR:
             return False
         explained = explained_share(model, self._pipeline.flow, [*self._history])
-        if explained < LEAST_EXPLAINED:
+        if explained < LEAST_EXPLAINED or (explained < WELL_EXPLAINED and not is_alike(model, chosen)):
             return False
         self.use(model, positions, explained)
         return True
@@ -304,6 +307,20 @@ def explained_share(model: BodyModel, flow: FlowEstimator, history: Sequence[tup
         off += float(np.linalg.norm(measured - expected, axis=2)[counted].sum())
         moved += float(np.maximum(np.linalg.norm(measured, axis=2), size)[counted].sum())
     return 1 - off / moved if moved else 0.0
+
+
+def is_alike(model: BodyModel, history: Sequence[tuple[np.ndarray, np.ndarray]]) -> bool:
+    """Whether images look like a model's body where they show what tells it.
+
+    Tracks of a wrong chain may agree with it, and where images are noisy right models explain no more motion.
+
+    Args:
+        model: to be judged.
+        history: as of :func:`explained_share`.
+    """
+    found = [correlations(model, q, smooth(gray)) for gray, q in thinned(history, JUDGED)]
+    alike = np.concatenate(found) if found else np.zeros(0)
+    return len(alike) < SHOWN or bool(alike.mean() >= ALIKE)
 
 
 def thinned(history: Sequence[tuple[np.ndarray, np.ndarray]], most: int) -> list[tuple[np.ndarray, np.ndarray]]:

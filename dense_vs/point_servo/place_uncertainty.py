@@ -52,9 +52,9 @@ def place_uncertainty(
     seen = SEEN_SHARE if np.isfinite(look.deviation) else HELD_SHARE
     depth = (seen if held else DEPTH_SHARE) * float(np.linalg.norm(by_depth))
     features = OFF_SHARE * float(np.linalg.norm(offset)), FEW / max(told, 1)
-    by_link = float(np.linalg.norm([depth, *features, 0.0 if held else untied(look.correlation)]))
+    by_link = float(np.linalg.norm([depth, *features, 0.0 if held else untied(look.correlation), aside]))
     both = by_link / float(np.hypot(1.0, by_link / look.deviation))  # two witnesses, by their variances
-    return float(np.linalg.norm([both, look.apart, aside]))
+    return float(np.hypot(both, look.apart))
 
 
 def untied(correlation: float) -> float:

@@ -21,8 +21,10 @@ ALIGNED, TURNED = 1.0, 3.0  # px that it may move by then: where the chain says 
 BLUR = 0.8  # px, before looks are compared
 WIDTH = 0.35  # of the window: standard deviation of the weight of the look's pixels
 LEAST_PIXELS = 60  # of the same surface, for others to be left out
+LEAST_TURNED = 200  # of them, to be seen with any turn and shear: with 140 one in four other surfaces looked the same
 LEAST_ALIGNED = 0.85  # correlation from which the chain is right about that
 SHIFT = 2  # px, by which a look is compared with itself
+LEAST_CONTRAST = 1e-3  # of gray values; with less there is nothing to be seen
 LIKE = 0.8  # correlation from which the look is seen turned as the chain says
 LEAST_SCALE, MOST_SCALE = 0.4, 2.5  # by which the look may have shrunk or grown in any direction
 MIDDLE = 11  # px, side of the look's middle; of 65 ends 5 more are known by it than by 25 px alone
@@ -80,6 +82,8 @@ class PointLook:
 
     def _distinctness(self, gray: np.ndarray, point: np.ndarray) -> float:
         """What correlation loses by a shift of :data:`SHIFT` px in the direction in which it loses least."""
+        if self._contrast < LEAST_CONTRAST:
+            return 0.0
         whole = _blurred(_sampled(gray, point, np.eye(2), self._half + SHIFT))
         side = 2 * SHIFT + 1
         correlation = self._correlations(whole)
@@ -95,7 +99,8 @@ class PointLook:
             for image, kernel in ((seen, self._weights), (seen * seen, self._weights), (seen, self._weighted))
         )
         contrast = np.sqrt(np.maximum(square - mean**2, 0))
-        return (both / (self._contrast * np.maximum(contrast, 1e-3))).ravel()  # the look's weighted mean is 0
+        largest = max(self._contrast, LEAST_CONTRAST) * np.maximum(contrast, LEAST_CONTRAST)
+        return (both / largest).ravel()  # the look's weighted mean is 0
 
     def drift(self, correlation: float) -> float:
         """Standard deviation [px] of a place that is seen with such a correlation.
@@ -118,7 +123,7 @@ class PointLook:
         """
         scales = np.linalg.svd(affine, compute_uv=False) if np.isfinite(affine).all() else np.zeros(2)
         inside = np.isfinite(expected).all() and (expected >= 0).all() and (expected < gray.shape[::-1]).all()
-        if not inside or scales[1] < LEAST_SCALE or scales[0] > MOST_SCALE or self._contrast < 1e-3:
+        if not inside or scales[1] < LEAST_SCALE or scales[0] > MOST_SCALE or self._contrast < LEAST_CONTRAST:
             return np.array(expected), -1.0
         spread = STANDARD_DEVIATIONS * np.sqrt(np.linalg.eigvalsh(covariance)[1]) / scales[1]
         radius = int(np.clip(np.ceil(spread), LEAST_RADIUS, MOST_RADIUS))
@@ -145,9 +150,10 @@ class PointLook:
         found, correlation = self.found(gray, expected, affine, covariance)
         if correlation >= LIKE:
             return Sighting(found, correlation, self.drift(correlation), True)
-        other, alike = self.turned(gray, expected, affine)
-        if alike > 0:
-            return Sighting(other, alike, self.drift(alike), False)
+        if np.count_nonzero(self._pixels[0, :, 1]) >= LEAST_TURNED:
+            other, alike = self.turned(gray, expected, affine)
+            if alike > 0:
+                return Sighting(other, alike, self.drift(alike), False)
         if self.middle is not None:
             place, alike = self.middle.found(gray, expected, affine, covariance)
             if alike >= LEAST_MIDDLE:

@@ -72,7 +72,7 @@ class Reaching:
         if not loop.aim.certain(self._tracker):
             end = ReachEnd.LOST
         target, faults = tuple(self._target.tolist()), tuple(self._faults.values())
-        known = float(self._tracker.uncertainty) if isinstance(self._tracker, BodyTracker) else None
+        known = self._tracker.usual_uncertainty if isinstance(self._tracker, BodyTracker) else None
         return Reach(target, self._frames, self._distance(), end, faults, known)
 
     @property

@@ -3,8 +3,8 @@
 With the image's gradient as seen in the patch, g = A' grad i(p + A x), and G = g (x, 1) as in
 ``patch_alignment.py``, these are weighted sums of 1, i, t, i^2, t^2, i t, G, G i, G t and G G'. Gray values i and t
 count from that of the patch's middle: the squares of a bright surface's are so large that rounding their sums is more
-than all that a plain one varies by. On a CPU a patch that lies well inside the image is summed up 8 pixels at a time, in
-C++: Warp's loop over its pixels takes them one by one, which takes seven times as long.
+than all that a plain one varies by. On a CPU a patch that lies well inside the image is summed up 8 pixels at a time,
+in C++: Warp's loop over its pixels takes them one by one, which takes seven times as long.
 """
 
 import warp as wp

@@ -1,12 +1,13 @@
 """Features of a body whose places follow from the joints by plain sums, and a tracker made of its parts alone."""
 
+from collections import deque
 from types import SimpleNamespace
 
 import numpy as np
 
 from dense_vs.body_model.image_directions import direction_weights
 from dense_vs.point_servo.body_features import FeatureState
-from dense_vs.point_servo.body_tracker import BodyTracker
+from dense_vs.point_servo.body_tracker import LATELY, BodyTracker
 from dense_vs.point_servo.place_uncertainty import OwnLook
 
 KNOWN, YOUNG, DROPPED = FeatureState.KNOWN, FeatureState.YOUNG, FeatureState.DROPPED
@@ -83,7 +84,7 @@ def bare(features, live=(), places=(), **given):
         features=features, _live=np.array(live, int), _places=np.array(places, float).reshape(-1, 2),
         on_link=link_of(), _offset=np.zeros(2), _aside=1.3, seen=0, unseen=0,
         point=np.array([7.0, 7.0]), _positions=np.zeros(1), _kept_at=np.zeros(1), _own=OwnLook(1.0), _sighting=None,
-        _gray=GRAY, _lost_after=5, uncertainty=0.0,
+        _gray=GRAY, _lost_after=5, uncertainty=0.0, lately=deque([0.0], LATELY),
         _looks=Looks(), _due=[], _sure=np.zeros(0, int), _first=np.zeros(0, int), _images=0, held=False, _told=0,
     )  # fmt: skip
     tracker.__dict__.update(given)

@@ -66,7 +66,7 @@ def point_tracker(lost=False):
 def body_tracker(postures=(), by_chain=((0.0, 0.0), (0.0, 0.0))):
     """One whose planned postures are given, and the point's J [px/rad] by its chain."""
     tracker = object.__new__(BodyTracker)
-    tracker.unseen, tracker.uncertainty, asked, postures = 0, 0.7, [], list(postures)
+    tracker.unseen, tracker.uncertainty, tracker.lately, asked, postures = 0, 0.7, [0.7], [], list(postures)
     tracker.features = SimpleNamespace(jacobian=lambda feature, at: np.array(by_chain))
 
     def posture_for(target, positions, limits, *, held, start):

@@ -101,6 +101,10 @@ def test_a_place_counts_as_much_as_it_is_told_to():
     again = less.with_place(5, None)  # what stays keeps its weight
     np.testing.assert_allclose(again.directions, [np.diag([0.25, 0.025])], atol=1e-6)
     assert again.with_place(3, None).directions.shape == (0, 2, 2)
+    more = less.with_more(np.array([7]), np.array([[40.5, 50.0]]))
+    assert more.features.tolist() == [5, 3, 7]
+    np.testing.assert_array_equal(more.places, [[40.5, 60], [40.5, 33], [40.5, 50]])
+    np.testing.assert_allclose(more.directions, [*less.directions, np.diag([1, 0.1])], atol=1e-6)
 
 
 @pytest.mark.parametrize("lasting", [False, True])

@@ -9,7 +9,7 @@ from body_stand_ins import POSTURE, body, frame, gray, model, pipeline
 from dense_vs.errors import DenseVSError
 from dense_vs.health.faults import Fault, FaultKind
 from dense_vs.point_servo import learned_body
-from dense_vs.point_servo.learned_body import LearnedBody, explained_share, teaches, thinned
+from dense_vs.point_servo.learned_body import LearnedBody, explained_share, is_alike, teaches, thinned
 
 
 @pytest.mark.parametrize(
@@ -149,6 +149,20 @@ def test_a_model_is_believed_by_its_tracks_and_the_motion_it_explains(learning, 
     assert (one.model is not None) == learned == bool(drawn)
 
 
+@pytest.mark.parametrize(
+    ("explained", "alike", "learned"),
+    [(0.59, False, False), (0.6, False, True), (0.59, True, True), (0.36, True, True), (0.34, True, False)],
+)
+def test_a_model_that_explains_little_has_to_look_like_its_images(learning, explained, alike, learned):
+    one, _, result, _ = learning
+    result.update(explained=explained, alike=alike)
+    assert one.learn(POSTURE) == learned
+    if 0.35 <= explained < 0.6:
+        assert len(result["judged"]) == 150  # those that it was fitted to
+    else:
+        assert "judged" not in result
+
+
 def test_no_model_without_enough_images_or_joints_or_a_fit(learning):
     one, calls, result, _ = learning
     assert not one.learn(np.zeros(1))
@@ -252,6 +266,25 @@ def test_the_share_explained_is_of_absolute_motion_where_the_model_expects_some(
     assert explained_share(one, lambda *_: measured, history[:1]) == 0.0
     still = SimpleNamespace(flow=lambda q, dq: np.zeros((2, 3, 2)))
     assert explained_share(still, lambda *_: measured, history) == 0.0
+
+
+@pytest.mark.parametrize(
+    ("each", "alike"),
+    [([0.61, 1.0], True), ([0.58, 1.0], False), ([0.9], True), ([0.1], True), ([], True)],
+)  # twelve of one patch each tell nothing yet
+def test_a_model_is_alike_by_the_mean_of_all_its_patches_where_there_are_enough(monkeypatch, each, alike):
+    asked = []
+
+    def correlations(model, q, image):
+        asked.append((model, q, image[0, 0]))
+        return np.array(each)
+
+    monkeypatch.setattr(learned_body, "correlations", correlations)
+    history = [(np.full((9, 9), k, np.uint8), k) for k in range(34)]
+    assert is_alike("model", history) == alike
+    assert [q for _, q, _ in asked] == [3 * k for k in range(12)]
+    assert all(model == "model" and shown == pytest.approx(q) for model, q, shown in asked)
+    assert is_alike("model", [])
 
 
 @pytest.mark.parametrize(("count", "most", "kept"), [(5, 9, [0, 1, 2, 3, 4]), (9, 3, [0, 4, 8])])

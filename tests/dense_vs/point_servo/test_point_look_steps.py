@@ -241,3 +241,25 @@ def test_the_peak_between_steps_is_that_of_a_parabola(peak):
     assert _peak(score, 2, 5)[0] == -0.5
     np.testing.assert_array_equal(_peak(-score, 2, 3), 0.0)  # no peak
     np.testing.assert_array_equal(_peak(np.zeros((5, 7)), 2, 3), 0.0)
+
+
+@pytest.mark.parametrize(("columns", "counts"), [(9, False), (10, True)])
+def test_few_pixels_of_the_same_surface_are_alike_with_some_turn_or_other(columns, counts):
+    """Of 25 rows of columns, the outer two of which draw on others: sought turned with 200 pixels, not with 175."""
+    same = np.zeros(SIZE, bool)
+    same[:, 56 : 56 + columns] = True
+    look = PointLook(texture(), POINT, same, 25)
+    assert np.count_nonzero(look._pixels[0, :, 1]) == 25 * (columns - 2)
+    look.middle = None
+    look.found = lambda *given: (POINT, 0.7)
+    look.turned = lambda gray, place, affine: (POINT + 1, 0.95)
+    seen = look.seen(texture(), POINT, np.eye(2), np.eye(2))
+    assert (seen.place[0] == 61) == counts
+    assert seen.correlation == (0.95 if counts else 0.7)
+
+
+def test_a_plain_look_is_not_distinct_and_asks_nothing():
+    look = PointLook(np.full(SIZE, 90, np.uint8), POINT, None, 17)
+    assert look.distinctness == 0
+    with np.errstate(all="raise"):
+        assert np.isfinite(look._correlations(np.full((21, 21), 7, np.float32))).all()
