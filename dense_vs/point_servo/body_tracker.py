@@ -60,6 +60,7 @@ class BodyTracker:
         same: bool ``(H, W)``, pixels of the last image that move as the point does; others do not count in its look.
         window: side of the patch that is the point's own look [px], odd.
         lost_after: images without enough features in sight after which the point counts as lost.
+        doubt: times what is not known of its place, above 1 for a body that is known badly.
 
     Attributes:
         features: of the body; index 0 is the point.
@@ -89,10 +90,11 @@ class BodyTracker:
         same: np.ndarray | None = None,
         window: int = 25,
         lost_after: int = 15,
+        doubt: float = 1.0,
     ):
         self.features = BodyFeatures(chain, focal, center, learned, information, bend)
         self.features.lasting = np.array([POINT])
-        self._lost_after = lost_after
+        self._lost_after, self._doubt = lost_after, doubt
         self._gray, positions = history[-1]
         self._first_gray = self._gray
         self._positions = self._kept_at = np.array(positions, dtype=np.float64)
@@ -156,8 +158,7 @@ class BodyTracker:
         places, believed = carried(self._gray, gray, self._places, self._expected(expected))
         self._images += 1
         often = np.where(features.links[self._live] == link, HELD, OTHERS_HELD)
-        due = believed & ((self._live + self._images) % often == 0)
-        self._hold(gray, places, believed, due)
+        self._hold(gray, places, believed, believed & ((self._live + self._images) % often == 0))
         known = features.states[self._live] == FeatureState.KNOWN
         directions = direction_weights(gray, places)
         for one in np.unique(features.links[self._live[known]]):
@@ -292,8 +293,7 @@ class BodyTracker:
         deviation = max(OWN_SHARE * seen.drift, OWN_DRIFT) if counts else np.inf
         apart = OFF_SHARE * share * float(np.linalg.norm(seen.place - place))
         self._own = OwnLook(seen.correlation, deviation, apart)
-        if share > 0 and seen.as_expected:
-            self._sighting = seen.place
+        self._sighting = seen.place if share > 0 and seen.as_expected else None
         return place + TRUST * share * (seen.place - place)
 
     def _covariance(self, by_depth: np.ndarray, aside: float) -> np.ndarray:
@@ -320,7 +320,7 @@ class BodyTracker:
         if depth is None:
             return np.inf
         off = depth.deviation * self.on_link.view(q[None])[2][0]
-        return place_uncertainty(off, self._offset, self.held, self._told, self._aside, self._own)
+        return self._doubt * place_uncertainty(off, self._offset, self.held, self._told, self._aside, self._own)
 
     def _refine(self) -> None:
         """Chain, features and the point, adjusted to all keyframes."""

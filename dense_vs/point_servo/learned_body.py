@@ -37,10 +37,10 @@ LEAST_GAIN = 0.1  # of its likeness, that a change has to bring: what brings les
 TELLS = frozenset({FaultKind.SLIP, FaultKind.MISFIT})  # faults after which the body may have changed
 JUDGED, MOVING = 12, 0.5  # pairs of images by which a model is judged, and px of motion that count
 STILL_EXPLAINED = 0.7  # of the share that it explained first, below which a model has no say any more
-LEAST_EXPLAINED = 0.35  # of the motion, by a model that is believed; right ones explain 0.4 of what noisy images show
-WELL_EXPLAINED = 0.6  # share of the motion by which a model is believed whatever it looks like
-ALIKE, SHOWN = 0.8, 24  # mean correlation of a model's patches with its images, and patches that tell it; right ones
-# have 0.84 or more, and one whose J was 0.65 off had 0.77
+LEAST_EXPLAINED = 0.25  # of the motion, by a model that is believed; right ones explain 0.4 of what noisy images show
+LEAST_ALIKE = 0.7  # mean correlation of its patches with its images, by which it is believed
+WELL_EXPLAINED, SHOWN = 0.6, 24  # share of the motion by which it is believed whatever it looks like; patches that tell
+ALIKE, DOUBT = 0.8, 2.0  # correlation below which places by it are doubted, twice as much; right ones have 0.84
 MOST_ERROR = 1.0  # px, median distance of its tracks from it; blur, noise and a rolling shutter make up to 0.8
 
 
@@ -70,6 +70,7 @@ class LearnedBody:
         self.change: BodyChange | None = None
         self._watch: BodyWatch | None = None
         self._doubted = False  # by a fault
+        self._doubt = 1.0  # times what is not known of a place by the model
         if not isinstance(given, (bool, np.bool_)):
             self.use(check_body(given, "a BodyModel, True or False"), None)
 
@@ -157,7 +158,7 @@ class LearnedBody:
         if explained < LEAST_EXPLAINED:
             return False
         self._forget_before(self.model, model)
-        self.use(model, positions, explained)
+        self.use(model, positions, explained, self._doubt)
         self.change = change
         return True
 
@@ -191,9 +192,10 @@ class LearnedBody:
         if model.error > MOST_ERROR:
             return False
         explained = explained_share(model, self._pipeline.flow, [*self._history])
-        if explained < LEAST_EXPLAINED or (explained < WELL_EXPLAINED and not is_alike(model, chosen)):
+        alike = likeness(model, chosen)
+        if explained < LEAST_EXPLAINED or (explained < WELL_EXPLAINED and alike < LEAST_ALIKE):
             return False
-        self.use(model, positions, explained)
+        self.use(model, positions, explained, DOUBT if alike < ALIKE else 1.0)
         return True
 
     def _dense(self, positions: np.ndarray) -> DenseMotion | None:
@@ -205,13 +207,14 @@ class LearnedBody:
             return None
         return DenseMotion.of_image(self._pipeline.estimator.to_numpy(), positions, body)
 
-    def use(self, model: BodyModel, positions: np.ndarray | None, explained: float = 1.0) -> None:
+    def use(self, model: BodyModel, positions: np.ndarray | None, explained: float = 1.0, doubt: float = 1.0) -> None:
         """Take a model as it is, and draw J to it at a posture ``(N,)`` [rad]; None before the first frame.
 
         Args:
             model: of the loop's joints and image size.
             positions: present ones.
             explained: share of the motion that it was seen to explain, 1 where that is not known.
+            doubt: of places by it, see :class:`BodyTracker`.
 
         Raises:
             DenseVSError: a model of another number of joints or image size.
@@ -223,7 +226,7 @@ class LearnedBody:
                 f"body model has {model.joint_count} joints and images of {tuple(model.size)}; "
                 f"expected {estimator.options.joints} and {size}"
             )
-        self.model, self.change, self._doubted = model, None, False
+        self.model, self.change, self._doubted, self._doubt = model, None, False, doubt
         self._watch = BodyWatch(model, [*self._history])
         self._pipeline.prior = prior = BodyPrior(
             model.known, share=CHAIN_SHARE, least_agreement=min(CHAIN_AGREEMENT, STILL_EXPLAINED * explained),
@@ -260,6 +263,7 @@ class LearnedBody:
             model.chain, model.focal_length, np.asarray(model.center), model.learned, thinned(history, LOOKED_BACK),
             point, near, information=known, bend=model.lens.bend, link=link, trace=model.trace,
             surface=surface, same=same_surface(self._pipeline.estimator, point), window=window, lost_after=lost_after,
+            doubt=self._doubt,
         )  # fmt: skip
         return tracker if tracker.known else None
 
@@ -309,10 +313,10 @@ def explained_share(model: BodyModel, flow: FlowEstimator, history: Sequence[tup
     return 1 - off / moved if moved else 0.0
 
 
-def is_alike(model: BodyModel, history: Sequence[tuple[np.ndarray, np.ndarray]]) -> bool:
-    """Whether images look like a model's body where they show what tells it.
+def likeness(model: BodyModel, history: Sequence[tuple[np.ndarray, np.ndarray]]) -> float:
+    """Mean correlation of a model's patches with images; 1 where too few are seen to tell.
 
-    Tracks of a wrong chain may agree with it, and where images are noisy right models explain no more motion.
+    Tracks of a chain that is known badly may agree with it, and of noisy images right ones explain no more.
 
     Args:
         model: to be judged.
@@ -320,7 +324,7 @@ def is_alike(model: BodyModel, history: Sequence[tuple[np.ndarray, np.ndarray]])
     """
     found = [correlations(model, q, smooth(gray)) for gray, q in thinned(history, JUDGED)]
     alike = np.concatenate(found) if found else np.zeros(0)
-    return len(alike) < SHOWN or bool(alike.mean() >= ALIKE)
+    return float(alike.mean()) if len(alike) >= SHOWN else 1.0
 
 
 def thinned(history: Sequence[tuple[np.ndarray, np.ndarray]], most: int) -> list[tuple[np.ndarray, np.ndarray]]:

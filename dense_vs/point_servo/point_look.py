@@ -58,6 +58,7 @@ class PointLook:
         window: side of the look [px], odd.
 
     Attributes:
+        pixels: number of those that count in an alignment.
         middle: look of :data:`MIDDLE` px around the same point; None where this one is no larger.
     """
 
@@ -72,6 +73,7 @@ class PointLook:
                 weights = weights * own
         self._patches = SurfacePatches(window)
         self._pixels = self._patches.taken(gray, np.asarray(point)[None], same)
+        self.pixels = np.count_nonzero(self._pixels[0, :, 1])
         weights /= weights.sum()
         look = _blurred(_sampled(gray, point, np.eye(2), half))
         look = look - np.sum(weights * look)
@@ -150,7 +152,7 @@ class PointLook:
         found, correlation = self.found(gray, expected, affine, covariance)
         if correlation >= LIKE:
             return Sighting(found, correlation, self.drift(correlation), True)
-        if np.count_nonzero(self._pixels[0, :, 1]) >= LEAST_TURNED:
+        if self.pixels >= LEAST_TURNED:
             other, alike = self.turned(gray, expected, affine)
             if alike > 0:
                 return Sighting(other, alike, self.drift(alike), False)

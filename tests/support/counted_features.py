@@ -84,7 +84,7 @@ def bare(features, live=(), places=(), **given):
         features=features, _live=np.array(live, int), _places=np.array(places, float).reshape(-1, 2),
         on_link=link_of(), _offset=np.zeros(2), _aside=1.3, seen=0, unseen=0,
         point=np.array([7.0, 7.0]), _positions=np.zeros(1), _kept_at=np.zeros(1), _own=OwnLook(1.0), _sighting=None,
-        _gray=GRAY, _lost_after=5, uncertainty=0.0, lately=deque([0.0], LATELY),
+        _gray=GRAY, _lost_after=5, _doubt=1.0, uncertainty=0.0, lately=deque([0.0], LATELY),
         _looks=Looks(), _due=[], _sure=np.zeros(0, int), _first=np.zeros(0, int), _images=0, held=False, _told=0,
     )  # fmt: skip
     tracker.__dict__.update(given)

@@ -32,7 +32,7 @@ def drawn(monkeypatch):
 def learning(monkeypatch, drawn):
     """A body whose fits give a model, and the calls of the fit."""
     calls = []
-    result = {"model": model(), "explained": 0.6, "alike": True}
+    result = {"model": model(), "explained": 0.6, "alike": 0.9}
 
     def fit(images, joints, *, track_options, fit_options, dense):
         calls.append((images, joints, track_options.stride))
@@ -43,7 +43,7 @@ def learning(monkeypatch, drawn):
 
     monkeypatch.setattr(learned_body, "BodyModel", type("Stand", (), {"fit": staticmethod(fit)}))
     monkeypatch.setattr(learned_body, "explained_share", lambda *given: calls.append(given) or result["explained"])
-    monkeypatch.setattr(learned_body, "is_alike", lambda one, images: result.update(judged=images) or result["alike"])
+    monkeypatch.setattr(learned_body, "likeness", lambda one, images: result.update(judged=images) or result["alike"])
     one = body()
     for k in range(200):
         one.see(frame(gray(k)))

@@ -145,6 +145,7 @@ def looking(found, turned, middle=None):
         ),
         turned=lambda gray, place, affine: (place + np.array([0, 4]), turned),
         drift=lambda correlation: 10 * (1 - correlation),
+        pixels=625,
         middle=middle
         and SimpleNamespace(
             found=lambda gray, place, affine, covariance: (place + np.array([0, 2]), middle),
@@ -234,7 +235,9 @@ def test_uncertainty_is_of_what_the_tracker_knows():
     expected = place_uncertainty(np.array([0.6, 0.8]), np.array([0.9, -1.2]), True, 3, 0.7, tracker._own)
     for q in ([0.5, 0.5], [3.0, 1.7]):
         assert tracker._uncertainty(np.array(q)) == pytest.approx(expected)
-    tracker.held = False
+    tracker._doubt = 1.7  # of the body as a whole
+    assert tracker._uncertainty(np.zeros(2)) == pytest.approx(1.7 * expected)
+    tracker._doubt, tracker.held = 1.0, False
     assert tracker._uncertainty(np.zeros(2)) > expected
     tracker.on_link.depth = None
     assert tracker._uncertainty(np.zeros(2)) == np.inf
@@ -254,7 +257,7 @@ def test_certain_and_lost(unseen, uncertainty, certain, lost):
 
 
 def test_what_is_known_of_a_place_is_kept_for_as_many_images_as_make_it_certain():
-    tracker, _ = looking(0.0, 0.0)
+    tracker = bare(Features(np.zeros((1, 2)), np.zeros((1, 2))))
     told = iter(np.arange(1.0, 20.0))
     tracker._uncertainty = lambda q: next(told)
     for k in range(12):

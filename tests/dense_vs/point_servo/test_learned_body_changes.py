@@ -63,7 +63,7 @@ def test_a_body_that_has_changed_is_used_as_it_is_now(changing):
         (ChangeKind.JOINT, 0.61, 0.6, True),
         (ChangeKind.JOINT, 0.59, 0.6, False),  # gains less than a tenth
         (ChangeKind.CAMERA, 0.9, 0.36, True),
-        (ChangeKind.JOINTS, 0.9, 0.34, False),  # explains too little of the motion
+        (ChangeKind.JOINTS, 0.9, 0.24, False),  # explains too little of the motion
         (ChangeKind.NOTHING, 0.9, 0.6, False),
         (ChangeKind.UNKNOWN, 0.9, 0.6, False),
     ],
