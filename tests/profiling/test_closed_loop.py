@@ -170,6 +170,20 @@ def test_processes_share_the_worlds(monkeypatch):
         closed_loop.shared_metrics(Namespace(gpus="1,two", worlds=64, device="auto"))
 
 
+@pytest.mark.parametrize(("per_frame", "frames"), [(0.25, 12), (9.0, 3)])
+def test_a_process_s_rate_counts_the_frames_of_all_its_worlds_once_all_are_ready(monkeypatch, per_frame, frames):
+    """Three seconds of frames, three at least, of five worlds each; they take 2.5 s here."""
+    events, now = [], iter([100.0, 102.5])
+    batch = SimpleNamespace(frame="a frame", device="cpu", world=SimpleNamespace(shape=(5, 9)), run=events.append)
+    case = SimpleNamespace(batch=lambda rank, device: events.append(device) or batch)
+    monkeypatch.setattr(closed_loop, "seconds_per_call", lambda call, device: per_frame)
+    monkeypatch.setattr(closed_loop.time, "perf_counter", lambda: events.append("clock") or next(now))
+    rank = SimpleNamespace(device=lambda device: "cpu")
+    barrier = SimpleNamespace(wait=lambda seconds: events.append("ready"))
+    assert closed_loop.shared_rate(rank, case, "cpu", barrier) == pytest.approx(5 * frames / 2.5)
+    assert events == ["cpu", "ready", "clock", frames, "clock"]
+
+
 @pytest.mark.parametrize(("randomize", "differs"), [(False, False), (True, True)])
 def test_a_case_is_what_the_arguments_say(randomize, differs):
     told = Namespace(

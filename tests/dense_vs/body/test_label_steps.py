@@ -16,7 +16,7 @@ from dense_vs.body.cluster_worker import ClusterWorker, EvaluatedClusters
 from dense_vs.body.motion_evidence import SelfMotion, SelfMotionOptions
 from dense_vs.body.refined_labels import RefinedLabels, _moving_parts
 
-H, W = 30, 40
+H, W = 30, 80
 
 
 class ByHand:
@@ -49,12 +49,13 @@ class ByHand:
 
 
 def frames(count, seed=0, size=9):
-    """A red arm before a gray street, of which parts move by themselves and some say nothing."""
+    """A red arm before a gray street, of which parts move by themselves and some say nothing, and somebody in red."""
     rng = np.random.default_rng(seed)
     for k in range(count):
         body = np.zeros((H, W), bool)
         body[8 : 8 + size, 4 + k : 4 + k + size] = True
-        image = np.where(body[..., None], [200, 40, 40], [90, 100, 90]) + rng.integers(-8, 8, (H, W, 3))
+        red = body | ((np.arange(W) >= 60) & (np.arange(W) < 66))
+        image = np.where(red[..., None], [200, 40, 40], [90, 100, 90]) + rng.integers(-8, 8, (H, W, 3))
         unexplained = np.where(body, 0.02, 1.2) * rng.uniform(0.5, 1.5, (H, W))
         unexplained[rng.random((H, W)) < 0.1] = np.nan
         unexplained[0, :5] = 1e-7

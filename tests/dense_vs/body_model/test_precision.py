@@ -1,6 +1,7 @@
 """The covariance of a surface's places tells how far off they are: bodies of known lines, tracks with known noise."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -141,6 +142,24 @@ def test_places_held_out_are_counted_within_their_deviation():
     assert np.mean(astray) < 0.25 * np.mean(within)
     pixels[40:] = np.nan
     assert np.isnan(share_within_deviation(model, replace(tracks, pixels=pixels), 40))
+
+
+@pytest.mark.parametrize(("held_out", "asked"), [(3, [0, 1, 2]), (8, [*range(8)]), (22, [*range(0, 22, 3)])])
+def test_at_most_eight_held_out_images_are_asked_evenly_spread(held_out, asked):
+    """Each of ten tracks is on a point of the model, before and after; the postures are numbers of images."""
+    places, count = np.arange(20.0).reshape(10, 2), []
+
+    def points(q):
+        count.append(int(q[0]))
+        return SimpleNamespace(visible=np.ones(10, bool), pixels=places, covariances=np.tile(np.eye(2), (10, 1, 1)))
+
+    tracks = SimpleNamespace(
+        seen=np.ones((5 + held_out, 10), bool),
+        joints=np.arange(5.0 + held_out)[:, None],
+        pixels=np.tile(places, (5 + held_out, 1, 1)),
+    )
+    assert share_within_deviation(SimpleNamespace(points=points), tracks, 5) == 1.0
+    assert count == [4, *(5 + k for k in asked)]
 
 
 def test_points_of_a_model_have_it_also_once_saved(tmp_path):

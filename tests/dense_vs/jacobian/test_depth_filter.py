@@ -8,6 +8,7 @@ from reference_depth import ReferenceDepth
 from dense_vs import DenseJacobian
 from dense_vs.errors import DenseVSError
 from dense_vs.jacobian.depth_filter import JUMP, PIXELS_PER_METER, SLIDE
+from dense_vs.jacobian.depth_image import depth_image
 
 HEIGHT, WIDTH, JOINTS = 14, 19, 3
 SIZE = {"height": HEIGHT, "width": WIDTH, "joints": JOINTS, "depth": True, "device": "cpu"}
@@ -211,6 +212,13 @@ BAD = {
     "text": ("near", "depth has shape"),
     "complex": (np.ones((HEIGHT, WIDTH), complex), "dtype complex"),
 }
+
+
+def test_a_few_pixels_that_are_far_away_are_no_other_unit():
+    """As the sky, or a wrong match of a stereo camera."""
+    image = np.full((HEIGHT, WIDTH), 1.5)
+    image[0, :3] = 900.0
+    np.testing.assert_array_equal(depth_image(image, (HEIGHT, WIDTH)), image.astype(np.float32))
 
 
 @pytest.mark.parametrize("case", BAD)

@@ -50,6 +50,14 @@ def test_depth_is_scaled_by_taking_single_pixels(scene, postures):
     assert set(np.unique(frame.depth)) == {np.float32(0.7), np.float32(1.3)}
 
 
+def test_holes_in_a_depth_image_leave_the_rest(scene, postures):
+    pipeline = make(scene)
+    holed = np.full((scene.height, scene.width), 0.9)
+    holed[3:9, 5:20] = np.nan
+    frame = pipeline.process(scene.image(postures[0]), 0.0, postures[0], depth=holed)
+    np.testing.assert_array_equal(frame.depth, np.nan_to_num(holed).astype(np.float32))
+
+
 def test_a_later_image_without_any_depth_is_none(scene, postures):
     pipeline = make(scene)
     empty = np.full((scene.height, scene.width), np.nan)

@@ -128,5 +128,6 @@ def test_what_has_no_bound_is_answered(trial):
     with pytest.raises(DenseVSError, match=r"sigma 0\.0 rad"):
         cramer_rao(samples, samples, rng, state="noisy")
     moved = act_cartesian(trial.observed_arm(), 5, NoisyController(0.0, "independent", rng), rng)
-    with pytest.raises(DenseVSError, match="Cartesian"):
-        cramer_rao(moved, moved, rng)
+    for learned_from, test in ((moved, moved), (samples, moved), (moved, samples)):
+        with pytest.raises(DenseVSError, match="Cartesian"):
+            cramer_rao(learned_from, test, rng)

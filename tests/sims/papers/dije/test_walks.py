@@ -126,14 +126,14 @@ def test_every_seed_walks_once(monkeypatch, tmp_path):
 def pictured(monkeypatch, tmp_path):
     """Rows of a run of 3 s over views made by hand, its labelers, and which frames were drawn and written."""
 
-    def run(seen):
+    def run(seen, seeds=(4,)):
         drawn, both = [], {name: Labeler(name) for name in ("default", "paper")}
         monkeypatch.setattr(labeling, "make_labelers", lambda *_: both)
-        monkeypatch.setattr(labeling, "views", lambda *_: seen)
+        monkeypatch.setattr(labeling, "views", lambda seed, arguments: seen(seed) if callable(seen) else seen)
         monkeypatch.setattr(labels, "draw_stages", lambda one, labelers: drawn.append(one.index) or one.index)
         monkeypatch.setattr(label_pictures, "write_image", lambda path, image: drawn.append((path.name, image)))
         monkeypatch.setattr(labels, "check_labeling_arguments", lambda *_: None)
-        return labels.run(Namespace(seconds=3.0, seeds=[4], device="cpu", threads=None, out=tmp_path)), both, drawn
+        return labels.run(Namespace(seconds=3.0, seeds=[*seeds], device="cpu", threads=None, out=tmp_path)), both, drawn
 
     return run
 
@@ -148,6 +148,18 @@ def test_the_picture_is_of_a_late_frame_with_much_to_see(pictured):
     assert [row.ours for row in rows] == [5, 0.2, 0.7, 0.7]
     assert [row.paper for row in rows] == [5, 0.2, None, None]
     assert both["default"].taken == list(range(1, 91))
+
+
+def test_labels_are_scored_in_the_picture_of_every_seed(pictured):
+    """Seed 4's is frame 65 and seed 5's frame 85; labelers go on, so each has the IoU of the last one scored."""
+
+    def seen(seed):
+        return [view(k, k / 30, flow=1.0 if k == {4: 65, 5: 85}[seed] else 0.1) for k in range(1, 91)]
+
+    rows, _, drawn = pictured(seen, (4, 5))
+    assert [what for what in drawn if isinstance(what, tuple)] == [("seed4.png", 65), ("seed5.png", 85)]
+    assert [row.ours for row in rows] == [5, 0.2, 0.75, 0.75]
+    assert rows[2].seeds == (4, 5)
 
 
 def test_the_picture_shows_robot_and_walker_both_moving(pictured):

@@ -293,6 +293,14 @@ def test_the_floor_is_what_noise_alone_leaves(trial, which):
     assert floors[2] == pytest.approx(2 * floors[1], rel=0.15)
 
 
+def test_the_floor_is_the_median_of_a_hundred_poses(monkeypatch, trial):
+    errors = iter([1.0] * 49 + [2.0, 4.0] + [500.0] * 49)
+    monkeypatch.setattr(noisy_control, "pixel_error", lambda after, exact: next(errors))
+    rng = np.random.default_rng
+    assert noisy_control._floor(trial, NoisyController(0.002, "independent", rng(1)), "joint", rng(0)) == 3.0
+    assert next(errors, None) is None
+
+
 def test_a_controller_is_learned_from_its_actions_and_scored_on_others(monkeypatch):
     fits, bounds = [], []
 

@@ -11,11 +11,11 @@ from dense_vs.sims.papers.vosvs.timed_segmenter import TimedSegmenter
 
 
 def test_the_truth_of_a_view():
-    """An object of 5 x 5 pixels: its outline at 2 m, its middle at 1 m."""
+    """An object of 5 x 5 pixels: its outline at 2 m but for one side at 3 m, its middle at 1 m."""
     true = np.zeros((20, 30), bool)
     true[5:10, 5:10] = True
     depth = np.full((20, 30), 9.0)
-    depth[5:10, 5:10], depth[6:9, 6:9], depth[7, 7] = 2.0, 1.0, 0.5
+    depth[5:10, 5:10], depth[5, 5:10], depth[6:9, 6:9], depth[7, 7] = 2.0, 3.0, 1.0, 0.5
     pose = np.eye(4)
     pose[2, 3] = 0.7
     world = SimpleNamespace(
@@ -30,7 +30,7 @@ def test_the_truth_of_a_view():
     # The world goes on; the truth stays that of the image.
     world.true_mask, world.depth = lambda *_: ~true, lambda _: 0.0 * depth
     view = camera.true_view(np.roll(true, 5, axis=1))
-    assert (view.outline, view.surface, view.top) == pytest.approx((2.0, (16 * 2 + 8 + 0.5) / 25, 0.5))
+    assert (view.outline, view.surface, view.top) == pytest.approx((37 / 16, (37 + 8 + 0.5) / 25, 0.5))
     assert (view.iou, view.camera_height) == (0.0, 0.7)
     assert camera.true_view(true).iou == 1.0
     assert camera.overlap(np.roll(true, 1, axis=1)) == pytest.approx(20 / 30)
