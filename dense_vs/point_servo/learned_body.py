@@ -2,6 +2,7 @@
 
 from collections import deque
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from itertools import pairwise
 from typing import Any
 
@@ -40,7 +41,8 @@ STILL_EXPLAINED = 0.7  # of the share that it explained first, below which a mod
 LEAST_EXPLAINED = 0.25  # of the motion, by a model that is believed; right ones explain 0.4 of what noisy images show
 LEAST_ALIKE = 0.7  # mean correlation of its patches with its images, by which it is believed
 WELL_EXPLAINED, SHOWN = 0.6, 24  # share of the motion by which it is believed whatever it looks like; patches that tell
-ALIKE, DOUBT = 0.8, 2.0  # correlation below which places by it are doubted, twice as much; right ones have 0.84
+ALIKE = 0.84  # correlation below which it is fitted anew, and else doubted; right ones have more
+TRIES, DOUBT = 3, 2.0  # fits then, the later ones with twice the starts; times that places are not known
 MOST_ERROR = 1.0  # px, median distance of its tracks from it; blur, noise and a rolling shutter make up to 0.8
 
 
@@ -174,29 +176,48 @@ class LearnedBody:
                 return
 
     def _fit(self, positions: np.ndarray) -> bool:
-        """Fit a model to the images so far; whether they show one."""
+        """Fit a model to the images so far; whether they show one.
+
+        One that looks little like them may be a wrong end of the search, which begins anew elsewhere then. What
+        explains most and looks most like them is taken.
+        """
         if len(self._history) < LEAST_IMAGES or len(positions) < LEAST_JOINTS:
             return False
-        chosen = thinned(self._history, FITTED)
-        images, joints = [image for image, _ in chosen], [q for _, q in chosen]
-        try:
-            model = BodyModel.fit(
-                images,
-                joints,
-                track_options=PointTrackOptions(stride=1),
-                fit_options=BodyFitOptions(slides=self._slides),
-                dense=self._dense(positions),
-            )
-        except DenseVSError:
+        chosen, dense = thinned(self._history, FITTED), self._dense(positions)
+        best: tuple[float, BodyModel, float, float] | None = None
+        for seed in range(TRIES):
+            model = self._fitted(chosen, dense, seed)
+            if model is None:
+                break
+            explained = explained_share(model, self._pipeline.flow, [*self._history])
+            alike = likeness(model, chosen)
+            if best is None or explained + alike > best[0]:
+                best = explained + alike, model, explained, alike
+            if alike >= ALIKE:
+                break
+        if best is None:
             return False
-        if model.error > MOST_ERROR:
-            return False
-        explained = explained_share(model, self._pipeline.flow, [*self._history])
-        alike = likeness(model, chosen)
+        _, model, explained, alike = best
         if explained < LEAST_EXPLAINED or (explained < WELL_EXPLAINED and alike < LEAST_ALIKE):
             return False
         self.use(model, positions, explained, DOUBT if alike < ALIKE else 1.0)
         return True
+
+    def _fitted(
+        self, chosen: Sequence[tuple[np.ndarray, np.ndarray]], dense: DenseMotion | None, seed: int
+    ) -> BodyModel | None:
+        """A fit to some images; None where none is found, or its tracks do not agree with it."""
+        images, joints = [image for image, _ in chosen], [q for _, q in chosen]
+        options = BodyFitOptions(slides=self._slides, seed=seed)
+        if seed:
+            options = replace(options, starts=2 * options.starts)
+        try:
+            model = BodyModel.fit(
+                images, joints, track_options=PointTrackOptions(stride=1), fit_options=options, dense=dense
+            )
+        except DenseVSError:
+            return None
+        return model if model.error <= MOST_ERROR else None
 
     def _dense(self, positions: np.ndarray) -> DenseMotion | None:
         """J where the filter has the body; None where that is hardly anywhere, or not known."""

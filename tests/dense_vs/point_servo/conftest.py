@@ -37,6 +37,7 @@ def learning(monkeypatch, drawn):
     def fit(images, joints, *, track_options, fit_options, dense):
         calls.append((images, joints, track_options.stride))
         result["dense"], result["slides"] = dense, fit_options.slides
+        result.setdefault("begun", []).append((fit_options.seed, fit_options.starts))
         if isinstance(result["model"], Exception):
             raise result["model"]
         return result["model"]

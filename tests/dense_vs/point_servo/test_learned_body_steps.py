@@ -151,7 +151,7 @@ def test_a_model_is_believed_by_its_tracks_and_the_motion_it_explains(learning, 
 
 @pytest.mark.parametrize(
     ("explained", "alike", "learned", "doubt"),
-    [(0.59, 0.69, False, 1), (0.6, 0.69, True, 2), (0.25, 0.7, True, 2), (0.59, 0.79, True, 2), (0.9, 0.8, True, 1)],
+    [(0.59, 0.69, False, 1), (0.6, 0.69, True, 2), (0.25, 0.7, True, 2), (0.59, 0.83, True, 2), (0.9, 0.84, True, 1)],
 )
 def test_a_model_that_explains_little_has_to_look_like_its_images(learning, explained, alike, learned, doubt):
     """And places by one that looks little like them are doubted, as often as the model is brought up to date."""
@@ -163,6 +163,42 @@ def test_a_model_that_explains_little_has_to_look_like_its_images(learning, expl
     if learned:
         one.use(one.model, POSTURE)
         assert one._doubt == 1
+
+
+@pytest.mark.parametrize(
+    ("found", "taken", "fits", "doubt"),
+    [
+        ([(0.5, 0.84), (0.9, 0.9), (0.9, 0.9)], 0, 1, 1),  # alike: the first is taken
+        ([(0.5, 0.83), (0.4, 0.95), (0.9, 0.9)], 1, 2, 1),
+        ([(0.8, 0.81), (0.86, 0.83), (0.88, 0.89)], 2, 3, 1),
+        ([(0.8, 0.81), (0.7, 0.82), (0.72, 0.83)], 0, 3, 2),  # together they fell
+        ([(0.3, 0.77), (0.3, 0.78), None], 1, 3, 2),
+        ([None, (0.9, 0.9), (0.9, 0.9)], None, 1, 1),  # what shows no body at all is not asked again
+        ([(0.2, 0.75), (0.2, 0.76), (0.2, 0.77)], None, 3, 1),
+    ],
+)
+def test_a_fit_that_looks_little_like_its_images_begins_anew_elsewhere(
+    learning, monkeypatch, found, taken, fits, doubt
+):
+    one, _, result, _ = learning
+    models, told = [model() for _ in found], {}
+    for made, values in zip(models, found, strict=True):
+        told[id(made)] = values
+
+    def fit(images, joints, *, track_options, fit_options, dense):
+        seed = fit_options.seed
+        result.setdefault("begun", []).append((seed, fit_options.starts))
+        if found[seed] is None:
+            raise DenseVSError("nothing moves")
+        return models[seed]
+
+    monkeypatch.setattr(learned_body, "BodyModel", type("Stand", (), {"fit": staticmethod(fit)}))
+    monkeypatch.setattr(learned_body, "explained_share", lambda made, flow, history: told[id(made)][0])
+    monkeypatch.setattr(learned_body, "likeness", lambda made, images: told[id(made)][1])
+    assert one.learn(POSTURE) == (taken is not None)
+    assert one.model is (None if taken is None else models[taken])
+    assert result["begun"] == [(0, 40), (1, 80), (2, 80)][:fits]
+    assert one._doubt == doubt
 
 
 def test_no_model_without_enough_images_or_joints_or_a_fit(learning):
