@@ -42,9 +42,10 @@ def spline(a):
 
 
 def reference(image, pixels, window, at, affine):
-    """The sums, products and weight outside by their definition."""
+    """The sums, products and weight outside by their definition; gray values count from that of the patch's middle."""
     sums, products, hidden, half = np.zeros(24), np.zeros((6, 6)), 0.0, window // 2
-    for k, (t, w) in enumerate(pixels.astype(float)):
+    middle = float(pixels[window**2 // 2, 0])
+    for k, (shown, w) in enumerate(pixels.astype(float)):
         offset = np.array([k % window - half, k // window - half], float)
         place = at + affine @ offset
         if not ((place >= 0).all() and (place <= (WIDTH - 1, HEIGHT - 1)).all()):
@@ -55,7 +56,7 @@ def reference(image, pixels, window, at, affine):
         taps = np.arange(-1, 3)
         rows, columns = np.clip(top + taps, 0, HEIGHT - 1), np.clip(left + taps, 0, WIDTH - 1)
         gray = image[np.ix_(rows, columns)].astype(float)
-        i = down @ gray @ across - 128
+        i, t = down @ gray @ across - 128 - middle, shown - middle
         gx, gy = affine.T @ [down @ gray @ along, downward @ gray @ across]
         x, y = offset / half
         g = np.array([gx * x, gy * x, gx * y, gy * y, gx, gy])
