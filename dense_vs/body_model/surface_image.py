@@ -91,10 +91,10 @@ class SurfaceImage:
         of these, and so twice. Points at or behind the camera are left out.
         """
         posture = np.asarray(q, dtype=np.float64)
-        poses = self._chain.link_poses(posture[None])
         with self._drawn:
             if self._last is not None and self._last[0] == posture.tobytes():
                 return self._last[1]
+            poses = self._chain.link_poses(posture[None])
             for memory, pose in zip(self._poses, poses, strict=True):
                 memory.numpy()[...] = pose[0]
             self._depth.numpy().fill(FARTHEST)

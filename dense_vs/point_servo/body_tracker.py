@@ -138,8 +138,8 @@ class BodyTracker:
 
     @property
     def certain(self) -> bool:
-        """Whether it is known to 2 px where the point is: two and a half standard deviations, and it is seen now."""
-        return self.unseen == 0 and self.usual_uncertainty <= MOST_UNCERTAIN
+        """Whether it is known to 2 px where the point is, two and a half standard deviations, and seen no worse now."""
+        return self.unseen == 0 and max(self.usual_uncertainty, 0.5 * self.uncertainty) <= MOST_UNCERTAIN
 
     @property
     def usual_uncertainty(self) -> float:
@@ -267,8 +267,8 @@ class BodyTracker:
             there = features.project(on, q)
             among = np.isin(self._live, on)
             mean, error = mean_about(expected, there, self._places[among] - there, directions[among])
-            told = 1.0 if self.held else 1 - LEAST_SEEN / len(on)  # as many others drift together by chance
-            self._offset = told * (mean - self.on_link.astray(q))
+            share = 1.0 if self.held else 1 - LEAST_SEEN / len(on)  # as many others drift together by chance
+            self._offset = share * (mean - self.on_link.astray(q))
             self._aside = BASIC + error
             self.unseen, self._told = 0, len(on)
         else:

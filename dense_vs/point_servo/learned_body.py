@@ -72,7 +72,7 @@ class LearnedBody:
         self.change: BodyChange | None = None
         self._watch: BodyWatch | None = None
         self._doubted = False  # by a fault
-        self._doubt = 1.0  # times what is not known of a place by the model
+        self._place_doubt = 1.0  # times what is not known of a place by the model
         if not isinstance(given, (bool, np.bool_)):
             self.use(check_body(given, "a BodyModel, True or False"), None)
 
@@ -160,7 +160,7 @@ class LearnedBody:
         if explained < LEAST_EXPLAINED:
             return False
         self._forget_before(self.model, model)
-        self.use(model, positions, explained, self._doubt)
+        self.use(model, positions, explained, self._place_doubt)
         self.change = change
         return True
 
@@ -247,7 +247,7 @@ class LearnedBody:
                 f"body model has {model.joint_count} joints and images of {tuple(model.size)}; "
                 f"expected {estimator.options.joints} and {size}"
             )
-        self.model, self.change, self._doubted, self._doubt = model, None, False, doubt
+        self.model, self.change, self._doubted, self._place_doubt = model, None, False, doubt
         self._watch = BodyWatch(model, [*self._history])
         self._pipeline.prior = prior = BodyPrior(
             model.known, share=CHAIN_SHARE, least_agreement=min(CHAIN_AGREEMENT, STILL_EXPLAINED * explained),
@@ -284,7 +284,7 @@ class LearnedBody:
             model.chain, model.focal_length, np.asarray(model.center), model.learned, thinned(history, LOOKED_BACK),
             point, near, information=known, bend=model.lens.bend, link=link, trace=model.trace,
             surface=surface, same=same_surface(self._pipeline.estimator, point), window=window, lost_after=lost_after,
-            doubt=self._doubt,
+            doubt=self._place_doubt,
         )  # fmt: skip
         return tracker if tracker.known else None
 

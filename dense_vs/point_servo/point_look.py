@@ -101,7 +101,7 @@ class PointLook:
             for image, kernel in ((seen, self._weights), (seen * seen, self._weights), (seen, self._weighted))
         )
         contrast = np.sqrt(np.maximum(square - mean**2, 0))
-        largest = max(self._contrast, LEAST_CONTRAST) * np.maximum(contrast, LEAST_CONTRAST)
+        largest = self._contrast * np.maximum(contrast, LEAST_CONTRAST)  # of a look that is not plain
         return (both / largest).ravel()  # the look's weighted mean is 0
 
     def drift(self, correlation: float) -> float:

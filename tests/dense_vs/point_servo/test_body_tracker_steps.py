@@ -256,6 +256,14 @@ def test_certain_and_lost(unseen, uncertainty, certain, lost):
     assert tracker.lost.tolist() == [lost]
 
 
+@pytest.mark.parametrize(("now", "certain"), [(1.5, True), (1.51, False), (np.inf, False)])
+def test_a_place_that_an_image_shows_much_worse_than_usual_is_not_certain(now, certain):
+    """In the same image, not once the middle of the last nine has followed."""
+    lately = [0.5] * 8 + [now]
+    tracker = bare(Features(np.zeros((1, 2)), np.zeros((1, 2))), uncertainty=now, lately=lately)
+    assert tracker.certain == certain
+
+
 def test_what_is_known_of_a_place_is_kept_for_as_many_images_as_make_it_certain():
     tracker = bare(Features(np.zeros((1, 2)), np.zeros((1, 2))))
     told = iter(np.arange(1.0, 20.0))

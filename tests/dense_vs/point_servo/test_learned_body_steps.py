@@ -158,11 +158,11 @@ def test_a_model_that_explains_little_has_to_look_like_its_images(learning, expl
     one, _, result, _ = learning
     result.update(explained=explained, alike=alike)
     assert one.learn(POSTURE) == learned
-    assert one._doubt == doubt
+    assert one._place_doubt == doubt
     assert len(result["judged"]) == 150  # those that it was fitted to
     if learned:
         one.use(one.model, POSTURE)
-        assert one._doubt == 1
+        assert one._place_doubt == 1
 
 
 @pytest.mark.parametrize(
@@ -198,7 +198,7 @@ def test_a_fit_that_looks_little_like_its_images_begins_anew_elsewhere(
     assert one.learn(POSTURE) == (taken is not None)
     assert one.model is (None if taken is None else models[taken])
     assert result["begun"] == [(0, 40), (1, 80), (2, 80)][:fits]
-    assert one._doubt == doubt
+    assert one._place_doubt == doubt
 
 
 def test_no_model_without_enough_images_or_joints_or_a_fit(learning):

@@ -258,8 +258,17 @@ def test_few_pixels_of_the_same_surface_are_alike_with_some_turn_or_other(column
     assert seen.correlation == (0.95 if counts else 0.7)
 
 
-def test_a_plain_look_is_not_distinct_and_asks_nothing():
-    look = PointLook(np.full(SIZE, 90, np.uint8), POINT, None, 17)
-    assert look.distinctness == 0
+def test_a_plain_look_is_not_distinct_and_is_found_nowhere():
     with np.errstate(all="raise"):
-        assert np.isfinite(look._correlations(np.full((21, 21), 7, np.float32))).all()
+        look = PointLook(np.full(SIZE, 90, np.uint8), POINT, None, 17)
+        seen = look.seen(texture(), POINT, np.eye(2), np.eye(2))
+        assert np.isfinite(look.drift(0.9))
+    assert look.distinctness == look.middle.distinctness == 0
+    assert seen.correlation == -1
+    np.testing.assert_array_equal(seen.place, POINT)
+
+
+def test_a_look_is_like_no_plain_image():
+    look = PointLook(texture(), POINT, None, 17)
+    with np.errstate(all="raise"):
+        np.testing.assert_allclose(look._correlations(np.full((21, 21), 7, np.float32)), 0, atol=1e-3)
