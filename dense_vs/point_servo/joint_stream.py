@@ -12,14 +12,21 @@ from dense_vs.health.joint_watch import JointWatch
 from dense_vs.health.motion_check import Motion, MotionCheck
 from dense_vs.pipeline.frame_pipeline import ProcessedFrame
 from dense_vs.point_servo.delay_trial import DelayTrial
-from dense_vs.recording.joint_delay import find_changed_delay, find_joint_delay, find_jumped_delay
+from dense_vs.recording.joint_delay import (
+    DelayCurve,
+    babbling_curve,
+    find_changed_delay,
+    find_joint_delay,
+    find_jumped_delay,
+)
 from dense_vs.recording.joint_log import JointBuffer
 from dense_vs.robot.joint_group import JointGroup
 from dense_vs.robot.protocols import Robot
 from dense_vs.robot.stamped import read_joints
 
 DELAY_MOTIONS = 60  # of babbling, that the delay of joint readings is found in at a time
-DELAY_TRIES, AGAIN_AFTER = 3, 45  # times that it is sought until they tell it, and motions between
+DELAY_TRIES, AGAIN_AFTER = 6, 45  # times that it is sought, and motions between
+LEAST_CHANGE = 0.1  # frames that a later time has to change it by
 DELAY_MARGIN = 3  # frames more of readings, as the longest delay that is tried
 READINGS = 8192  # that are kept: 16 s of them at 500 Hz
 DELAY_STEP = 8  # px between the pixels that it is found from
@@ -36,7 +43,7 @@ class JointStream:
 
     Attributes:
         delay: as far as is known [s].
-        finding: whether it is still to be found.
+        finding: whether it is still sought.
         gains: ``(n,)``, what the joints move by for each unit of their readings; 1 where nothing is wrong.
         slipped: ``(n,)``, what the joints have moved beside their readings [rad, m].
     """
@@ -46,6 +53,8 @@ class JointStream:
         self.finding = delay is None
         self.delay = 0.0 if delay is None else delay
         self._sought = 0  # times
+        self._curves: list[DelayCurve] = []  # of the babbling so far
+        self._curve_frame = 0.0  # time between images that they are of [s]
         self.gains, self.slipped = np.ones(len(group.names)), np.zeros(len(group.names))
         self._gain_check = GainCheck(len(group.names))
         self.restart()
@@ -104,28 +113,32 @@ class JointStream:
         """Whether the readings of an image's time are there."""
         return image_time + self.delay <= self._buffer.last_time + 1e-6  # s; stamps are rounded sums
 
-    def find_delay(self, frame: ProcessedFrame) -> bool:
-        """Note a frame's motion and, once there is enough, find the delay; true where one was found just now.
+    def find_delay(self, frame: ProcessedFrame) -> float:
+        """Note a frame's motion and, whenever there is enough, find the delay; what it changed by just now [s].
 
-        Motions that do not tell it give way to later ones. Where none does in five seconds, there is none.
+        As long as the robot babbles it is found anew, from all motions so far, some seconds long.
         """
         start = DELAY_STEP // 2
         if frame.held:  # the next flow begins where this one would have
-            return False
+            return 0.0
         if frame.flow is not None and self._begin is not None:
             self._motion.append((self._begin, frame.time, frame.flow[start::DELAY_STEP, start::DELAY_STEP]))
         self._begin = frame.time
         motion = self._motion[:DELAY_MOTIONS]
         if len(motion) < DELAY_MOTIONS or not self.has(motion[-1][1] + DELAY_MARGIN * self.watch.frame_time):
-            return False
+            return 0.0
         pairs = np.array([(begin, end) for begin, end, _ in motion])
         flows = np.array([np.nan_to_num(flow).ravel() for *_, flow in motion])
-        found = find_joint_delay(flows, pairs, *self._buffer.readings())
-        self._sought += 1
+        self._curve_frame = self._curve_frame or float(np.median(pairs[:, 1] - pairs[:, 0]))
+        curve = babbling_curve(flows, pairs, *self._buffer.readings(), self._curve_frame)
+        self._curves += [] if curve is None else [curve]
         self._motion = self._motion[AGAIN_AFTER:]
-        self.finding = found is None and self._sought < DELAY_TRIES
-        self.delay = found or 0.0
-        return self.delay != 0.0
+        self._sought += 1
+        self.finding = self._sought < DELAY_TRIES
+        found, before = find_joint_delay(self._curves, self._curve_frame), self.delay
+        if found is not None and abs(found - before) >= LEAST_CHANGE * self._curve_frame:
+            self.delay = found
+        return self.delay - before
 
     def judge_motion(self, frame: ProcessedFrame, check: MotionCheck) -> tuple[Fault, float] | None:
         """Take out a joint's gain or a delay that has changed, as far as a frame's motion tells it.
@@ -202,6 +215,7 @@ class JointStream:
 
     def _changed(self, delay: float) -> Fault:
         self.delay = delay
+        self._curves, self._motion, self._begin = [], [], None  # of before
         if delay == 0:
             text = "images come when their stamps say again"
         elif delay < 0:

@@ -32,6 +32,7 @@ from dense_vs.point_servo.reach import Arrival, Reach
 from dense_vs.point_servo.reaching import Reaching
 from dense_vs.point_servo.same_surface import same_surface
 from dense_vs.point_servo.tracker import Method, PointTracker, TrackerOptions
+from dense_vs.recording.joint_delay import LEAST_FRAMES
 from dense_vs.robot.babbling import Babbling
 from dense_vs.robot.command_gate import MAX_AGE, CommandGate
 from dense_vs.robot.joint_group import JointGroup
@@ -255,8 +256,8 @@ class ServoLoop:
     def babble_once(self) -> ProcessedFrame:
         """One frame of babbling, for a program that decides after every frame whether to go on."""
         frame = self.step(self.when_due(self._babbling_step))
-        if self.joints.finding and self.joints.find_delay(self.frame):
-            self.pipeline.restart(forget=True)
+        if self.joints.finding and (change := self.joints.find_delay(self.frame)):
+            self.pipeline.restart(forget=abs(change) >= LEAST_FRAMES * self.joints.watch.frame_time)
             self.learned_body.retime(self.joints.kept_at)
         return frame
 

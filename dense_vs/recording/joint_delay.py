@@ -6,7 +6,7 @@ the images, below 0 where images are late. Motion is explained by J where J is k
 two J changes little: a ridge regression of the flow on the joint steps predicts each image pair from the others
 (beyond the papers, which have one clock).
 
-Four functions search so, each with what it has: :func:`find_joint_delay` with two seconds of babbling,
+Four functions search so, each with what it has: :func:`find_joint_delay` with babbling, two seconds at a time,
 :func:`find_jumped_delay` with the first image that is late where J is known, :func:`find_changed_delay` with the last
 images then, :func:`dense_vs.recording.find_clock_offset` with a whole recording.
 """
@@ -70,8 +70,10 @@ class DelayCurve:
         return float(np.interp(delay, self.delays, self.unexplained))
 
 
-def find_joint_delay(flow: np.ndarray, pairs: np.ndarray, times: np.ndarray, positions: np.ndarray) -> float | None:
-    """Delay of the readings while J is learned [s]; None where the motion does not tell it.
+def babbling_curve(
+    flow: np.ndarray, pairs: np.ndarray, times: np.ndarray, positions: np.ndarray, frame_time: float
+) -> DelayCurve | None:
+    """Motion that is left unexplained in a second or two in which J is learned; None where no joint moves.
 
     What the joints explain best decides: in noisy images most of the flow's energy is where nothing moves.
 
@@ -80,8 +82,8 @@ def find_joint_delay(flow: np.ndarray, pairs: np.ndarray, times: np.ndarray, pos
         pairs: ``(K, 2)`` stamps of the images [s].
         times: ``(S,)`` stamps of the joint readings [s], increasing; those up to 3 frames past the images are used.
         positions: ``(S, N)`` the readings [rad, m].
+        frame_time: time between images [s].
     """
-    frame_time = float(np.median(pairs[:, 1] - pairs[:, 0]))
     delays = _tried(BABBLING_FRAMES, frame_time)
     at, joints = even_joints(times, positions)
     if joints.shape[1] == 0:
@@ -90,7 +92,23 @@ def find_joint_delay(flow: np.ndarray, pairs: np.ndarray, times: np.ndarray, pos
     left = unexplained_components(steps, flow) + len(flow) * LEAST_NOISE**2
     share = left.min(axis=0) / ((flow**2).sum(axis=0) + len(flow) * LEAST_NOISE**2)
     best = np.argsort(share)[: max(LEAST_EXPLAINED, round(EXPLAINED * len(share)))]
-    curve = DelayCurve(delays, np.exp(np.log(left[:, best]).mean(axis=1)))
+    return DelayCurve(delays, np.exp(np.log(left[:, best]).mean(axis=1)))
+
+
+def find_joint_delay(curves: Sequence[DelayCurve], frame_time: float) -> float | None:
+    """Delay of the readings while J is learned [s]; None where the motion does not tell it.
+
+    Two seconds tell it to some tenths of a frame, the first ones, in which a robot begins to move, to half a frame; all
+    of ten seconds together to a tenth.
+
+    Args:
+        curves: of some parts of the babbling, :func:`babbling_curve`, of the same delays.
+        frame_time: time between images [s].
+    """
+    if not curves:
+        return None
+    mean = np.exp(np.mean([np.log(curve.unexplained) for curve in curves], axis=0))
+    curve = DelayCurve(curves[0].delays, mean)
     none = abs(curve.best) < LEAST_FRAMES * frame_time
     others = float(np.median(curve.unexplained)) if none else min(curve.at(0.0), float(np.median(curve.unexplained)))
     if curve.least >= (1 - LEAST_GAIN) * others:

@@ -1,8 +1,8 @@
 """Builds the MJCF scene of a commercial arm from an unpacked package: ``scene.xml`` with its meshes beside it.
 
 The arm keeps its meshes and materials. Its joints get position servos strong enough that it follows commands, gravity
-is compensated and nothing touches, so that what is seen depends on the joints alone. It stands in a room before two
-cameras, A and B, with a site ``tip`` in the middle of its hand.
+is compensated and nothing touches, so that what is seen depends on the joints alone. It stands in a room before eight
+cameras, A to H, with a site ``tip`` in the middle of its hand.
 """
 
 import re

@@ -4,7 +4,18 @@ import mujoco
 import numpy as np
 
 FOV = 45.0  # deg, vertical
-VIEWS = {"A": (55.0, 18.0), "B": (-75.0, 38.0)}  # azimuth from the robot's front and elevation [deg]
+# Azimuth from the robot's front and elevation [deg]. Constants were found on views of A and B; the others are from
+# where one may stand as well, behind the robot too, whose trunk hides some of its arm there.
+VIEWS = {
+    "A": (55.0, 18.0),
+    "B": (-75.0, 38.0),
+    "C": (20.0, 10.0),
+    "D": (-35.0, 25.0),
+    "E": (110.0, 30.0),
+    "F": (-120.0, 15.0),
+    "G": (0.0, 60.0),
+    "H": (80.0, 48.0),
+}
 SIZE = (320, 240)  # px, that the border is measured in
 BORDER = 14  # px
 DISTANCES = np.arange(2.0, 0.6, -0.02)  # m

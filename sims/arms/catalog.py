@@ -118,4 +118,15 @@ ARMS: dict[str, CommercialArm] = {
         ),
         floor=0.0,
     ),
+    "gr1": CommercialArm(
+        package=ROBOSUITE,
+        file=f"{ROBOSUITE_ASSETS}/robots/gr1/robot.xml",
+        home=_numbered(
+            "r_shoulder_pitch r_shoulder_roll r_shoulder_yaw r_elbow_pitch r_wrist_yaw r_wrist_roll r_wrist_pitch",
+            (-0.3, -0.4, 0.0, -1.3, 0.0, 0.0, 0.0),
+        ),
+        hand="right_eef",
+        gripper=f"{ROBOSUITE_ASSETS}/grippers/fourier_right_hand.xml",
+        floor=-0.95,
+    ),
 }

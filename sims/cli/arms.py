@@ -1,7 +1,7 @@
 """``dense-vs arms``: build the scene of a commercial arm, so that ``--robot NAME`` finds it.
 
 Meshes and materials come from the packages robosuite and, for Fetch, gymnasium-robotics, which pip downloads without
-their dependencies; nothing is installed. Cameras A and B see the arm from two sides.
+their dependencies; nothing is installed. Cameras A to H see the arm from eight sides.
 """
 
 import argparse

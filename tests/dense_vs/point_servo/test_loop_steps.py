@@ -258,13 +258,20 @@ def test_babbling_lasts_so_long_and_lets_what_waits_catch_up():
             loop.babble(wrong)
 
 
-@pytest.mark.parametrize(("finding", "found"), [(False, True), (True, False), (True, True)])
-def test_learning_begins_anew_when_a_delay_is_found(finding, found):
+@pytest.mark.parametrize("finding", [False, True])
+@pytest.mark.parametrize(
+    ("frames", "forgotten"), [(0.0, None), (0.39, False), (-0.39, False), (0.41, True), (-1.0, True)]
+)
+def test_learning_begins_anew_when_a_delay_is_found(finding, frames, forgotten):
+    """A change of less than two fifths of a frame costs little, and J is kept."""
     loop = bare()
-    loop.joints.finding, loop.joints.find_delay = finding, lambda frame: found
+    loop.joints.watch.frame_time = 0.05
+    loop.joints.finding, loop.joints.find_delay = finding, lambda frame: frames * 0.05
     loop.step, loop._babbling_step = lambda delta: (delta.tolist(), "frame"), lambda: np.array([0.1, 0.1])
     assert loop.babble_once() == ([0.1, 0.1], "frame")
-    assert (("pipeline", True) in loop.events) == (("retime", "kept") in loop.events) == (finding and found)
+    restarts = [event for event in loop.events if event[0] == "pipeline"]
+    assert restarts == ([("pipeline", forgotten)] if finding and forgotten is not None else [])
+    assert (("retime", "kept") in loop.events) == bool(restarts)
 
 
 def test_what_is_forgotten_with_the_camera(monkeypatch):

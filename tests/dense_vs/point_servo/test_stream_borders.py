@@ -78,67 +78,98 @@ def test_a_reading_that_cannot_be_is_not_kept():
     np.testing.assert_allclose(stream.newest, robot.q[[0, 2]])
 
 
-@pytest.mark.parametrize(("found", "told"), [(0.05, True), (0.0, False)])
-def test_the_delay_is_sought_once_sixty_motions_and_three_more_readings_were_seen(monkeypatch, found, told):
-    given = {}
+def finder(monkeypatch, delays):
+    """A stream that is to find its delay, told these one after the other, and what was asked: curves and finds."""
+    asked, answers = [], iter(delays)
 
-    def find(flows, pairs, stamps, positions):
-        given.update(flows=flows, pairs=pairs, stamps=stamps, positions=positions)
-        return found
+    def curve(flows, pairs, stamps, positions, frame_time):
+        asked.append({"flows": flows, "pairs": pairs, "stamps": stamps, "frame_time": frame_time})
+        return f"curve {len(asked)}"
 
+    def find(curves, frame_time):
+        asked[-1] |= {"curves": list(curves), "of": frame_time}
+        return next(answers)
+
+    monkeypatch.setattr(joint_stream, "babbling_curve", curve)
     monkeypatch.setattr(joint_stream, "find_joint_delay", find)
-    stream, robot = stream_of(delay=None)
+    return *stream_of(delay=None), asked
+
+
+def babble(stream, robot, frames, flow=None):
+    """What the delay changed by in each of some frames, for as long as it is sought."""
+    changes = []
+    seen = np.zeros((24, 32, 2), np.float32) if flow is None else flow
+    for _ in range(frames):
+        read(stream, robot, 1)
+        if stream.finding:
+            changes.append(stream.find_delay(SimpleNamespace(time=robot.stamp, held=False, flow=seen)))
+    return changes
+
+
+@pytest.mark.parametrize("found", [0.05, 0.0])
+def test_the_delay_is_sought_once_sixty_motions_and_three_more_readings_were_seen(monkeypatch, found):
+    stream, robot, asked = finder(monkeypatch, [found])
     flow = np.zeros((24, 32, 2), np.float32)
     flow[4::8, 4::8] = [1.0, 2.0]
     flow[4, 4, 0] = np.nan
-    answers = []
+    changes = []
     for k in range(65):
         read(stream, robot, 1)  # one frame after the other
         held = k == 10  # not used: the next motion begins where this one would have
         unseen = k == 0 or held
-        answers.append(
+        changes.append(
             stream.find_delay(SimpleNamespace(time=robot.stamp, held=held, flow=None if unseen else flow * (k + 1)))
         )
-    assert stream.finding
-    assert not any(answers)
+    assert not any(changes)
     robot.stamp += FRAME
-    last = given.get("pairs")
-    assert last is None
-    for _ in range(3):
-        read(stream, robot, 1)
-        answers.append(stream.find_delay(SimpleNamespace(time=robot.stamp, held=False, flow=flow)))
-    assert answers.count(True) == int(told)
-    assert not stream.finding
+    assert asked == []
+    changes += babble(stream, robot, 3, flow)
+    assert [change for change in changes if change] == [found] * (found > 0)
+    assert stream.finding
     assert stream.delay == found
+    (given,) = asked
     assert given["pairs"].shape == (60, 2)
     spans = np.diff(given["pairs"], axis=1).ravel() / FRAME
     np.testing.assert_allclose(spans[:12], [1] * 9 + [2, 1, 1])
     assert given["flows"].shape == (60, 3 * 4 * 2)
     np.testing.assert_allclose(given["flows"][0][:4], [0.0, 4.0, 2.0, 4.0])  # unknown is none
+    assert given["curves"] == ["curve 1"]
+    assert given["frame_time"] == given["of"] == pytest.approx(FRAME)
 
 
-@pytest.mark.parametrize(("told_at", "tries"), [(0, 1), (1, 2), (2, 3), (3, 3)])
-def test_motions_that_do_not_tell_the_delay_give_way_to_later_ones(monkeypatch, told_at, tries):
-    begun = []
-
-    def find(flows, pairs, stamps, positions):
-        assert len(flows) == len(pairs) == 60
-        begun.append(pairs[0, 0])
-        return 0.05 if len(begun) > told_at else None
-
-    monkeypatch.setattr(joint_stream, "find_joint_delay", find)
-    stream, robot = stream_of(delay=None)
-    answers = []
-    for _ in range(200):
-        read(stream, robot, 1)
-        if stream.finding:
-            frame = SimpleNamespace(time=robot.stamp, held=False, flow=np.zeros((24, 32, 2), np.float32))
-            answers.append(stream.find_delay(frame))
-    assert len(begun) == tries
+def test_the_delay_is_found_anew_from_all_of_the_babbling(monkeypatch):
+    """None where the motion does not tell it, and less than a tenth of a frame, leave it as it is."""
+    delays = [None, 0.04, 0.04 + 0.09 * FRAME, None, 0.04 - 0.11 * FRAME, 0.0]
+    stream, robot, asked = finder(monkeypatch, delays)
+    changes = babble(stream, robot, 400)
+    begun = [one["pairs"][0, 0] for one in asked]
     np.testing.assert_allclose(np.diff(begun), 45 * FRAME)
-    assert answers.count(True) == (told_at < 3)
+    np.testing.assert_allclose(
+        [change for change in changes if change], [0.04, -0.11 * FRAME, -0.04 + 0.11 * FRAME], atol=1e-12
+    )
+    assert asked[-1]["curves"] == [f"curve {k}" for k in range(1, 7)]
     assert not stream.finding
-    assert stream.delay == (0.05 if told_at < 3 else 0.0)
+    assert stream.delay == 0.0
+
+
+def test_motions_from_before_a_change_of_the_clock_tell_nothing(monkeypatch):
+    stream, robot, asked = finder(monkeypatch, [0.04, 0.1])
+    babble(stream, robot, 80)
+    assert len(asked) == 1
+    stream._changed(FRAME)
+    changed_at = robot.stamp
+    changes = babble(stream, robot, 70)
+    assert changes[:64] == [0.0] * 64
+    assert [change for change in changes if change] == [pytest.approx(0.1 - FRAME)]
+    assert asked[-1]["curves"] == ["curve 2"]
+    assert asked[-1]["pairs"].min() > changed_at
+
+
+def test_a_robot_that_stands_still_has_no_curve(monkeypatch):
+    stream, robot, asked = finder(monkeypatch, [None])
+    monkeypatch.setattr(joint_stream, "babbling_curve", lambda *given: asked.append({}))
+    assert not any(babble(stream, robot, 80))
+    assert asked == [{"curves": [], "of": pytest.approx(FRAME)}]
 
 
 @pytest.mark.parametrize(

@@ -10,6 +10,7 @@ from dense_vs.recording import clock_offset, joint_delay
 from dense_vs.recording.clock_offset import ClockOffset, MotionSamples, find_clock_offset
 from dense_vs.recording.joint_delay import (
     DelayCurve,
+    babbling_curve,
     even_joints,
     find_changed_delay,
     find_joint_delay,
@@ -117,9 +118,13 @@ def babbled(delay, seconds=2.5, seed=2, fps=30.0):
     return flow, pairs, times, joints(times - delay)
 
 
+def told(*seen):
+    return find_joint_delay([babbling_curve(*seen, 1 / 30)], 1 / 30)
+
+
 @pytest.mark.parametrize("frames", [0.0, 0.35, 0.5, 1.0, 2.5, -1.5])
 def test_a_delay_counts_from_two_fifths_of_a_frame_on(frames):
-    found = find_joint_delay(*babbled(frames / 30))
+    found = told(*babbled(frames / 30))
     assert found == pytest.approx(frames / 30 if abs(frames) >= 0.4 else 0.0, abs=0.08 / 30)
     assert (found == 0.0) == (abs(frames) < 0.4)
 
@@ -136,7 +141,7 @@ def test_a_delay_that_explains_hardly_more_does_not_count(monkeypatch, at):
             return by_delay[:, None] * (5.0 + noise) * np.ones(flow.shape[1]) - noise
 
         monkeypatch.setattr(joint_delay, "unexplained_components", unexplained)
-        found = find_joint_delay(flow, pairs, times, joints)
+        found = told(flow, pairs, times, joints)
         assert (found is not None) == counts
         if counts:  # tried every quarter of a frame from two frames before on
             assert found == pytest.approx((-2 + at / 4) / 30)
@@ -150,7 +155,7 @@ def test_what_the_joints_do_not_move_does_not_decide(frames):
     small = np.tile(flow, (1, 5)) + 0.5 * flow.std() * rng.normal(size=(len(flow), 30))
     wall = rng.normal(0, 10 * flow.std() * np.sqrt(30 / 1170), (len(flow), 1170))
     everything = np.hstack([wall, small])[:, rng.permutation(1200)]
-    found = find_joint_delay(everything, pairs, times, joints)
+    found = told(everything, pairs, times, joints)
     assert found == pytest.approx(frames / 30, abs=0.2 / 30)
 
 
@@ -159,7 +164,7 @@ def test_places_that_hardly_move_are_not_taken_for_the_best_explained():
     flow, pairs, times, joints = babbled(1.0 / 30)
     still = 1e-3 * np.roll(flow, 2, axis=0)[:, np.arange(2000) % 6]  # which another delay explains exactly
     seen = np.tile(flow, (1, 20)) + 0.4 * flow.std() * np.random.default_rng(3).normal(size=(len(flow), 120))
-    found = find_joint_delay(np.hstack([still, seen]), pairs, times, joints)
+    found = told(np.hstack([still, seen]), pairs, times, joints)
     assert found == pytest.approx(1 / 30, abs=0.15 / 30)
 
 

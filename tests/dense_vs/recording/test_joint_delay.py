@@ -4,7 +4,13 @@ import numpy as np
 import pytest
 
 from dense_vs import Babbling
-from dense_vs.recording.joint_delay import find_changed_delay, find_joint_delay, find_jumped_delay
+from dense_vs.recording.joint_delay import (
+    DelayCurve,
+    babbling_curve,
+    find_changed_delay,
+    find_joint_delay,
+    find_jumped_delay,
+)
 
 FRAME, COUNT, JOINTS = 1 / 30, 70, 4
 
@@ -25,10 +31,15 @@ def motion(request):
     return flow + rng.normal(0, 0.2, flow.shape), pairs, times, positions
 
 
+def told(flow, pairs, times, positions):
+    curve = babbling_curve(flow, pairs, times, positions, FRAME)
+    return find_joint_delay([] if curve is None else [curve], FRAME)
+
+
 @pytest.mark.parametrize("delay", [-1.6, -0.75, 0.0, 0.5, 1.0, 2.25])
 def test_finds_the_delay(motion, delay):
     flow, pairs, times, positions = motion
-    found = find_joint_delay(flow, pairs, times + delay * FRAME, positions)
+    found = told(flow, pairs, times + delay * FRAME, positions)
     assert found == pytest.approx(delay * FRAME, abs=0.05 * FRAME)
 
 
@@ -36,7 +47,7 @@ def test_finds_the_delay(motion, delay):
 def test_finds_it_where_images_are_left_out(motion, delay):
     flow, pairs, times, positions = motion
     used = np.arange(len(pairs)) % 7 != 3
-    found = find_joint_delay(flow[used], pairs[used], times + delay * FRAME, positions)
+    found = told(flow[used], pairs[used], times + delay * FRAME, positions)
     assert found == pytest.approx(delay * FRAME, abs=0.1 * FRAME)
 
 
@@ -45,20 +56,37 @@ def test_finds_it_in_rough_readings_of_the_image_rate_whatever_their_unit(motion
     flow, pairs, times, positions = motion
     noise = np.random.default_rng(5).normal(0, 1e-3, positions[3::10].shape)
     rough = np.round((positions[3::10] + noise) / 0.002) * 0.002 * np.array([1e3, 1e-3, 57.3, 1.0])
-    found = find_joint_delay(flow, pairs, times[3::10] + delay * FRAME, rough)
+    found = told(flow, pairs, times[3::10] + delay * FRAME, rough)
     assert found == pytest.approx(delay * FRAME, abs=0.2 * FRAME)
 
 
 def test_noise_has_no_delay(motion):
     _, pairs, times, positions = motion
     flow = np.random.default_rng(9).normal(size=(len(pairs), 200))
-    assert find_joint_delay(flow, pairs, times, positions) is None
+    assert told(flow, pairs, times, positions) is None
 
 
 def test_a_robot_that_stands_still_has_none(motion):
     flow, pairs, times, positions = motion
     for still in (0.0, 0.4, -1e6):
-        assert find_joint_delay(flow, pairs, times, np.full_like(positions, still)) is None
+        assert told(flow, pairs, times, np.full_like(positions, still)) is None
+
+
+def curve_of(best, depth, lowest=1.0):
+    """As a part of a babbling gives it: least at a delay in frames, by a share of what is left elsewhere."""
+    frames = np.arange(-8, 13) / 4
+    return DelayCurve(frames * FRAME, lowest * np.exp(-depth * np.maximum(0, 1 - ((frames - best) / 2) ** 2)))
+
+
+def test_parts_of_a_babbling_tell_the_delay_together():
+    """The clearer one has more to say, whatever either leaves unexplained; equal ones agree on their middle."""
+    both = find_joint_delay([curve_of(0.75, 0.5), curve_of(1.25, 0.5, 40.0)], FRAME)
+    assert both == pytest.approx(1.0 * FRAME, abs=0.01 * FRAME)
+    one_clear = find_joint_delay([curve_of(0.75, 0.2), curve_of(1.25, 0.8)], FRAME)
+    assert one_clear == pytest.approx(1.15 * FRAME, abs=0.01 * FRAME)
+    assert find_joint_delay([curve_of(1.7, 0.6)], FRAME) == pytest.approx(1.7 * FRAME, abs=0.02 * FRAME)
+    assert find_joint_delay([curve_of(1.0, 0.03), curve_of(1.0, 0.03)], FRAME) is None
+    assert find_joint_delay([], FRAME) is None
 
 
 PLACES = 150
