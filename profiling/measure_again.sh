@@ -97,6 +97,7 @@ surfaces)
     measure surfaces surfaces --jobs "$(nproc)" || true
     measure surfaces surfaces_7 --jobs "$(nproc)" || true
     measure surfaces surfaces_other_arms --jobs "$(nproc)" || true
+    measure surfaces surfaces_other_cameras --jobs "$(nproc)" || true
     measure hidden_points hidden_points --jobs "$(nproc)"
     measure body_model body_model --jobs "$(nproc)"
     measure body_changes body_changes --jobs "$(nproc)"

@@ -10,9 +10,14 @@ from surface_scores import ASTRAY_PX, OURS, REACHED_PX, Tally, ViewScore, mean_o
 
 from dense_vs.jacobian.options import JacobianOptions
 
-# 4 joints after 10 s, 7 joints after 20 s, and the first on other arms
-FILES = ("surfaces", "surfaces_7", "surfaces_other_arms")
-ARMS = {"surfaces_other_arms": "Commercial arms that nothing was tuned on"}
+OTHER_CAMERAS = "surfaces_other_cameras"
+# 4 joints after 10 s, 7 joints after 20 s, and the first on other arms and before other cameras
+FILES = ("surfaces", "surfaces_7", "surfaces_other_arms", OTHER_CAMERAS)
+ARMS = {
+    "surfaces_other_arms": "Commercial arms that nothing was tuned on",
+    OTHER_CAMERAS: "Commercial arms before cameras that nothing was tuned on, two behind the robot, where its trunk "
+    "hides some of its arm",
+}
 STOPPED = "the run was stopped early; what it had not come to, more often long ways as of lost points, is left out"
 HEAD = (
     "arm, camera",
@@ -104,7 +109,9 @@ def surface_lines() -> list[str]:
 
 
 def few_surface_lines() -> list[str]:
-    """Rows of the README: J, reaches and what is said of them over all commercial arms, clean and realistic."""
+    """Rows of the README: J, reaches and what is said of them over all commercial arms, clean and realistic; the same
+    of realistic images of other cameras.
+    """
     content = committed(FILES[0])
     if content is None:
         return []
@@ -122,4 +129,20 @@ def few_surface_lines() -> list[str]:
         f"| J error on {arms} commercial arms as they come, clean / realistic images | {' / '.join(errors)} |",
         f"| their reaches within {REACHED_PX:g} px over the whole range{early} | {' / '.join(reaches)} |",
         f"| said to be there (of these wrongly) | {' / '.join(said)} |",
+        *_few_other_camera_lines(),
+    ]
+
+
+def _few_other_camera_lines() -> list[str]:
+    content = committed(OTHER_CAMERAS)
+    if content is None:
+        return []
+    views = [view_score(row) for row in content["rows"] if row["images"] == "realistic"]
+    known = [view for view in views if view.learned or view.failure]
+    tally, arms = Tally.of(known), len({view.arm for view in known})
+    cameras = len({view.camera for view in known})
+    return [
+        f"| {arms} arms before {cameras} cameras that nothing was tuned on, realistic images: J error; reaches within "
+        f"{REACHED_PX:g} px; said to be there (wrongly) | {_figure(mean_of(known, 'j_median'))}; {tally.good} of "
+        f"{tally.asked}; {tally.said} ({tally.wrong}) |"
     ]

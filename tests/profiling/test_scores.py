@@ -156,11 +156,23 @@ def test_rows_of_the_readme_hold_every_view_that_is_known(monkeypatch):
     ]
     content = {"rows": [asdict(one) for one in views]}
     monkeypatch.setattr(surface_table, "committed", lambda name: content)
-    errors, reaches, said = surface_table.few_surface_lines()
+    errors, reaches, said, elsewhere = surface_table.few_surface_lines()
     assert errors == "| J error on 3 commercial arms as they come, clean / realistic images | 0.40 / - |"
     assert "of those made until the run was stopped" in reaches
     assert reaches.endswith("| 3 of 14 / 0 of 0 |")
     assert said.endswith("| 4 (1) / 0 (0) |")
+    assert elsewhere.endswith("| -; 0 of 0; 0 (0) |")  # none of the images are realistic
+    views = [
+        view("panda", "C", "realistic", j_median=0.2, reaches=[THERE, WRONG, LOST]),
+        view("ur5e", "C", "realistic", j_median=0.4, reaches=[THERE], targets=3, finished=False),
+        view("ur5e", "D", "realistic", targets=3, finished=False, failure="gone"),
+        view("ur5e", "E", "realistic", targets=3, finished=False),  # it had only begun
+        view("ur5e", "D", j_median=0.9, reaches=[LOST]),
+    ]
+    content["rows"] = [asdict(one) for one in views]
+    (elsewhere,) = surface_table.few_surface_lines()[3:]
+    assert elsewhere.startswith("| 2 arms before 2 cameras that nothing was tuned on, realistic images: J error; ")
+    assert elsewhere.endswith("| 0.30; 2 of 7; 3 (1) |")
 
 
 def test_labels_against_the_true_robot():
