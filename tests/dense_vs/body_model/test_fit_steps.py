@@ -317,3 +317,17 @@ def test_what_a_filter_s_j_says_otherwise_is_doubted():
     turn.points = -turn.points  # behind the camera
     _Turns._doubt(fit, turn, SimpleNamespace(disagreement=disagreement))
     assert asked[-1][2] == 1e-6
+
+
+def test_joints_that_move_nothing_are_not_learned_and_none_at_all_is_an_error():
+    moved_by = np.zeros((30, 3), bool)
+    moved_by[:, 0] = moved_by[:15, 1] = True
+    followed = SimpleNamespace(joints=np.zeros((40, 3)), seen=np.ones((40, 30), bool))
+    told = SimpleNamespace(moved_by=moved_by, usable=np.ones(30, bool))
+    parents, learned = fit_module._parents(told, followed, BodyFitOptions())
+    np.testing.assert_array_equal(learned, [True, True, False])
+    assert parents[0] == -1
+    assert parents[1] == 0
+    told.moved_by = np.zeros((30, 3), bool)
+    with pytest.raises(DenseVSError, match="no joint moves any track"):
+        fit_module._parents(told, followed, BodyFitOptions())

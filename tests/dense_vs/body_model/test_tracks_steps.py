@@ -242,3 +242,13 @@ def test_tracks_that_cannot_be():
     chosen = some.select(np.array([2, 0]))
     assert chosen.references.tolist() == [6, 4]
     assert np.isnan(chosen.pixels[0, 1, 0])
+
+
+def test_every_cell_has_corners_of_its_own():
+    """In a high, narrow image as well: a spot in each cell of 16 px; those of the last row and column are too near."""
+    rows, columns = 11, 3
+    spots = np.zeros((16 * rows, 16 * columns))
+    spots[8::16, 8::16] = 1.0
+    image = (100 + 1200 * gaussian_filter(spots, 1.5)).astype(np.uint8)
+    found = tracks._corners(image, np.ones(image.shape, bool), PointTrackOptions(per_cell=1))
+    assert sorted(found.round().tolist()) == sorted([16 * c + 8.0, 16 * r + 8.0] for c in range(2) for r in range(10))

@@ -157,12 +157,18 @@ def test_a_start_without_a_cost_is_left():
     ({"hand": 4}, None),
     ({"samples": 2}, "2 samples show 3 or more features of the hand to a camera; 3 joints need at least 3"),
     ({"samples": 3, "features": 40}, None),
+    ({"shown": 3}, None),
+    ({"shown": 2}, "0 samples show 3 or more features of the hand to a camera"),
 ])  # fmt: skip
 def test_what_cannot_determine_a_model_by_counting(changed, message):
     samples, features = changed.get("samples", 12), changed.get("features", 8)
     pixels = seen(samples, 2, features)
     if changed.get("blind"):
         pixels[:, 1] = np.nan
+    if "shown" in changed:  # other ones in each sample, and never more to a camera
+        for sample in range(samples):
+            of_sample = (np.arange(features) - sample) % features < changed["shown"]
+            pixels[sample][:, ~of_sample] = np.nan
     links = np.full(features, 3)
     if "hand" in changed:
         links[changed["hand"] :] = 2

@@ -116,3 +116,12 @@ def test_a_joint_that_does_not_follow_is_named_and_tried_again():
     for _ in range(30):
         faults = robot.step()
     assert faults == []
+
+
+def test_a_reading_at_the_border_of_what_can_be_is_believed():
+    watch = JointWatch(("a", "b"), MOST)
+    assert watch.judge(np.zeros(2), 5.0, 5.0) == []
+    (fault,) = watch.judge(np.array([3.0, 0.0]), 5.0 + FRAME, 5.0 + FRAME)
+    most = float(str(fault).split("at most ")[1].split(" can")[0])
+    assert watch.judge(np.array([most, 0.0]), 5.0 + FRAME, 5.0 + FRAME) == []
+    np.testing.assert_array_equal(watch.positions, [most, 0.0])

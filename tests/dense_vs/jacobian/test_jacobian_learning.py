@@ -159,3 +159,18 @@ def test_what_is_not_known_of_a_motion_is_by_the_covariance_of_j(scale):
     expected = span[learned] @ P[np.ix_(learned, learned)] @ span[learned]
     assert motion_variance(estimator.filter, span) == pytest.approx(expected, rel=1e-6)
     assert expected > 0
+
+
+@pytest.mark.parametrize("bound", [None, 1.0, 4.0])
+def test_how_far_one_flow_takes_j(bound):
+    """Nothing moves where J has 10 px: without a bound J follows all of that, else half a pixel times the bound."""
+    estimator = make(joints=1, order=1, covariance="fixed", prediction="none", max_innovation=bound)
+    for _ in range(400):
+        estimator.update(np.full((HEIGHT, WIDTH, 2), 10.0, np.float32), [0.1])
+    before = estimator.to_numpy().copy()
+    np.testing.assert_allclose(before, 100.0, rtol=1e-3)
+    estimator.update(np.zeros((HEIGHT, WIDTH, 2), np.float32), [0.1])
+    change = before - estimator.to_numpy()
+    gain = 0.1 / (0.1**2 + estimator.options.measurement_noise / estimator.options.initial_variance)
+    off = np.sqrt(2) * 10 if bound is None else 0.5 * bound
+    np.testing.assert_allclose(np.linalg.norm(change[..., 0], axis=2), gain * off, rtol=2e-3)

@@ -336,3 +336,13 @@ def test_flow_is_gathered_coarsely_and_gaps_are_left_out():
     assert len(samples.pairs) == 1
     samples.add(wide[:, 12:332], 2.1)
     assert samples.pairs[1] == (2.0, 2.1)
+
+
+def test_stamps_of_any_clock_give_the_same_joints():
+    """Those of Unix time are a billion times the length of a log."""
+    _, _, times, joints = babbled(0.0)
+    fine, smooth = even_joints(times, joints)
+    of_unix, same = even_joints(times + 1.7e9, joints)
+    assert len(of_unix) == len(fine)
+    np.testing.assert_allclose(of_unix - 1.7e9, fine, atol=1e-4)
+    np.testing.assert_allclose(same, smooth, atol=2e-3)
