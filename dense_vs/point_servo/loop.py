@@ -65,8 +65,8 @@ class ServoLoop:
         renew_patch: correlation below which the patch of a point followed as "aligned" is taken anew, so that surfaces
             that turn are not lost; each time may add hundredths of a pixel of drift. Kept unless given.
         joint_delay: time that joint readings are behind the images [s], below 0 where the images are late. Unless given
-            it is found in the first 2 to 5 s of babbling; where there is one, learning begins anew, and an image waits
-            until the readings of its time are there.
+            it is found in the first 2 s of babbling, and more exactly in the first 10; where there is one, learning
+            begins anew, and an image waits until the readings of its time are there.
         max_step: largest step of a joint in one command, a number or one for each joint [rad, m]; what babbling and
             servo are set to unless given. See :class:`dense_vs.robot.CommandGate`, which every command goes through.
         max_speed: of a joint [rad/s, m/s]; faster readings are not believed. Twice the largest step by default.
