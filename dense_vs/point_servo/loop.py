@@ -355,7 +355,7 @@ class ServoLoop:
             self._restart()
         faults = self.joints.read(time)
         self._newest = max(self._newest, time)
-        if self.joints.delay <= 0:
+        if self.joints.delay <= 0 and not self._held:
             return self._process(image, time, depth, faults)
         kept = None if depth is None else np.array(depth)
         self._held.append((np.array(image), time, kept, faults))  # a camera may reuse its buffer

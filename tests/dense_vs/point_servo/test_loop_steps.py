@@ -115,6 +115,17 @@ def test_images_wait_for_the_readings_of_their_time():
     assert loop._take(np.zeros(3), 12.0).time == 11.0  # of thirty-one the first is not waited with any longer
 
 
+def test_images_that_wait_come_before_the_next_one_when_there_is_no_delay_any_more():
+    loop = bare()
+    processing(loop)
+    loop.joints.delay = 0.2
+    loop._take(np.zeros(3), 10.1)
+    loop.joints.delay, loop.joints.has = 0.0, lambda time: time <= 10.2
+    assert loop._take(np.zeros(3), 10.2).time == 10.2
+    assert [event[1] for event in loop.events if event[0] == "process"] == [10.1, 10.2]
+    assert not loop._held
+
+
 def commanding(loop, faults=()):
     """A camera, and a gate that sends half of what it is given."""
     processing(loop)
