@@ -140,6 +140,9 @@ def test_places_held_out_are_counted_within_their_deviation():
         astray.append(share_within_deviation(model, replace(tracks, pixels=pixels), 40))
     assert 0.55 < np.mean(within) < 0.9
     assert np.mean(astray) < 0.25 * np.mean(within)
+    pixels = tracks.pixels.copy()
+    pixels[45] = np.nan  # an image in which nothing is seen leaves the others
+    assert share_within_deviation(model, replace(tracks, pixels=pixels), 40) == pytest.approx(within[-1], abs=0.1)
     pixels[40:] = np.nan
     assert np.isnan(share_within_deviation(model, replace(tracks, pixels=pixels), 40))
 

@@ -29,6 +29,15 @@ def test_a_start_nearby_leads_back(ur5, model):
     assert joints[0] == pytest.approx(truth, abs=1e-5)
 
 
+def test_a_start_that_is_there_already_does_not_end_the_others(ur5, model):
+    truth = ur5.unseen_joints[0]
+    pose = hand_pose(model, truth)
+    (there,), _ = joints_of_pose(model.parameters, pose, truth[None] + 0.02)
+    joints, left = joints_of_pose(model.parameters, pose, np.stack([there, truth + 0.02]))
+    np.testing.assert_array_equal(joints[0], there)
+    assert (left < 1e-8).all()
+
+
 def test_a_pose_out_of_reach_says_how_far(model):
     far = np.eye(4)
     far[:3, 3] = 100 * np.linalg.norm(np.ptp(model.parameters.points, axis=0))

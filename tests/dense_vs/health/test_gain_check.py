@@ -222,3 +222,14 @@ def test_what_speaks_for_one_joint_says_of_the_others_that_they_move_as_they_rea
         assert check.judge(motion((1, 0, 1), begin=0.1 * k, seed=k), SPAN, WHOLE) is None
     found = check.judge(motion((1, 0, 1), begin=0.6, seed=6), SPAN, WHOLE)
     assert found == GainChange(1, pytest.approx(0.05, abs=1e-9), pytest.approx(0.3))
+
+
+def test_what_a_joint_leaves_is_told_at_half_of_the_places():
+    """Some that fail grossly do not count: (2, 0.5) px are left before, and half a pixel across after."""
+    J, part = np.zeros((PLACES, 2, 1)), np.array([10.0, 0.0])
+    J[:, :, 0] = part / 0.05
+    flow = np.tile(part + np.array([2.0, 0.5]), (PLACES, 1))
+    flow[:10] = part + np.array([20.0, 0.5])
+    factors, left = factors_of(Motion(0.0, 0.1, flow, J, True), np.array([0.05]))
+    np.testing.assert_allclose(factors, [1.2])
+    np.testing.assert_allclose(left, [0.5 / np.hypot(2.0, 0.5)])

@@ -137,3 +137,11 @@ def test_small_motions_add_up_until_they_are_enough():
     assert outcomes[3].outcome == "updated"
     np.testing.assert_allclose(outcomes[3].pinv, updated.pinv, rtol=1e-12)
     assert outcomes[4].outcome.value == "too little motion"
+
+
+def test_an_update_of_which_any_element_overflows_is_not_taken():
+    pinv = np.array([[1.7e308, 0.0], [0.0, 0.001]])
+    learner = HadamardBroyden(pinv, alpha=1.0, min_cosine=0.0)
+    step = learner.update(np.array([1e2, 1e-3]), np.array([-1e-307, 1.0]))
+    assert step.outcome == "overflow"
+    np.testing.assert_array_equal(learner.pinv, pinv)

@@ -112,6 +112,19 @@ def test_images_from_before_the_change_are_forgotten(changing, since, kept):
         assert since - 14 <= left[0] <= since + 14
 
 
+def test_of_few_images_just_those_from_before_the_change_are_forgotten(changing):
+    one = changing.one
+    while len(one._history) > 16:
+        one._history.popleft()
+        one._times.popleft()
+    first = int(one._history[0][0][0, 0])
+    changing.likeness["before"] = lambda k: 0.9 if k < first + 6 else 0.4
+    changing.likeness["after"] = lambda k: 0.4 if k < first + 6 else 0.9
+    assert one.learn(POSTURE)
+    assert [int(image[0, 0]) - first for image, _ in one._history] == list(range(6, 16))
+    assert len(one._times) == 10
+
+
 @pytest.mark.parametrize(
     ("kind", "doubted"), [(FaultKind.SLIP, True), (FaultKind.MISFIT, True), (FaultKind.DARK, False), (None, False)]
 )

@@ -89,3 +89,15 @@ def test_an_image_is_followed_to_though_it_was_taken_long_before_the_last():
     for frame in frames:
         assert len(frame.features) == 9
         np.testing.assert_allclose(frame.places, BEGUN + STEP * (frame.positions - 4), atol=0.1)
+
+
+def test_images_are_apart_by_what_moves_in_them_though_it_moves_along_a_line():
+    """By the places that are known in all images; by the joints where none of these moves."""
+    expected = np.full((3, 4, 2), 50.0)
+    expected[:, :3, 0] = np.array([[0.0], [8.0], [10.0]])
+    expected[1, 3] = np.nan
+    postures = np.array([[0.0], [1.0], [0.1]])
+    np.testing.assert_allclose(_apart(expected, postures), [[0, 8, 10], [8, 0, 2], [10, 2, 0]])
+    by_joints = [[0, 1, 0.1], [1, 0, 0.9], [0.1, 0.9, 0]]
+    np.testing.assert_allclose(_apart(np.full((3, 4, 2), 50.0), postures), by_joints)
+    np.testing.assert_allclose(_apart(np.full((3, 4, 2), np.nan), postures), by_joints)
