@@ -15,8 +15,8 @@ OTHER_CAMERAS = "surfaces_other_cameras"
 FILES = ("surfaces", "surfaces_7", "surfaces_other_arms", OTHER_CAMERAS)
 ARMS = {
     "surfaces_other_arms": "Commercial arms that nothing was tuned on",
-    OTHER_CAMERAS: "Commercial arms before cameras that nothing was tuned on, two behind the robot, where its trunk "
-    "hides some of its arm",
+    OTHER_CAMERAS: "Commercial arms before other cameras, two behind the robot, where its trunk hides some of its arm "
+    "(with other seeds before these, the search for the delay of joint readings was mended)",
 }
 STOPPED = "the run was stopped early; what it had not come to, more often long ways as of lost points, is left out"
 HEAD = (
@@ -142,7 +142,7 @@ def _few_other_camera_lines() -> list[str]:
     tally, arms = Tally.of(known), len({view.arm for view in known})
     cameras = len({view.camera for view in known})
     return [
-        f"| {arms} arms before {cameras} cameras that nothing was tuned on, realistic images: J error; reaches within "
+        f"| {arms} arms before {cameras} other cameras, realistic images: J error; reaches within "
         f"{REACHED_PX:g} px; said to be there (wrongly) | {_figure(mean_of(known, 'j_median'))}; {tally.good} of "
         f"{tally.asked}; {tally.said} ({tally.wrong}) |"
     ]

@@ -3,7 +3,7 @@
     dense-vs arms panda ur5e baxter fetch
     python profiling/surfaces.py --jobs 30 --json profiling/results/surfaces.json
     python profiling/surfaces.py --jobs 30 --joints 7 --seconds 20 --json profiling/results/surfaces_7.json
-    dense-vs arms spot-arm tiago gr1  # nothing was tuned on these
+    dense-vs arms spot-arm tiago gr1  # no constant was found on these
     python profiling/surfaces.py --arms spot-arm,tiago --json profiling/results/surfaces_other_arms.json
     python profiling/surfaces.py --arms panda,ur5e,baxter,fetch,spot-arm,tiago,gr1 --cameras C,D,E,F,G,H \\
         --images realistic --targets 3 --json profiling/results/surfaces_other_cameras.json

@@ -9,7 +9,7 @@ from pathlib import Path
 from dense_vs.errors import DenseVSError
 
 TUNED_ARMS = ("panda", "ur5e", "baxter", "fetch")  # constants were found on some of their views
-OTHER_ARMS = ("spot-arm", "tiago", "gr1")  # nothing was found on them
+OTHER_ARMS = ("spot-arm", "tiago", "gr1")  # no constant was found on them
 ARM_NAMES = TUNED_ARMS + OTHER_ARMS
 FOLDER_VARIABLE = "DENSE_VS_ARMS"
 

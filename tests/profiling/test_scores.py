@@ -171,7 +171,7 @@ def test_rows_of_the_readme_hold_every_view_that_is_known(monkeypatch):
     ]
     content["rows"] = [asdict(one) for one in views]
     (elsewhere,) = surface_table.few_surface_lines()[3:]
-    assert elsewhere.startswith("| 2 arms before 2 cameras that nothing was tuned on, realistic images: J error; ")
+    assert elsewhere.startswith("| 2 arms before 2 other cameras, realistic images: J error; ")
     assert elsewhere.endswith("| 0.30; 2 of 7; 3 (1) |")
 
 
