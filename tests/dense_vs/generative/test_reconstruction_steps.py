@@ -207,6 +207,36 @@ def test_mistaken_samples_lose_their_weight(share):
     assert len(found) <= 4
 
 
+def test_the_best_four_minima_are_taken_up_again(monkeypatch):
+    """Each three times, with less weight the more a sample is off half of them."""
+    rng = np.random.default_rng(9)
+    joints = rng.uniform(-0.9, 0.9, (15, 2))
+    rotations = turns(rng, 15, 0.1) @ chain(AXES, HOME, joints)
+    told = [rotation_fit.RotationMinimum(AXES, turns(rng, 1, 0.1)[0] @ HOME, 0.1 * k) for k in range(6)]
+    asked = []
+
+    def stub(joints, rotations, rng, weights=None, starts=24, max_iterations=100, given=None):
+        if given is None:
+            assert starts == 9
+            return told
+        assert (starts, max_iterations) == (0, 30)
+        ((axes, home),) = given
+        asked.append((home, weights))
+        return [rotation_fit.RotationMinimum(axes, Rotation.from_rotvec([0.0, 0.0, 0.01]).as_matrix() @ home, 7.0)]
+
+    monkeypatch.setattr(rotation_fit, "fit_rotations", stub)
+    found = fit_rotations_robustly(joints, rotations, rng, starts=9)
+    assert len(found) == 4
+    assert len(asked) == 12
+    for minimum, start in ((k // 3, asked[k][0]) for k in range(0, 12, 3)):
+        np.testing.assert_array_equal(start, told[minimum].home)
+    for home, weights in asked:
+        error = angles(rotations, chain(AXES, home, joints))
+        np.testing.assert_allclose(weights, (1 + (error / (2 * np.median(error))) ** 2) ** -2.0, rtol=1e-3)
+    for one in found:
+        assert one.rms == pytest.approx(np.median(angles(rotations, chain(AXES, one.home, joints))))
+
+
 def test_points_of_axes_are_the_weighted_least_squares_solution():
     """No small change of any point or of the home place explains noisy places better."""
     rng = np.random.default_rng(9)
