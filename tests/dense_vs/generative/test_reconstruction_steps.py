@@ -172,6 +172,19 @@ def test_given_starts_are_walked_down_too():
     np.testing.assert_allclose(walked.axes, AXES, atol=1e-6)
 
 
+@pytest.mark.parametrize(("apart", "told"), [(1.0008, 1), (1.0012, 2)])
+def test_minima_are_two_that_differ_by_more_than_a_thousandth(apart, told):
+    joints = np.random.default_rng(6).uniform(-0.9, 0.9, (20, 2))
+    rotations = chain(AXES, HOME, joints)
+    # Turned by an angle all samples are off by 2 sin(angle / 2).
+    angles = [2 * np.arcsin(0.1 * scale) for scale in (apart, 1.0)]
+    homes = [Rotation.from_rotvec([0.0, 0.0, angle]).as_matrix() @ HOME for angle in angles]
+    given = [(AXES, home) for home in homes]
+    minima = fit_rotations(joints, rotations, np.random.default_rng(0), starts=0, max_iterations=0, given=given)
+    assert len(minima) == told
+    assert [one.rms for one in minima] == pytest.approx([0.2, 0.2 * apart][:told], rel=1e-5)
+
+
 def test_a_third_of_the_starts_are_regressed_and_the_others_are_random():
     rng = np.random.default_rng(7)
     joints = rng.uniform(-0.02, 0.02, (30, 3))
