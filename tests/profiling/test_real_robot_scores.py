@@ -196,7 +196,7 @@ def test_j_is_carried_through_episodes_in_their_order(tmp_path, monkeypatch):
 @pytest.fixture
 def found(monkeypatch, tmp_path):
     """Metrics of the program with episodes made by hand: E is the episode's number in hundredths."""
-    seen = {}
+    seen, tolerances = {}, {}
 
     class One:
         def __init__(self, number, clocks, carried, remembered):
@@ -218,9 +218,25 @@ def found(monkeypatch, tmp_path):
     monkeypatch.setattr(real_robot, "marked_points", lambda: marks)
     distances = np.array([0.5, 9.0, 1.5, 0.7, 0.6]), np.array([False, True, False, False, False])
     monkeypatch.setattr(real_robot, "tracking_errors", lambda mark: distances)
-    monkeypatch.setattr(real_robot, "report", lambda metrics, _: seen.update({m.name: m.value for m in metrics}) or 0)
+
+    def report(metrics, _):
+        seen.update({m.name: m.value for m in metrics})
+        tolerances.update({m.name: m.tolerance for m in metrics})
+        return 0
+
+    monkeypatch.setattr(real_robot, "report", report)
     monkeypatch.setattr(sys, "argv", ["real_robot.py"])
     assert real_robot.main() == 0
+    assert {name: share for name, share in tolerances.items() if name.startswith("E, ")} == {
+        "E, arm, tuned": 0.02,
+        "E, arm, confirmed": 0.02,
+        "E, first quarter, from nothing, tuned": 0.02,
+        "E, first quarter, from nothing, confirmed": 0.02,
+        "E, first quarter, from nothing, least": 0.02,
+    }
+    assert tolerances["offset, worst miss of a shift by 200 ms"] == 0.5
+    assert tolerances["point of the hand, episode 5, median error"] == 0.5
+    assert tolerances["point of the hand, episode 5, worst error not flagged"] == 1.0
     return seen
 
 

@@ -178,3 +178,19 @@ def test_a_guess_is_said_in_the_units_of_the_joints():
     slides = TexturedArm(slides=True).model()
     guess = _Guess(ChangeKind.JOINT, (2,), False, np.array([0, 0, 0.03]), np.eye(3), np.zeros(3))
     assert guess.change(slides).units == ("rad", "rad", "m")
+
+
+@pytest.mark.parametrize(("counts", "fitted"), [((20, 20), 2), ((19, 20), 0), ((20, 19), 1)])
+def test_a_guess_is_looked_for_nearer_and_nearer_as_long_as_twenty_patches_are_seen(monkeypatch, counts, fitted):
+    one, told, asked = search(), iter(counts), []
+    monkeypatch.setattr(one, "_reaches", [24, 8, 3])
+
+    def seen(guess, reach):
+        asked.append((guess.cost, reach))
+        return SimpleNamespace(links=np.zeros(next(told), int))
+
+    monkeypatch.setattr(one, "_sightings", seen)
+    monkeypatch.setattr(one, "_fitted", lambda guess, seen, turn: replace(guess, cost=float(turn)))
+    found = one._searched(nothing(cost=0.5))
+    assert found.cost == (0.5, 1.0, 2.0)[fitted]
+    assert asked == [(0.5, 8), (1.0, 3)][: min(fitted + 1, 2)]

@@ -252,3 +252,37 @@ def test_every_cell_has_corners_of_its_own():
     image = (100 + 1200 * gaussian_filter(spots, 1.5)).astype(np.uint8)
     found = tracks._corners(image, np.ones(image.shape, bool), PointTrackOptions(per_cell=1))
     assert sorted(found.round().tolist()) == sorted([16 * c + 8.0, 16 * r + 8.0] for c in range(2) for r in range(10))
+
+
+def test_which_places_are_believed(monkeypatch):
+    """Those that the way back ends nearer than the bound, both ways done, inside the image, and alike."""
+    options = PointTrackOptions(max_return=0.5, min_correlation=0.8)
+    points = np.tile(np.array([[40.0, 30.0]], np.float32), (12, 1))
+    places, ends, done = points + np.float32(2), points.copy(), np.ones((2, 12), np.uint8)
+    ends[1] += [0.3, 0.3]
+    ends[2] += [0.5, 0.0]  # as far as the bound
+    ends[3] -= [0.4, 0.4]
+    done[0, 4] = done[1, 5] = 0
+    edge = tracks._EDGE
+    places[6], places[7] = (edge, 30), (40, edge)
+    places[8], places[9] = (SIZE[1] - 1 - edge, 30), (40, SIZE[0] - 1 - edge)
+    alike = np.array([0.9] * 10 + [0.8, 0.81])
+    asked = []
+
+    def flow(first, second, start, guess, **setup):
+        asked.append((start.copy(), guess.copy(), setup))
+        way = len(asked) - 1
+        return (places if way == 0 else ends).reshape(-1, 1, 2), done[way].reshape(-1, 1), None
+
+    monkeypatch.setattr(tracks.cv2, "calcOpticalFlowPyrLK", flow)
+    believed = np.array([0, 1, 10, 11])
+    monkeypatch.setattr(tracks, "_correlation", lambda first, second, a, b, window: alike[believed])
+    image = np.zeros(SIZE, np.uint8)
+    found, good = tracks._locate(image, image, points, points + np.float32(1), options)
+    np.testing.assert_array_equal(found, places)
+    assert np.flatnonzero(good).tolist() == [0, 1, 11]
+    np.testing.assert_array_equal(asked[0][1].reshape(-1, 2), points + 1)
+    np.testing.assert_array_equal(asked[1][0].reshape(-1, 2), places)
+    np.testing.assert_array_equal(asked[1][1].reshape(-1, 2), points + np.array([1.5, -1.5], np.float32))
+    assert asked[0][2]["maxLevel"] == 1
+    assert asked[0][2]["criteria"] == (3, 20, 0.01)

@@ -87,6 +87,8 @@ def test_a_way_ends_at_a_limit():
     assert robot.q[0] == pytest.approx(1.0)
     one._move(one._base, np.array([0.3, -0.4]))
     np.testing.assert_allclose(robot.q[2:], [1.3, 1.6])
+    one._move(one._base, np.array([0.0, 0.4]))  # one of both alone
+    np.testing.assert_allclose(robot.q[2:], [1.3, 2.0])
 
 
 def test_a_lost_object_is_sought_where_it_was_seen(monkeypatch):

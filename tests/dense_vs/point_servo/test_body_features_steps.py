@@ -183,6 +183,34 @@ def test_a_feature_goes_to_the_link_that_explains_it():
     assert unknown.links[[1, 3]].tolist() == [0, 0]
 
 
+def test_a_feature_that_the_latest_keyframes_do_not_show_begins_where_it_was_seen_last(monkeypatch):
+    body = features()
+    links, points = [1, 0, 1], np.array([[0.15, 0.1, 1.1], [-0.1, 0.2, 0.9], [-0.05, -0.15, 1.3]])
+    numbers = seen_in(body, links, points, POSTURES)
+    for k, (number, last) in enumerate(zip(numbers, (8, 5, 11), strict=True)):
+        for frame, one in enumerate(body.keyframes):
+            if frame > last:
+                kept = one.features != number
+                body.keyframes[frame] = Keyframe(one.positions, one.features[kept], one.places[kept], IMAGE)
+        assert np.isfinite(body.tracks(numbers)[1][last, k]).all()
+    started, place_points = [], body_features.place_points
+
+    def placed(chain, focal, center, postures, places, links, starts, *rest):
+        started.append(starts.copy())
+        return place_points(chain, focal, center, postures, places, links, starts, *rest)
+
+    monkeypatch.setattr(body_features, "place_points", placed)
+    body.assign(numbers)
+    assert body.links[:3].tolist() == links
+    (starts,) = started
+    chain = two_joints()
+    for link in (0, 1):
+        for k, last in enumerate((8, 5, 11)):
+            rotation, translation = (pose[0, link] for pose in chain.link_poses(POSTURES[last : last + 1]))
+            seen = rotation @ starts[3 * link + k] + translation  # at a depth of 1
+            np.testing.assert_allclose(seen, [*(pixel(links[k], points[k], POSTURES[last]) - CENTER) / FOCAL, 1.0])
+
+
 def test_the_usual_depth_is_the_median_of_the_link_s_features():
     body = features()
     turn = Rotation.from_rotvec([0.3, -0.2, 0.1]).as_matrix()

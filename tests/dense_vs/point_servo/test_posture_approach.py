@@ -189,3 +189,13 @@ def test_the_point_moves_a_fiftieth_of_the_width_a_frame_at_most_on_the_way_that
     loop.joints.newest = np.array([0.4, 0.3])
     step = Reaching(loop, Arrival(), 1)._toward(np.array([0.5, 0.1]))
     np.testing.assert_allclose(step, [0.004, -0.008])  # 4 px of 200
+
+
+def test_a_posture_at_the_very_border_of_another_one_is_still_the_same():
+    approach, posture, here = PostureApproach(), np.zeros(2), np.array([0.9, 0.0])
+    for _ in range(STALLED + 1):
+        approach.sent(posture, here)
+    assert approach.over(np.array([0.02, -0.02]), here, 0.01)
+    assert not approach.over(np.array([0.02, np.nextafter(-0.02, -1.0)]), here, 0.01)
+    assert not PostureApproach().over(posture, here, 0.9)  # within it is nearer than that
+    assert PostureApproach().over(posture, here, 0.91)

@@ -1,6 +1,7 @@
 """The world as its user meets it: commands, joints, time, seeds, and every wrong argument."""
 
 import itertools
+from contextlib import contextmanager
 
 import numpy as np
 import pytest
@@ -8,6 +9,7 @@ import pytest
 from dense_vs.errors import DenseVSError
 from dense_vs.robot import JointGroup
 from dense_vs.sims import FRAME_SECONDS, SimCamera, SimRobot, SimWorld
+from dense_vs.sims.engine import world as world_module
 
 SMALL = {"device": "cpu", "height": 24, "width": 32}
 
@@ -157,6 +159,22 @@ def test_returned_arrays_are_the_callers_own(small):
     small.frame()
     np.testing.assert_array_equal(before.rgb, kept)
     assert np.any(small.true_flow() != flow)
+
+
+@pytest.mark.parametrize(("samples", "per_pixel"), [(1, 24), (2, 24 + 30 * 4), (3, 24 + 30 * 9)])
+def test_memory_is_asked_for_of_physics_and_every_pixel(monkeypatch, samples, per_pixel):
+    asked = []
+
+    @contextmanager
+    def room_for(what, worlds, bytes_per_world, device):
+        asked.append((worlds, bytes_per_world))
+        raise DenseVSError("no room")
+        yield
+
+    monkeypatch.setattr(world_module, "room_for", room_for)
+    with pytest.raises(DenseVSError, match="no room"):
+        SimWorld("planar", worlds=3, samples=samples, **SMALL)
+    assert asked == [(3, per_pixel * 24 * 32 + 50_000)]
 
 
 def test_any_number_of_threads_gives_the_same_image():

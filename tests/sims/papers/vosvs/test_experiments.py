@@ -175,6 +175,31 @@ def test_learn_rows():
     )
 
 
+def test_rows_of_several_seeds_are_medians():
+    one = next(config for config in CONFIGURATIONS if config.name == "arm both")
+    pinv, true = np.array([[-0.0004, 0], [-0.001, 0], [0, 0.003]]), np.array([[-0.0008, 0], [-0.002, 0], [0, 0.004]])
+
+    def learned(seed, scale, updates, of_true):
+        outcomes = {u: Learning(True, updates, 20, 1, 3, scale * pinv, scale * pinv[None], []) for u in Update}
+        return learn.Learned(one, seed, outcomes, of_true * true, ("m", "rad", "rad"))
+
+    ones = [learned(4, 1.0, 9, 1.0), learned(5, 4.0, None, 5.0), learned(6, 2.0, 30, 3.0), learned(7, 1.5, 11, 3.0)]
+    rows = [(row.name, row.ours) for row in learn.table_rows(ones, (4, 5, 6, 7))]
+    for element, index in (("darm_lift/ds_x", (0, 0)), ("dwrist_flex/ds_x", (1, 0)), ("darm_roll/ds_y", (2, 1))):
+        place = [name for name, _ in rows].index(f"arm both: {element}, {Update.GUARDED}")
+        assert [row[1] for row in rows[place : place + 3]] == pytest.approx(
+            [1.75 * pinv[index], 1.75 * pinv[index], 3.0 * true[index]]
+        )
+    found = dict(rows)
+    assert found[f"arm both: updates until s*, {Update.GUARDED}"] == 11  # of those that there were
+    # 1, 0.8, 2 / 3 and a half of what is true, in y three quarters of that.
+    parts = [
+        found[f"{one.name}: part of the error in s_{x} that a step by (10) removes, {Update.GUARDED}"] for x in "xy"
+    ]
+    shares = np.array([1.0, 4 / 5, 2 / 3, 1 / 2])
+    assert parts == pytest.approx([np.median(shares), np.median(0.75 * shares)])
+
+
 def test_learning_is_drawn(tmp_path):
     """Ways in the image of every update up to the first that converged, and the views of H_base."""
     base = next(config for config in CONFIGURATIONS if config.name == "base")
