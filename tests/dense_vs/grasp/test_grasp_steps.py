@@ -91,6 +91,24 @@ def test_a_way_ends_at_a_limit():
     np.testing.assert_allclose(robot.q[2:], [1.3, 2.0])
 
 
+@pytest.mark.parametrize(
+    ("by", "steps", "commands"),
+    [
+        ((-0.45, 0.1), (0.2, 0.2), [(-0.2, 0.4 / 9), (-0.2, 0.4 / 9), (-0.05, 0.1 / 9)]),
+        ((0.1, 0.1), (0.5, 0.03), [(0.03, 0.03)] * 3 + [(0.01, 0.01)]),
+        ((0.1, -0.05), (0.04, 0.5), [(0.04, -0.02), (0.04, -0.02), (0.02, -0.01)]),
+        ((0.0, -5.5), (2.0, 2.0), [(0.0, -2.0)] * 2 + [(0.0, -1.5)]),
+        ((0.0, -9.0), (2.0, 2.0), [(0.0, -2.0)] * 3 + [(0.0, -1.0)]),  # the limit is 7 away
+    ],
+)
+def test_a_way_of_two_joints_is_straight_whatever_each_may_go_at_once(by, steps, commands):
+    robot = Robot()
+    one = loop_of(robot)
+    one._gates[one._base.names].max_step = np.array(steps)
+    one._move(one._base, np.array(by))
+    np.testing.assert_allclose(np.array(robot.sent)[:, 2:], commands, atol=1e-12)
+
+
 def test_a_lost_object_is_sought_where_it_was_seen(monkeypatch):
     robot, asked = Robot(), {}
     one = loop_of(robot)
