@@ -56,9 +56,7 @@ def test_a_mask_is_of_the_pixels_within_the_hulls_of_the_corners(angle, closing,
 def test_what_is_nearer_than_five_millimeters_is_not_drawn():
     toward = np.diag([1.0, -1.0, -1.0])  # its tip is nearest
     assert gripper(pose(toward, [0, 0, 0.005])).finger_masks([0.0], CAMERA, SHAPE).shape == (1, *SHAPE)
-    with pytest.raises(
-        DenseVSError, match=r"a finger reaches to 0\.0050 m before the camera; expected at least 0\.005"
-    ):
+    with pytest.raises(DenseVSError, match=r"a finger reaches to 0\.0050 m .* expected at least 0\.005 m"):
         gripper(pose(toward, [0, 0, np.nextafter(0.005, 0)])).finger_masks([0.0], CAMERA, SHAPE)
 
 

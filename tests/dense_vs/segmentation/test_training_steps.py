@@ -65,14 +65,14 @@ def test_color_words_are_of_as_many_pixels_of_every_image_inside_and_outside(mon
     masks[0][2, 3] = 0.51
     images[0][2, 3] = 11
     masks[1][:] = 1.0
-    masks[2][2, 3] = 0.5  # not inside
+    masks[1][4, 4], images[1][4, 4] = 0.5, 21  # not inside
     _vocabulary(images, masks, np.random.default_rng(0), 7)
     ((inside, outside, known),) = asked
     assert known == {"words": 18, "seed": 7}
     assert np.unique(inside[:, 0], return_counts=True)[0].tolist() == [11, 20]
     assert np.bincount(inside[:, 0])[[11, 20]].tolist() == [500, 500]
-    assert np.unique(outside[:, 0]).tolist() == [10, 30]
-    assert np.bincount(outside[:, 0])[[10, 30]].tolist() == [500, 500]
+    assert np.unique(outside[:, 0]).tolist() == [10, 21, 30]
+    assert np.bincount(outside[:, 0])[[10, 21, 30]].tolist() == [500, 500, 500]
 
 
 def test_the_histogram_of_an_object_is_of_its_own_pixels():
