@@ -38,6 +38,10 @@ def test_a_late_answer_corrects_what_came_after_it(body):
     np.testing.assert_allclose(one.place, [59, 41])
     one.take(14, seen(57.5, 41))  # 57, 41 by now
     np.testing.assert_allclose(one.place, [59.5, 41])
+    one.take(14, seen(58.5, 42))  # of the same frame again
+    np.testing.assert_allclose(one.place, [60.5, 42])
+    one.take(14, seen(np.nan, 45))
+    np.testing.assert_allclose(one.place, [60.5, 42])
 
 
 def test_an_answer_about_a_frame_that_is_no_longer_kept_moves_nothing(body):

@@ -51,6 +51,21 @@ def test_j_tells_the_link(seed, link):
     assert left_by_links(model, noisy, q, point)[link] < 0.1
 
 
+@pytest.mark.parametrize("link", range(4))
+def test_a_depth_behind_the_camera_is_taken_for_a_thousand(link):
+    """J is linear in the depth's inverse, which is at least a thousandth."""
+    model, rng = model_of(1)
+    q = model.chain.home + rng.normal(0, 0.4, 4)
+    rotation, translation = (pose[0, link] for pose in model.chain.link_poses(q[None]))
+    ray = np.array([0.05, -0.08, 1.0])
+    near, far = (seen(model, link, rotation.T @ (depth * ray - translation), q) for depth in (1.0, 2.0))
+    np.testing.assert_allclose(near[0], far[0])
+    shift = 2 * (near[1] - far[1])
+    J = near[1] - 1.5 * shift  # of an inverse of -0.5
+    left = left_by_links(model, J, q, near[0])[link]
+    assert left == pytest.approx(0.501 * np.linalg.norm(shift) / np.linalg.norm(J), rel=1e-4)
+
+
 def test_the_share_that_is_left_is_that_of_the_best_depth():
     """By trying depths."""
     model, rng = model_of(3)

@@ -7,10 +7,13 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from dense_vs.depth.region_shape import MAX_REGIONS, mask_regions
+from dense_vs.depth.scale_posterior import ScaleModel
 from dense_vs.grasp import GripperModel
 from dense_vs.live.reachability import reason
 from dense_vs.mask_servo.hadamard_broyden import HadamardBroyden
 from dense_vs.mask_servo.loop import MaskServo
+from dense_vs.pipeline.recorded import RecordedEstimate
+from dense_vs.robot.babbling import BabblingOptions
 
 
 def defaults(made):
@@ -25,6 +28,27 @@ def test_the_servo_s_and_the_update_s_defaults():
     assert (servo["patience"], servo["stalled"]) == (3, 4)
     update = defaults(HadamardBroyden)
     assert (update["alpha"], update["min_cosine"]) == (0.1, 0.05)
+
+
+def test_the_defaults_of_babbling_and_of_recordings():
+    babbling = defaults(BabblingOptions)
+    assert (babbling["amplitude"], babbling["time_constant"], babbling["max_flow"]) == (0.15, 0.4, 4.0)
+    assert babbling["frame_time"] == pytest.approx(1 / 30)
+    assert defaults(RecordedEstimate)["smoothing"] == 0.065
+
+
+def test_the_defaults_of_what_is_assumed_of_a_scale():
+    assert defaults(ScaleModel) == {
+        "pixel_noise": 0.3,
+        "relative_noise": 0.01,
+        "solidity": 0.3,
+        "exact": 0.3,
+        "grown": 1.5,
+        "grown_spread": 2.2,
+        "log_distance": 1.0,
+        "outlier_degrees": 4.0,
+        "lengths": None,
+    }
 
 
 def test_of_a_view_the_largest_regions_are_kept():
