@@ -198,7 +198,7 @@ class JointStream:
             )
         if found is None or abs(found - self.delay) < 0.4 * frame_time:
             return None
-        self._trial = None if motions else DelayTrial(self.delay, found, first.end)
+        self._trial = None if motions else DelayTrial(self.delay, found, first.end, frame_time)
         return (self._changed(found), first.end) if motions else None
 
     def _try(self, motion: Motion | None) -> tuple[Fault, float] | None:

@@ -32,7 +32,7 @@ def motion_at(robot, k, late, rng, still=False):
 def test_the_motions_since_decide(seed, true, told):
     robot, rng = Path(seed), np.random.default_rng([seed, 7])
     other = {1: -1, -1: 1, -2: 0, 5: 0, -5: 0, 3: 0}[told]
-    trial = DelayTrial(other * FRAME, told * FRAME, 100 * FRAME)
+    trial = DelayTrial(other * FRAME, told * FRAME, 100 * FRAME, FRAME)
     trial.taken = True
     for k in range(101, 180):
         known = (k + 0.1) * FRAME >= TIMES  # as a stream has them: later ones come later
@@ -43,9 +43,38 @@ def test_the_motions_since_decide(seed, true, told):
     assert k >= 100 + 8 + max(0, other, told)  # eight motions, whose readings are there
 
 
+@pytest.mark.parametrize("seed", [2, 3, 4, 5])
+@pytest.mark.parametrize(
+    ("true", "told", "found"),
+    [(0, -0.9, 0), (-2, -3, -2), (-2, -1.2, -2), (-3, -3.3, -3.3), (-0.6, -1.5, 0), (2, 3.4, 2), (2.5, 1.1, 2.5)],
+)
+def test_the_motions_that_decide_tell_the_delay_anew(seed, true, told, found):
+    """One motion tells it to about a frame; two fifths beside it are left, and three quarters are none."""
+    robot, rng = Path(seed), np.random.default_rng([seed, 7])
+    trial = DelayTrial(-5 * FRAME, told * FRAME, 100 * FRAME, FRAME)
+    trial.taken = True
+    for k in range(101, 180):
+        known = (k + 0.1) * FRAME >= TIMES
+        better = trial.judge(motion_at(robot, k, true, rng), TIMES[known], robot.path[known])
+        if better is not None:
+            break
+    assert better / FRAME == pytest.approx(found, abs=0.1 if found else 0)
+
+
+@pytest.mark.parametrize(("until", "found"), [(105.5, -0.9), (106.5, 0)])
+def test_four_motions_whose_readings_are_there_tell_it_anew(until, found):
+    robot, rng = Path(3), np.random.default_rng(7)
+    trial = DelayTrial(-5 * FRAME, -0.9 * FRAME, 100 * FRAME, FRAME)
+    trial.taken = True
+    known = until * FRAME > TIMES  # two frames after the delay on trial the readings of three, of six
+    motions = [motion_at(robot, k, 0, rng) for k in (101, 102, 103, 104, 105, 104, 105, 104)]
+    decided = [trial.judge(motion, TIMES[known], robot.path[known]) for motion in motions]
+    assert decided == [None] * 7 + [found * FRAME]
+
+
 def test_motions_before_it_and_those_of_a_robot_at_rest_say_nothing():
     robot, rng = Path(2), np.random.default_rng(7)
-    trial = DelayTrial(0.0, -2 * FRAME, 100 * FRAME)
+    trial = DelayTrial(0.0, -2 * FRAME, 100 * FRAME, FRAME)
     trial.taken = True
     for k in range(60, 101):  # the last of them ends with the image that told it
         assert trial.judge(motion_at(robot, k, 0, rng), TIMES, robot.path) is None
@@ -60,7 +89,7 @@ def test_motions_before_it_and_those_of_a_robot_at_rest_say_nothing():
 def test_even_motion_that_both_explain_alike_is_decided_at_last():
     robot, rng = Path(2), np.random.default_rng(7)
     robot.path = np.outer(np.arange(200), np.full(JOINTS, 0.01))
-    trial = DelayTrial(0.0, -2 * FRAME, 100 * FRAME)
+    trial = DelayTrial(0.0, -2 * FRAME, 100 * FRAME, FRAME)
     trial.taken = True
     decided = [trial.judge(motion_at(robot, k, 0, rng), TIMES, robot.path) for k in range(101, 161)]
     assert decided[:-1] == [None] * 59
@@ -70,7 +99,7 @@ def test_even_motion_that_both_explain_alike_is_decided_at_last():
 @pytest.mark.parametrize(("true", "told"), [(0, -2), (-2, -2), (0, 5)])
 def test_one_motion_decides_whether_a_delay_is_taken(true, told):
     robot, rng = Path(3), np.random.default_rng(7)
-    trial = DelayTrial(0.0, told * FRAME, 100 * FRAME)
+    trial = DelayTrial(0.0, told * FRAME, 100 * FRAME, FRAME)
     known = TIMES <= 107 * FRAME
     assert trial.judge(None, TIMES[known], robot.path[known]) is None
     assert trial.judge(motion_at(robot, 100, true, rng), TIMES[known], robot.path[known]) is None  # that told it
@@ -80,7 +109,7 @@ def test_one_motion_decides_whether_a_delay_is_taken(true, told):
 def test_even_motion_speaks_against_no_delay_that_is_not_yet_taken():
     robot, rng = Path(2), np.random.default_rng(7)
     robot.path = np.outer(np.arange(200), np.full(JOINTS, 0.01))
-    trial = DelayTrial(0.0, -2 * FRAME, 100 * FRAME)
+    trial = DelayTrial(0.0, -2 * FRAME, 100 * FRAME, FRAME)
     assert trial.judge(motion_at(robot, 101, 0, rng), TIMES, robot.path) == -2 * FRAME
 
 
