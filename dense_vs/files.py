@@ -224,13 +224,30 @@ def read_format(
         DenseVSError: another file, another version, or as :func:`read_arrays`.
     """
     arrays = read_arrays(path, what, names)
+    check_format(arrays, path, what, form, versions, writer=writer)
+    return arrays
+
+
+def check_format(
+    arrays: Mapping[str, np.ndarray],
+    path: str | os.PathLike[str],
+    what: str,
+    form: str,
+    versions: Collection[int],
+    *,
+    writer: str,
+) -> None:
+    """Refuse arrays that do not say what they should be; arguments as of :func:`read_format`.
+
+    Raises:
+        DenseVSError: another format or version.
+    """
     if str(arrays.get("format")) != form:
         raise DenseVSError(f"{path} is not {what}; expected a file that {writer} wrote")
     if str(arrays.get("format_version")) not in {str(version) for version in versions}:
         expected = " or ".join(str(version) for version in versions)
         found = short_text(str(arrays.get("format_version")))
         raise DenseVSError(f"{path} has format version {found}; expected {expected}")
-    return arrays
 
 
 def short_text(text: str) -> str:

@@ -6,7 +6,7 @@
 For every fault, and for none, a robot babbles for 10 s and learns its body. Then: J's error while it babbles for 3 s
 (the truth is the simulator's), the fault while it babbles, J's error at its end and 3 s later, the same fault again in
 the middle of a reach, and three reaches after it. J's error goes with the posture, so before and after a fault it is a
-mean over several.
+mean over 3 s: of means over a second, one in a hundred is 1.4 times the one before where nothing has happened.
 A frame counts as off where the tracked point is more than 3 px from where the true one was at the image's time, as far
 as the loop knows that time, and as flagged where the loop names a fault or says that the point is lost or its place
 uncertain.
@@ -29,7 +29,7 @@ import numpy as np
 import warp as wp
 
 from dense_vs.files import write_json
-from dense_vs.pipeline.checkpoint import Checkpoint
+from dense_vs.point_servo.checkpoint import Checkpoint
 from dense_vs.point_servo.following import certain
 from dense_vs.sims import SimWorld
 from dense_vs.sims.engine.faults import FAULTS, FaultInjector
@@ -44,8 +44,9 @@ OFF = 3.0  # px
 REACHED = 2.0  # px
 POINTS = {"arm": "tip", "planar": "tip"}
 JOINT = 1  # that is at fault
-BEFORE, LATER, AFTER = 3.0, 2.5, 1.0  # s in which J's error is taken, from a fault's end on, and in which it is again
-SAMPLES = 5  # of each
+BEFORE, AFTER = 3.0, 3.0  # s in which J's error is taken, before a fault and around 3 s after its end
+LATER = 3.0 - AFTER / 2  # s from its end until then
+SAMPLES = 15  # of each
 INTO_REACH = 6  # frames
 RESTART = "killed and restarted"  # the process: nothing is left but its checkpoint and the robot where it is
 NOTHING, LASTS = "nothing, to compare with", 2.0  # s: J's error differs from posture to posture without any fault
@@ -100,7 +101,7 @@ class FaultTrial:
         """Begin anew with what a checkpoint keeps, the robot where it is."""
         with TemporaryDirectory() as folder:
             checkpoint = Checkpoint(Path(folder) / "kept.npz", self.world.joint_names)
-            checkpoint.keep(self.run.loop.pipeline, 0.0)
+            checkpoint.keep(self.run.loop, 0.0)
             checkpoint.end()
             estimator = self.run.loop.estimator.options
             kept = checkpoint.resume((estimator.height, estimator.width), device="cpu")
@@ -114,6 +115,7 @@ class FaultTrial:
             injector=self.injector,
             on_frame=self._after_frame,
             estimator=kept.estimator,
+            body_model=kept.body or True,
         )
 
     def meet_restart(self, number: int) -> Row:

@@ -23,8 +23,7 @@ NAMES = {
     "dense_vs.drivers": "Hold LeRobotRobot OpenCVCamera RosNode Watchdog",
     "dense_vs.generative": "FitReport GenerativeModel Observations",
     "dense_vs.live": "Learning LiveOptions LiveSession LiveSource PageGate Reachability sureness",
-    "dense_vs.pipeline": "Checkpoint",
-    "dense_vs.point_servo": "BodyTracker",
+    "dense_vs.point_servo": "BodyTracker Checkpoint",
     "dense_vs.sims": "FRAME_SECONDS ROBOTS BatchServo DepthSensor DeviceFrame DomainRandomization Frame IdSegmenter "
     "SimCamera SimDepthCamera SimRobot SimWorld SurfacePoint",
     "dense_vs.robot": "DepthCamera",

@@ -23,7 +23,7 @@ from dense_vs.body_model.chain import BACKGROUND, Chain
 from dense_vs.body_model.dense_motion import DenseMotion
 from dense_vs.body_model.fit import BodyFit, BodyFitOptions, fit_body
 from dense_vs.body_model.lens import Lens
-from dense_vs.body_model.model_file import ModelContent, read_body, write_body
+from dense_vs.body_model.model_file import WHAT, ModelContent, body_arrays, body_content
 from dense_vs.body_model.nearest_point import nearest_point
 from dense_vs.body_model.precision import covariances, precision_of
 from dense_vs.body_model.refit import refit
@@ -32,6 +32,7 @@ from dense_vs.body_model.surface_image import FrontPoints, SurfaceImage
 from dense_vs.body_model.tracks import PointTrackOptions, PointTracks, follow_points, gray_images, moving_pixels
 from dense_vs.checks import check_kind, check_options, is_list
 from dense_vs.errors import DenseVSError
+from dense_vs.files import atomic_write, read_arrays
 from dense_vs.generative.rotations import rotation_matrices
 
 LEAST_WITH_DEPTH = 50  # pixels of the body
@@ -323,7 +324,8 @@ class BodyModel:
         Raises:
             DenseVSError: the file cannot be written.
         """
-        write_body(path, self._content())
+        with atomic_write(path) as stream:
+            np.savez_compressed(stream, **self.stored())
 
     @classmethod
     def load(cls, path: str | os.PathLike[str]) -> "BodyModel":
@@ -332,7 +334,20 @@ class BodyModel:
         Raises:
             DenseVSError: not such a file, another version of it, or damaged.
         """
-        return cls(read_body(path))
+        return cls.of_stored(read_arrays(path, WHAT), path)
+
+    def stored(self) -> dict[str, Any]:
+        """The arrays that :meth:`save` writes, by name."""
+        return body_arrays(self._content())
+
+    @classmethod
+    def of_stored(cls, arrays: dict[str, np.ndarray], path: str | os.PathLike[str]) -> "BodyModel":
+        """A body from :meth:`stored`, as read from a file at some path.
+
+        Raises:
+            DenseVSError: as :meth:`load`.
+        """
+        return cls(body_content(arrays, path))
 
     def _content(self) -> ModelContent:
         return ModelContent(

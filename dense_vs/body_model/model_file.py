@@ -1,4 +1,4 @@
-"""A body model as an ``.npz`` file: its arrays by name, readable without pickle."""
+"""A body model as the arrays of an ``.npz`` file, by name, readable without pickle."""
 
 import os
 from dataclasses import dataclass
@@ -11,10 +11,29 @@ from dense_vs.body_model.precision import Precision
 from dense_vs.body_model.surface import Surface
 from dense_vs.checks import shown
 from dense_vs.errors import DenseVSError
-from dense_vs.files import atomic_write, read_format
+from dense_vs.files import check_format
 
-FORMAT = "dense-vs body model"
+FORMAT, WHAT = "dense-vs body model", "a saved body model"
 HINGES_ONLY, WITH_SLIDES, WITH_BEND = 1, 2, 3  # versions of the format; travel from the second, bend from the third
+VERSIONS = HINGES_ONLY, WITH_SLIDES, WITH_BEND
+NAMES = (  # of all that one may hold
+    *(
+        "format",
+        "format_version",
+        "axes",
+        "points",
+        "home",
+        "travel",
+        "parents",
+        "focal_length",
+        "center",
+        "size",
+        "bend",
+    ),
+    *("learned", "joint_range", "error", "surface_points", "surface_links", "surface_support", "surface_gray"),
+    *("precision_lines", "precision_depth_steps", "precision_depths", "precision_postures", "precision_keyframes"),
+    "precision_place",
+)
 MOST_BEND = 0.5
 LARGEST_SIDE = 1 << 14  # px
 # What an array holds, as NumPy's letters and in words; any other one finite numbers.
@@ -39,12 +58,8 @@ class ModelContent:
     bend: float = 0.0
 
 
-def write_body(path: str | os.PathLike[str], content: ModelContent) -> None:
-    """Write a file, whole or not at all.
-
-    Raises:
-        DenseVSError: the file cannot be written.
-    """
+def body_arrays(content: ModelContent) -> dict[str, Any]:
+    """What a file holds, by name."""
     chain, surface = content.chain, content.surface
     version = WITH_BEND if content.bend else WITH_SLIDES if chain.slides.any() else HINGES_ONLY
     arrays: dict[str, Any] = {
@@ -78,19 +93,20 @@ def write_body(path: str | os.PathLike[str], content: ModelContent) -> None:
             "precision_keyframes": precision.keyframes.astype(np.int16),
             "precision_place": precision.place,
         }
-    with atomic_write(path) as stream:
-        np.savez_compressed(stream, **arrays)
+    return arrays
 
 
-def read_body(path: str | os.PathLike[str]) -> ModelContent:
-    """Read what :func:`write_body` wrote.
+def body_content(arrays: dict[str, np.ndarray], path: str | os.PathLike[str]) -> ModelContent:
+    """A model from what :func:`body_arrays` made of it.
+
+    Args:
+        arrays: by name.
+        path: of the file that they are from, for the error.
 
     Raises:
-        DenseVSError: not such a file, another version of it, or damaged.
+        DenseVSError: not those of a body model, another version of them, or damaged.
     """
-    arrays = read_format(
-        path, "a saved body model", FORMAT, (HINGES_ONLY, WITH_SLIDES, WITH_BEND), writer="BodyModel.save"
-    )
+    check_format(arrays, path, WHAT, FORMAT, VERSIONS, writer="BodyModel.save")
     try:
         _check(arrays, str(path))
         chain = Chain(*(arrays[name] for name in ("axes", "points", "home", "parents", "travel") if name in arrays))

@@ -25,9 +25,11 @@ class BodyTask:
         self._delay = loop.joint_delay
         self._images = 0  # that there were when it was last to be learned
         self.process: BodyProcess | None = None
-        if session.source.commands and session.options.body and loop.learned_body.wanted:
+        if session.source.commands and session.options.body:
             options = loop.estimator.options
             self.process = BodyProcess((options.height, options.width), loop.group, self._learned)
+            if loop.body_model is not None:  # of a checkpoint
+                self.process.use(loop.body_model)
 
     @property
     def state(self) -> BodyState:

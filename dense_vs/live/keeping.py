@@ -4,7 +4,7 @@ from typing import TYPE_CHECKING
 
 from dense_vs.errors import DenseVSError
 from dense_vs.live.mode import Mode
-from dense_vs.pipeline.checkpoint import Checkpoint
+from dense_vs.point_servo.checkpoint import Checkpoint
 
 if TYPE_CHECKING:
     from dense_vs.live.session import LiveSession
@@ -33,8 +33,12 @@ class Keeping:
             if kept is not None:
                 kept.bring_to(loop.frame.positions)
                 session.use(kept.estimator)
+                with_body = kept.body is not None and session.options.body
+                if kept.body is not None and with_body:
+                    session.running_loop().use_body(kept.body)
                 self._seconds = kept.seconds
-                session.board.log(f"going on from {path}, learned in {kept.seconds:.0f} s of motion")
+                learned = f"learned in {kept.seconds:.0f} s of motion" + ", with its body" * with_body
+                session.board.log(f"going on from {path}, {learned}")
         except DenseVSError as error:  # another robot's file must stay as it is
             self._checkpoint = None
             session.board.log(f"no checkpoint is kept: {error}", "error")
@@ -49,7 +53,7 @@ class Keeping:
         if not loop.estimator.updates:
             return
         try:
-            self._checkpoint.keep(loop.pipeline, self._seconds)
+            self._checkpoint.keep(loop, self._seconds)
         except DenseVSError as error:  # a full disk is no reason to stop the robot
             self._say(error)
 

@@ -5,14 +5,12 @@ May import: the ground, :mod:`dense_vs.health`, :mod:`dense_vs.recording`, :mod:
 """
 
 from dense_vs.pipeline.body_prior import BodyPrior
-from dense_vs.pipeline.checkpoint import Checkpoint
 from dense_vs.pipeline.explained_motion import ExplainedMotion
 from dense_vs.pipeline.frame_pipeline import FramePipeline, ProcessedFrame, scaled_size
 from dense_vs.pipeline.recorded import RecordedEstimate, estimate_recording
 
 __all__ = [
     "BodyPrior",
-    "Checkpoint",
     "ExplainedMotion",
     "FramePipeline",
     "ProcessedFrame",

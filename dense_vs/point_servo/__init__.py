@@ -6,9 +6,10 @@ May import: the ground, kernels, :mod:`dense_vs.robot`, :mod:`dense_vs.health`, 
 """
 
 from dense_vs.point_servo.body_tracker import BodyTracker
+from dense_vs.point_servo.checkpoint import Checkpoint
 from dense_vs.point_servo.law import VisualServo
 from dense_vs.point_servo.loop import ServoLoop
 from dense_vs.point_servo.reach import Reach, ReachEnd
 from dense_vs.point_servo.tracker import PointTracker
 
-__all__ = ["BodyTracker", "PointTracker", "Reach", "ReachEnd", "ServoLoop", "VisualServo"]
+__all__ = ["BodyTracker", "Checkpoint", "PointTracker", "Reach", "ReachEnd", "ServoLoop", "VisualServo"]

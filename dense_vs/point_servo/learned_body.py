@@ -95,6 +95,12 @@ class LearnedBody:
         prior = self._pipeline.prior
         return self.model is not None and prior is not None and prior.agrees
 
+    @property
+    def believed(self) -> BodyModel | None:
+        """The model where nothing speaks against it, to be kept for another run."""
+        sound = self.agrees and self._place_doubt == 1.0 and not (self._doubted or self.doubts)
+        return self.model if sound else None
+
     def see(self, frame: ProcessedFrame) -> Fault | None:
         """Keep a frame with nothing wrong, in which the robot has moved since the last one kept.
 

@@ -15,8 +15,8 @@ from dense_vs.errors import DenseVSError
 from dense_vs.files import output_folder, write_json
 from dense_vs.flow.estimator import FlowEstimator
 from dense_vs.jacobian.estimator import DenseJacobian
-from dense_vs.pipeline.checkpoint import Checkpoint
 from dense_vs.pipeline.frame_pipeline import scaled_size
+from dense_vs.point_servo.checkpoint import Checkpoint
 from dense_vs.point_servo.law import VisualServo
 from dense_vs.point_servo.tracker import Method, TrackerOptions
 from dense_vs.recording.video_writer import VideoWriter
@@ -134,7 +134,7 @@ def run(arguments: argparse.Namespace) -> None:
     out = output_folder(arguments.out)
     view = ReachView(world.joint_names)
     checkpoint = None if arguments.checkpoint is None else Checkpoint(arguments.checkpoint, world.joint_names)
-    estimator, learned_before = _estimator(arguments, checkpoint, world, size)
+    known, learned_before = _known(arguments, checkpoint, world, size)
     babble = arguments.babble if not learned_before else max(arguments.babble - learned_before, AGAIN)
     writer = nullcontext() if arguments.no_video else VideoWriter(out / "reach.mp4", 1 / FRAME_SECONDS)
     count: Callable[[], None] | None = None  # a frame of babbling; how many a reach takes nobody knows
@@ -144,7 +144,7 @@ def run(arguments: argparse.Namespace) -> None:
             if count is not None:
                 count()
             if checkpoint is not None:
-                checkpoint.keep(experiment.loop.pipeline, learned_before + len(experiment.trace.times) * FRAME_SECONDS)
+                checkpoint.keep(experiment.loop, learned_before + len(experiment.trace.times) * FRAME_SECONDS)
             if video is not None:
                 video.write(view.draw(experiment.loop))
 
@@ -156,7 +156,7 @@ def run(arguments: argparse.Namespace) -> None:
             babble_seconds=babble,
             scale=arguments.scale,
             on_frame=after_frame,
-            estimator=estimator,
+            **known,
             servo=_servo(arguments, world),
             flow=FlowEstimator(arguments.flow, *size),
         )
@@ -236,23 +236,25 @@ def _check_point(world: "SimWorld", name: str) -> None:
         print(f"note: {sentence}", file=sys.stderr)
 
 
-def _estimator(
+def _known(
     arguments: argparse.Namespace, checkpoint: Checkpoint | None, world: "SimWorld", size: tuple[int, int]
-) -> tuple[DenseJacobian, float]:
-    """The estimator as the checkpoint has it, at the posture of now, and seconds it has learned; else a new one."""
+) -> tuple[dict[str, Any], float]:
+    """Estimator, at the posture of now, and body as a checkpoint has them, and the seconds that they took to learn."""
     where = {"device": arguments.device, "threads": arguments.threads}
     depth = arguments.depth
     kept = None if checkpoint is None else checkpoint.resume(size, **where)
     if kept is None:
         height, width = size
         joints = len(world.joint_names)
-        return DenseJacobian(height=height, width=width, joints=joints, on_bad_flow="skip", depth=depth, **where), 0.0
+        new = DenseJacobian(height=height, width=width, joints=joints, on_bad_flow="skip", depth=depth, **where)
+        return {"estimator": new}, 0.0
     if kept.estimator.options.depth != depth:
         has = "with" if kept.estimator.options.depth else "without"
         raise DenseVSError(f"{arguments.checkpoint} was learned {has} depth; expected the same, or another file")
     kept.bring_to(world.joints()[0])
-    print(f"going on from {arguments.checkpoint}, learned in {kept.seconds:.1f} s of motion")
-    return kept.estimator, kept.seconds
+    body = "" if kept.body is None else ", with its body"
+    print(f"going on from {arguments.checkpoint}, learned in {kept.seconds:.1f} s of motion{body}")
+    return {"estimator": kept.estimator, "body_model": kept.body or True}, kept.seconds
 
 
 def _tracker_options(arguments: argparse.Namespace) -> dict[str, Any]:

@@ -53,13 +53,20 @@ def memory() -> Any:
 @cache
 def checkpoint() -> Any:
     from calls import estimator
+    from calls_robot import body as body_of_arm
 
-    from dense_vs.pipeline.checkpoint import Checkpoint
+    from dense_vs.point_servo.checkpoint import Checkpoint
 
     one = Checkpoint(folder() / "kept.npz", ("a", "b", "c"))
-    one.keep(SimpleNamespace(estimator=estimator(), posture=np.zeros(N)), 1.0)
+    one.keep(loop_of(estimator(), np.zeros(N), body_of_arm()), 1.0)
     one.end()
     return one
+
+
+def loop_of(estimator: Any, posture: Any, model: Any = None) -> Any:
+    """What a checkpoint keeps of a loop."""
+    known = SimpleNamespace(estimator=estimator, posture=posture)
+    return SimpleNamespace(estimator=estimator, pipeline=known, learned_body=SimpleNamespace(believed=model))
 
 
 def live_targets() -> list[Target]:
@@ -131,12 +138,12 @@ def learning_targets() -> list[Target]:
         SurfaceOptions,
         follow_points,
     )
-    from dense_vs.pipeline.checkpoint import Checkpoint
+    from dense_vs.point_servo.checkpoint import Checkpoint
     from dense_vs.sweep.run_sweep import run_sweep
 
     def keep(seconds: Any, posture: Any) -> float:
         one = Checkpoint(folder() / "again.npz", ("a", "b", "c"))
-        one.keep(SimpleNamespace(estimator=estimator(), posture=posture), seconds)
+        one.keep(loop_of(estimator(), posture), seconds)
         one.finish()
         return one.resume((H, W), device="cpu", threads=1).seconds
 

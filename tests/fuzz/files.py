@@ -99,7 +99,7 @@ def of_rooms(folder: Path) -> list[tuple[Path, Callable[[Path], Any]]]:
 
     from dense_vs.body_model import load_body
     from dense_vs.live.state_file import load_state
-    from dense_vs.pipeline.checkpoint import Checkpoint
+    from dense_vs.point_servo.checkpoint import Checkpoint
     from dense_vs.recording import open_recording
     from dense_vs.sweep.figures import SUMMARY_FILE, figures_of
     from dense_vs.sweep.plan import read_plan
@@ -129,7 +129,7 @@ def of_rooms(folder: Path) -> list[tuple[Path, Callable[[Path], Any]]]:
     def resumed(path: Path) -> Any:
         kept = Checkpoint(path, checkpoint().joint_names).resume((H, W), device="cpu", threads=1)
         kept.bring_to(np.full(3, 0.01))
-        return kept.estimator.to_numpy()
+        return kept.estimator.to_numpy(), None if kept.body is None else kept.body.jacobian(np.zeros(3))
 
     return [
         (folder / "kept.npz", resumed),

@@ -167,17 +167,28 @@ def test_a_trial_begins_by_learning(begun):
     assert (one.named, one.frames, one.due, one.places) == (set(), [], None, {})
 
 
-def test_a_restart_goes_on_with_what_was_kept(begun, monkeypatch):
+def test_errors_are_means_over_three_seconds_before_and_three_seconds_after(begun):
+    one, babbled = faults.FaultTrial("arm", 3), []
+    errors = iter(range(15))
+    one.run.loop.babble = babbled.append
+    one.run.jacobian_error = lambda: SimpleNamespace(median=next(errors) / 100)
+    assert one._error(faults.AFTER) == pytest.approx(0.07)
+    assert babbled == [pytest.approx(0.2)] * 15
+    assert (faults.BEFORE, faults.LATER, faults.AFTER) == (3.0, 1.5, 3.0)
+
+
+@pytest.mark.parametrize(("body", "used"), [("kept body", "kept body"), (None, True)])
+def test_a_restart_goes_on_with_what_was_kept(begun, monkeypatch, body, used):
     """At the posture where the robot is, and with nothing else of the first run."""
     told = []
-    kept = SimpleNamespace(bring_to=lambda q: told.append(("bring", q.tolist())), estimator="kept estimator")
+    kept = SimpleNamespace(bring_to=lambda q: told.append(("bring", q.tolist())), estimator="kept estimator", body=body)
 
     class Checkpoint:
         def __init__(self, path, joints):
             told.append(joints)
 
-        def keep(self, pipeline, time):
-            told.append((pipeline, time))
+        def keep(self, loop, time):
+            told.append((loop.pipeline, time))
 
         def end(self):
             told.append("end")
@@ -196,4 +207,4 @@ def test_a_restart_goes_on_with_what_was_kept(begun, monkeypatch):
     options = begun[-1]
     assert options.pop("on_frame") == one._after_frame
     expected = {"traced": False, "point": "tip", "seed": 3, "injector": "injector 3", "estimator": "kept estimator"}
-    assert options == expected
+    assert options == {**expected, "body_model": used}

@@ -9,8 +9,8 @@ from scipy import ndimage
 from dense_vs.flow.camera_motion import CameraMotion
 from dense_vs.pipeline import camera_sway
 from dense_vs.pipeline.camera_sway import CameraSway
-from dense_vs.pipeline.checkpoint import Kept
 from dense_vs.pipeline.occlusion import Occlusion
+from dense_vs.point_servo.checkpoint import Kept
 
 H, W, N = 40, 60, 3
 
@@ -186,7 +186,7 @@ def test_what_covers_the_body_motion_by_motion(seed):
 )
 def test_j_is_brought_along_in_small_steps(way, flow, steps):
     """So many that 19 of 20 places that move go by ``STEP_PX`` at most; joints that are not learned do not count."""
-    from dense_vs.pipeline import checkpoint
+    from dense_vs.point_servo import checkpoint
 
     moved, asked = [], []
     image = np.zeros((10, 20, 2))

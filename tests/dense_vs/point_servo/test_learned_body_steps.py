@@ -28,6 +28,21 @@ def test_a_model_is_learned_where_asked_whether_joints_turn_or_slide(drawn, give
         assert one.wanted
 
 
+def test_a_model_is_believed_where_nothing_speaks_against_it(drawn):
+    one, known = body(), model()
+    assert one.believed is None
+    one.use(known, None)
+    assert one.believed is known
+    drawn[0].agrees = False  # it no longer explains what moves
+    assert one.believed is None
+    drawn[0].agrees, one._doubted = True, True  # by a fault
+    assert one.believed is None
+    one._doubted, one._watch = False, SimpleNamespace(doubts="it looks otherwise")
+    assert one.believed is None
+    one.use(known, None, doubt=2.0)  # it never looked like its images
+    assert one.believed is None
+
+
 def test_images_are_kept_in_which_the_robot_has_moved():
     one, images = body(), [gray(k) for k in range(6)]
     turns = [(False, 0.0), (True, 0.0), (True, 0.0019), (True, 0.0021), (True, 0.0021), (True, 0.0)]

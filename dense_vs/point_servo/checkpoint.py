@@ -1,8 +1,8 @@
 """What a loop has learned, kept in a file while it runs: a process that was killed goes on from there.
 
-The file is one that :meth:`DenseJacobian.load` reads, with the joints' names, where they were and how long the robot
-has moved to learn it. It is replaced every few seconds, whole or not at all, by a thread of its own, so that no image
-waits for a disk.
+The file is one that :meth:`DenseJacobian.load` reads, with the joints' names, where they were, how long the robot has
+moved to learn it, and the body model where nothing speaks against it. It is replaced every few seconds, whole or not at
+all, by a thread of its own, so that no image waits for a disk.
 """
 
 import os
@@ -15,15 +15,18 @@ from typing import Any
 import numpy as np
 
 from dense_vs.arrays import real_vector
+from dense_vs.body_model import BodyModel
+from dense_vs.body_model.model_file import NAMES as BODY_NAMES
 from dense_vs.checks import check_names, check_number, check_pair, shown
 from dense_vs.errors import DenseVSError
 from dense_vs.files import atomic_write, check_writable, file_path, read_arrays, short_text, stored_array
 from dense_vs.jacobian.estimator import DenseJacobian
-from dense_vs.pipeline.frame_pipeline import FramePipeline
+from dense_vs.point_servo.loop import ServoLoop
 
 PERIOD = 3.0  # s between two writings
 STEP_PX = 1.0  # image motion by which J is brought to another posture at a time
 MOST_STEPS = 300
+BODY = "body_"  # before the names of a body's arrays
 
 
 @dataclass(frozen=True)
@@ -34,11 +37,13 @@ class Kept:
         estimator: as it was.
         positions: ``(N,)`` of the joints that its J is of [rad, m].
         seconds: that the robot had moved to learn it.
+        body: model of the robot; None where none was known, or something spoke against it.
     """
 
     estimator: DenseJacobian
     positions: np.ndarray
     seconds: float
+    body: BodyModel | None = None
 
     def bring_to(self, positions: Any) -> None:
         """Move J with the image to where the joints are now ``(N,)``: a robot may have sagged or been moved meanwhile.
@@ -95,7 +100,8 @@ class Checkpoint:
         if not self.path.exists():
             return None
         what = "a checkpoint"
-        arrays = read_arrays(self.path, what, ("joint_names", "positions", "seconds"))
+        body_names = [BODY + name for name in BODY_NAMES]
+        arrays = read_arrays(self.path, what, ("joint_names", "positions", "seconds", *body_names))
         try:
             names = tuple(str(name) for name in stored_array(arrays, "joint_names", (-1,), "U"))
             positions = np.array(stored_array(arrays, "positions", (len(names),)), dtype=np.float64)
@@ -115,13 +121,20 @@ class Checkpoint:
                 f"{self.path} has height, width, joints, worlds {found}; expected {(*size, len(names), 1)}, or another "
                 "file"
             )
-        return Kept(estimator, positions, seconds)
+        stored = {name.removeprefix(BODY): array for name, array in arrays.items() if name.startswith(BODY)}
+        body = BodyModel.of_stored(stored, self.path) if stored else None
+        if body is not None and (body.joint_count, tuple(body.size)) != (len(names), size):
+            raise DenseVSError(
+                f"{self.path} is damaged: its body has {body.joint_count} joints and images of {tuple(body.size)}; "
+                f"expected {len(names)} and {size}"
+            )
+        return Kept(estimator, positions, seconds, body)
 
-    def keep(self, pipeline: FramePipeline, seconds: float) -> None:
-        """Write what the pipeline's estimator knows now, if it is time; to be called after every frame.
+    def keep(self, loop: ServoLoop, seconds: float) -> None:
+        """Write what a loop knows now, if it is time; to be called after every frame.
 
         Args:
-            pipeline: whose estimator it is.
+            loop: whose J and body it is.
             seconds: that the robot has moved to learn it.
 
         Raises:
@@ -130,16 +143,16 @@ class Checkpoint:
         """
         self._raise_failure()
         seconds = check_number("seconds", seconds, least=0)
-        estimator = getattr(pipeline, "estimator", None)
+        estimator = getattr(loop, "estimator", None)
         if not isinstance(estimator, DenseJacobian):
-            raise DenseVSError(f"pipeline is a {type(pipeline).__name__}; expected a FramePipeline")
+            raise DenseVSError(f"loop is a {type(loop).__name__}; expected a ServoLoop")
         joints, worlds = estimator.options.joints, estimator.options.worlds
         if (joints, worlds) != (len(self.joint_names), 1):
             raise DenseVSError(
                 f"estimator has {joints} joints in {worlds} worlds; expected {len(self.joint_names)} in one, of "
                 f"{short_text(', '.join(self.joint_names))}"
             )
-        posture = real_vector(pipeline.posture, "posture", (joints,))
+        posture = real_vector(loop.pipeline.posture, "posture", (joints,))
         now = time.monotonic()
         if now - self._written < self.period or (self._thread is not None and self._thread.is_alive()):
             return
@@ -151,6 +164,8 @@ class Checkpoint:
             "positions": posture,
             "seconds": np.array(seconds),
         }
+        if (body := loop.learned_body.believed) is not None:
+            content |= {BODY + name: np.asarray(array) for name, array in body.stored().items()}
         self._thread = Thread(target=self._write, args=(content,), name="checkpoint")
         self._thread.start()
 

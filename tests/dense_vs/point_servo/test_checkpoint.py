@@ -13,7 +13,11 @@ import pytest
 from sliding_scene import HEIGHT, WIDTH, J, SlidingRobot, wait_for
 
 from dense_vs import DenseJacobian, DenseVSError, ServoLoop
-from dense_vs.pipeline.checkpoint import Checkpoint
+from dense_vs.body_model import BodyModel
+from dense_vs.body_model.chain import Chain
+from dense_vs.body_model.model_file import ModelContent
+from dense_vs.body_model.surface import Surface
+from dense_vs.point_servo.checkpoint import Checkpoint
 
 NAMES = ("left", "right")
 SUPPORT = Path(__file__).parents[2] / "support"
@@ -21,7 +25,7 @@ BABBLER = """
 import sys
 from sliding_scene import SlidingRobot
 from dense_vs import ServoLoop
-from dense_vs.pipeline.checkpoint import Checkpoint
+from dense_vs.point_servo.checkpoint import Checkpoint
 
 robot = SlidingRobot(pace=False)
 checkpoint = Checkpoint(sys.argv[1], robot.joint_names, period=0.02)
@@ -31,7 +35,7 @@ before = kept.seconds if kept else 0.0
 print("before", before, flush=True)
 while True:
     loop.babble_once()
-    checkpoint.keep(loop.pipeline, before + loop.frame.time)
+    checkpoint.keep(loop, before + loop.frame.time)
 """
 
 
@@ -42,13 +46,14 @@ def estimator_of(rng, height=24, width=32, joints=2):
     return made
 
 
-def pipeline_of(estimator, posture=(0.1, -0.2)):
-    return SimpleNamespace(estimator=estimator, posture=np.array(posture))
+def loop_of(estimator, posture=(0.1, -0.2), body=None):
+    known = SimpleNamespace(estimator=estimator, posture=np.array(posture))
+    return SimpleNamespace(estimator=estimator, pipeline=known, learned_body=SimpleNamespace(believed=body))
 
 
 def written(path, estimator, **options):
     checkpoint = Checkpoint(path, NAMES, **options)
-    checkpoint.keep(pipeline_of(estimator), 4.5)
+    checkpoint.keep(loop_of(estimator), 4.5)
     checkpoint.end()
     return checkpoint
 
@@ -69,6 +74,53 @@ def test_what_was_kept_comes_back_bit_by_bit(tmp_path):
     assert DenseJacobian.load(tmp_path / "c.npz", device="cpu").updates == 5
 
 
+@pytest.fixture(scope="module")
+def model():
+    """Of two links that look alike from everywhere, before a camera of 32 x 24 pixels."""
+    rng = np.random.default_rng(0)
+    chain = Chain(np.array([[0, 0, 1.0], [0, 1.0, 0]]), np.array([[0, 0, 1.0], [0.1, 0, 1.0]]), np.zeros(2), [-1, 0])
+    places = rng.uniform([-0.4, -0.3, 0.9], [0.4, 0.3, 1.1], (200, 3)).astype(np.float32).astype(float)
+    surface = Surface(
+        places, (places[:, 0] > 0.1).astype(int), np.ones(200), rng.integers(0, 255, 200).astype(np.uint8)
+    )
+    limits = np.array([[-1.0, 1.0]] * 2)
+    return BodyModel(ModelContent(chain, 40.0, (16, 12), (24, 32), surface, np.ones(2, bool), limits, 0.4))
+
+
+def test_a_body_that_is_believed_is_kept_too(tmp_path, model):
+    q, checkpoint = np.array([0.1, -0.2]), Checkpoint(tmp_path / "c.npz", NAMES, period=1e-9)
+    estimator = estimator_of(np.random.default_rng(0))
+    checkpoint.keep(loop_of(estimator, body=model), 4.5)
+    checkpoint.end()
+    kept = checkpoint.resume((24, 32), device="cpu", threads=1)
+    np.testing.assert_array_equal(kept.body.jacobian(q), model.jacobian(q))
+    np.testing.assert_array_equal(kept.body.image(q).body, model.image(q).body)
+    np.testing.assert_array_equal(kept.estimator.to_numpy(), estimator.to_numpy())
+    checkpoint.keep(loop_of(estimator), 5.0)  # something speaks against it meanwhile
+    checkpoint.end()
+    assert checkpoint.resume((24, 32), device="cpu", threads=1).body is None
+
+
+def test_a_damaged_body_or_one_of_another_camera_is_refused(tmp_path, model):
+    estimator = estimator_of(np.random.default_rng(0), height=48, width=64)
+    checkpoint = Checkpoint(tmp_path / "c.npz", NAMES, period=1e-9)
+    checkpoint.keep(loop_of(estimator, body=model), 4.5)
+    checkpoint.end()
+    expected = r"its body has 2 joints and images of \(24, 32\); expected 2 and \(48, 64\)"
+    with pytest.raises(DenseVSError, match=expected):
+        checkpoint.resume((48, 64), device="cpu", threads=1)
+    with np.load(tmp_path / "c.npz") as stored:
+        arrays = dict(stored)
+    for name, value, message in (
+        ("body_axes", np.zeros((2, 4)), "is damaged: axes has shape"),
+        ("body_format", np.array("x"), "is not a saved body model"),
+        ("body_format_version", np.array(9), "has format version 9; expected 1 or 2 or 3"),
+    ):
+        np.savez(tmp_path / "c.npz", **{**arrays, name: value})
+        with pytest.raises(DenseVSError, match=message):
+            checkpoint.resume((48, 64), device="cpu", threads=1)
+
+
 def test_what_is_written_is_of_when_it_was_kept(tmp_path, monkeypatch):
     """The disk is slow, and the estimator goes on meanwhile."""
     rng, go_on, write = np.random.default_rng(0), Event(), Checkpoint._write
@@ -81,7 +133,7 @@ def test_what_is_written_is_of_when_it_was_kept(tmp_path, monkeypatch):
     estimator = estimator_of(rng)
     J = estimator.to_numpy().copy()
     checkpoint = Checkpoint(tmp_path / "c.npz", NAMES)
-    checkpoint.keep(pipeline_of(estimator), 4.5)
+    checkpoint.keep(loop_of(estimator), 4.5)
     try:
         for _ in range(4):
             estimator.update(rng.normal(0, 1, (24, 32, 2)).astype(np.float32), rng.normal(0, 0.02, 2))
@@ -103,7 +155,7 @@ def test_it_is_written_when_it_is_time(tmp_path):
     estimator = estimator_of(np.random.default_rng(0))
     checkpoint = written(tmp_path / "c.npz", estimator, period=1000.0)
     before = (tmp_path / "c.npz").stat().st_ino
-    checkpoint.keep(pipeline_of(estimator), 9.0)
+    checkpoint.keep(loop_of(estimator), 9.0)
     checkpoint.end()
     assert (tmp_path / "c.npz").stat().st_ino == before
     assert checkpoint.resume((24, 32)).seconds == 4.5
@@ -136,10 +188,10 @@ def test_a_writing_that_failed_is_said_at_the_next(tmp_path):
     estimator = estimator_of(np.random.default_rng(0))
     checkpoint = Checkpoint(folder / "c.npz", NAMES, period=1e-9)
     folder.rmdir()
-    checkpoint.keep(pipeline_of(estimator), 1.0)
+    checkpoint.keep(loop_of(estimator), 1.0)
     checkpoint.end()
     with pytest.raises(DenseVSError, match="cannot write"):
-        checkpoint.keep(pipeline_of(estimator), 1.0)
+        checkpoint.keep(loop_of(estimator), 1.0)
 
 
 def test_a_writing_that_failed_is_said_at_the_end(tmp_path, monkeypatch):
@@ -152,9 +204,9 @@ def test_a_writing_that_failed_is_said_at_the_end(tmp_path, monkeypatch):
     def fail(*_, **__):
         raise RuntimeError("no room")
 
-    monkeypatch.setattr("dense_vs.pipeline.checkpoint.np.savez", fail)
-    for end in (checkpoint.finish, lambda: checkpoint.keep(pipeline_of(estimator), 9.0)):
-        checkpoint.keep(pipeline_of(estimator), 9.0)
+    monkeypatch.setattr("dense_vs.point_servo.checkpoint.np.savez", fail)
+    for end in (checkpoint.finish, lambda: checkpoint.keep(loop_of(estimator), 9.0)):
+        checkpoint.keep(loop_of(estimator), 9.0)
         checkpoint.end()
         with pytest.raises(DenseVSError, match=r"cannot write .*RuntimeError: no room"):
             end()
@@ -162,12 +214,12 @@ def test_a_writing_that_failed_is_said_at_the_end(tmp_path, monkeypatch):
     assert (tmp_path / "c.npz").read_bytes() == before
 
 
-def other(**changes):
-    return SimpleNamespace(**vars(pipeline_of(estimator_of(np.random.default_rng(0)))) | changes)
+def other(estimator=None, **changes):
+    return loop_of(estimator or estimator_of(np.random.default_rng(0)), **changes)
 
 
 @pytest.mark.parametrize(
-    ("pipeline", "seconds", "message"),
+    ("loop", "seconds", "message"),
     [
         (other(), np.nan, "seconds is nan"),
         (other(), -1.0, "seconds is -1.0"),
@@ -176,18 +228,18 @@ def other(**changes):
         (other(), 1j, "seconds is 1j"),
         (other(), True, "seconds is True"),
         (other(), 10**400, "seconds is"),
-        ("x", 1.0, "pipeline is a str"),
-        (other(estimator=None), 1.0, "pipeline is a SimpleNamespace"),
+        ("x", 1.0, "loop is a str"),
+        (loop_of(None), 1.0, "loop is a SimpleNamespace"),
         (other(posture=np.zeros(3)), 1.0, "posture has shape"),
         (other(posture=np.array([0.0, np.nan])), 1.0, "posture is"),
         (other(estimator=estimator_of(np.random.default_rng(0), joints=3)), 1.0, "has 3 joints in 1 worlds"),
     ],
 )
-def test_what_it_would_refuse_is_not_kept(tmp_path, pipeline, seconds, message):
+def test_what_it_would_refuse_is_not_kept(tmp_path, loop, seconds, message):
     checkpoint = written(tmp_path / "c.npz", estimator_of(np.random.default_rng(0)), period=1e-9)
     before = (tmp_path / "c.npz").read_bytes()
     with pytest.raises(DenseVSError, match=message):
-        checkpoint.keep(pipeline, seconds)
+        checkpoint.keep(loop, seconds)
     checkpoint.finish()
     assert (tmp_path / "c.npz").read_bytes() == before
     assert checkpoint.resume((24, 32), device="cpu", threads=1).seconds == 4.5
@@ -260,6 +312,6 @@ def test_killed_again_and_again_it_goes_on(tmp_path):
     assert loop.reach(target).reached
     assert np.hypot(*(robot.place(start) - target)) < 2.0
     last = Checkpoint(path, NAMES)
-    last.keep(loop.pipeline, 0.0)  # a new writing takes away what the killed ones left
+    last.keep(loop, 0.0)  # a new writing takes away what the killed ones left
     last.end()
     assert [file.name for file in tmp_path.iterdir()] == ["c.npz"]
