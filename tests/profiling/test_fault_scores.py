@@ -120,7 +120,7 @@ def test_a_row_without_a_fault(trial):
     """What J's error and reaches come to when nothing breaks: no fault begins, neither babbling nor in the reach."""
     run = trial.run = Run(
         trial,
-        errors=[0.1, 0.08, 0.12, 0.1, 0.1, 0.11, 0.14, 0.15, 0.13, 0.16, 0.12],
+        errors=[*[0.1, 0.08, 0.12, 0.1, 0.1] * 3, 0.11, *[0.14, 0.15, 0.13, 0.16, 0.12] * 3],
         reaches=[(frames_of("nnnnnnnnn"), measured()), *[([], measured(true_error=px)) for px in (1.0, 2.0, 0.5)]],
     )
     row = trial.meet(faults.NOTHING, 4)
@@ -137,7 +137,7 @@ def test_a_row_without_a_fault(trial):
 def test_a_row_of_one_fault(trial):
     run = trial.run = Run(
         trial,
-        errors=[0.1, 0.2, 0.1, 0.0, 0.1, 0.5, 0.12, 0.12, 0.2, 0.04, 0.12],
+        errors=[*[0.1, 0.2, 0.1, 0.0, 0.1] * 3, 0.5, *[0.12, 0.12, 0.2, 0.04, 0.12] * 3],
         reaches=[
             (frames_of("nnnnnnn", "oo", "f", "ooo", "n", "o"), measured("missed", 7.0)),
             ([], measured(true_error=1.0)),
@@ -152,8 +152,8 @@ def test_a_row_of_one_fault(trial):
     # At once while it babbles; in the reach after six frames, and once.
     assert trial.begun == [("stuck", 0), ("stuck", 6)]
     assert trial.ended == [1, 2]
-    # J's error over 3 s before, at the fault's end, from 2.5 s to 3.5 s after it, and once more before other reaches.
-    assert [call[1] for call in run.calls if call[0] == "babble"] == [0.6] * 5 + [2.0, 2.5] + [0.2] * 5 + [1.0]
+    # J's error over 3 s before, at the fault's end, from 1.5 s to 4.5 s after it, and once more before other reaches.
+    assert [call[1] for call in run.calls if call[0] == "babble"] == [0.2] * 15 + [2.0, 1.5] + [0.2] * 15 + [1.0]
     assert [call for call in run.calls if call[0] == "reach"] == [("reach", x, 150) for x in (0.0, 2.0, 4.0, 6.0)]
     assert run.calls.count("choose") == 4
     assert run._seed == 304  # other targets for every fault
@@ -162,7 +162,7 @@ def test_a_row_of_one_fault(trial):
 def test_a_row_without_a_frame_off(trial):
     trial.run = Run(
         trial,
-        errors=[0.1] * 11,
+        errors=[0.1] * 31,
         reaches=[(frames_of("nnnnnnnn"), measured())] + [([], measured())] * 3,
     )
     row = trial.meet("stuck", 0)
@@ -170,18 +170,18 @@ def test_a_row_without_a_frame_off(trial):
 
 
 def test_a_reach_that_ends_before_a_frame_was_never_off(trial):
-    trial.run = Run(trial, errors=[0.1] * 11, reaches=[([], measured("lost"))] * 4)
+    trial.run = Run(trial, errors=[0.1] * 31, reaches=[([], measured("lost"))] * 4)
     row = trial.meet("stuck", 0)
     assert (row.worst, row.unflagged) == (0.0, 0)
-    trial.run = Run(trial, errors=[0.1] * 11, reaches=[([], measured("lost"))] * 5)
+    trial.run = Run(trial, errors=[0.1] * 31, reaches=[([], measured("lost"))] * 5)
     trial.restart = lambda: None
     row = trial.meet_restart(0)
     assert (row.worst, row.unflagged) == (0.0, 0)
 
 
 def test_a_row_of_a_restart(trial):
-    first = Run(trial, errors=[0.1] * 5)
-    second = Run(trial, errors=[0.2, *[0.15] * 5], reaches=[(frames_of("ooooo"), measured())])
+    first = Run(trial, errors=[0.1] * 15)
+    second = Run(trial, errors=[0.2, *[0.15] * 15], reaches=[(frames_of("ooooo"), measured())])
     third = Run(
         trial,
         reaches=[
@@ -200,7 +200,7 @@ def test_a_row_of_a_restart(trial):
     # What was off before the second restart is not its reach's.
     assert row == faults.Row("arm", 3, faults.RESTART, pytest.approx(0.1), 0.2, pytest.approx(0.15), ["stuck joint"],
                              "lost", 8.0, pytest.approx(5.4), 2, [1.0, 3.0, 0.0])  # fmt: skip
-    assert [call for call in second.calls if call != ("babble", 0.2)] == [("babble", 2.5), "choose", ("reach", 0.0, 6)]
+    assert [call for call in second.calls if call != ("babble", 0.2)] == [("babble", 1.5), "choose", ("reach", 0.0, 6)]
     assert third.calls[:3] == [("babble", 3.0), "choose", ("reach", 0.0, 150)]
     assert [call[1] for call in third.calls[3:] if call != "choose"] == [2.0, 4.0, 6.0]
     assert third.calls.count("choose") == 4
