@@ -43,6 +43,7 @@ LEAST_ALIKE = 0.7  # mean correlation of its patches with its images, by which i
 WELL_EXPLAINED, SHOWN = 0.6, 24  # share of the motion by which it is believed whatever it looks like; patches that tell
 ALIKE = 0.84  # correlation below which it is fitted anew, and else doubted; right ones have more
 TRIES, DOUBT = 3, 2.0  # fits then, the later ones with twice the starts; times that places are not known
+SAME_END = 0.01  # difference in both by which two fits have come to the same, where a third would come to as well
 MOST_ERROR = 1.0  # px, median distance of its tracks from it; blur, noise and a rolling shutter make up to 0.8
 
 
@@ -184,13 +185,14 @@ class LearnedBody:
     def _fit(self, positions: np.ndarray) -> bool:
         """Fit a model to the images so far; whether they show one.
 
-        One that looks little like them may be a wrong end of the search, which begins anew elsewhere then. What
-        explains most and looks most like them is taken.
+        One that looks little like them may be a wrong end of the search, which begins anew elsewhere then, until it
+        comes to an end that it has been at. What explains most and looks most like them is taken.
         """
         if len(self._history) < LEAST_IMAGES or len(positions) < LEAST_JOINTS:
             return False
         chosen, dense = thinned(self._history, FITTED), self._dense(positions)
         best: tuple[float, BodyModel, float, float] | None = None
+        ends = np.zeros((0, 2))
         for seed in range(TRIES):
             model = self._fitted(chosen, dense, seed)
             if model is None:
@@ -199,8 +201,9 @@ class LearnedBody:
             alike = likeness(model, chosen)
             if best is None or explained + alike > best[0]:
                 best = explained + alike, model, explained, alike
-            if alike >= ALIKE:
+            if alike >= ALIKE or (np.abs(ends - (explained, alike)) < SAME_END).all(axis=1).any():
                 break
+            ends = np.vstack([ends, (explained, alike)])
         if best is None:
             return False
         _, model, explained, alike = best
