@@ -18,6 +18,10 @@ def hidden_lines() -> list[str]:
             ", ".join(f"{row.ratio:.2f}" for row in covered),
         ),
         (
+            "the same to that of a twin at that moment, before which nothing was: J's error goes with the posture",
+            ", ".join(f"{row.ratio_without:.2f}" for row in covered),
+        ),
+        (
             f"least label IoU meanwhile / of what is hidden / right after (goal: {LEAST_OVERLAP})",
             " / ".join(
                 f"{min(getattr(row, name) for row in covered):.2f}"

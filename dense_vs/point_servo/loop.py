@@ -30,7 +30,7 @@ from dense_vs.point_servo.loop_parts import check_parts, loop_estimator, read_ca
 from dense_vs.point_servo.point_memory import PointMemory
 from dense_vs.point_servo.reach import Arrival, Reach
 from dense_vs.point_servo.reaching import Reaching
-from dense_vs.point_servo.same_surface import same_surface
+from dense_vs.point_servo.same_surface import patch_weights
 from dense_vs.point_servo.tracker import Method, PointTracker, TrackerOptions
 from dense_vs.recording.joint_delay import LEAST_FRAMES
 from dense_vs.robot.babbling import Babbling
@@ -273,8 +273,8 @@ class ServoLoop:
     ) -> None:
         """Choose the point of the body to control, at its place in the last image [px].
 
-        Pixels whose J differs from the point's by more than half are left out of its alignment:
-        they move otherwise, so they are another body or the background.
+        Pixels whose J differs from the point's by more than half are left out of its alignment: they move otherwise,
+        so they are another body or the background. So are those that are not labeled as the robot's, where it is known.
 
         Args:
             point: ``(2,)`` [px].
@@ -286,8 +286,9 @@ class ServoLoop:
         check_choice("method", method, ("link", *get_args(Method)))
         kind: Method = "aligned" if method == "link" else method
         TrackerOptions(method=kind, **options)  # also where it is followed by its link
-        place, frame, same = point_array(point, "point"), self.frame, same_surface(self.estimator, point)
-        memory = PointMemory(place, frame.positions, frame.gray, same, {"method": kind, **options})
+        place, frame = point_array(point, "point"), self.frame
+        weights = patch_weights(self.pipeline, place, window)
+        memory = PointMemory(place, frame.positions, frame.gray, weights, {"method": kind, **options})
         self.tracker = new_tracker(memory, frame, self.learned_body if method == "link" else None)
         self.memory, self._followed = memory, frame
         self.aim.follow(self.point)

@@ -305,12 +305,13 @@ def test_a_point_is_defined_with_its_memory(monkeypatch, method):
     loop = bare()
     followed = []
     loop.aim = SimpleNamespace(follow=followed.append)
-    monkeypatch.setattr(module, "same_surface", lambda estimator, point: "same")
+    monkeypatch.setattr(module, "patch_weights", lambda pipeline, point, window: (pipeline, *point, window))
     monkeypatch.setattr(module, "new_tracker", lambda memory, frame, body: SimpleNamespace(points=["p"], body=body))
     loop._followed = None
     loop.define_point([5.0, 6.0], method=method, window=31)
     memory = loop.memory
     assert memory.place.tolist() == [5.0, 6.0]
+    assert memory.weights == (loop.pipeline, 5.0, 6.0, 31)
     assert memory.options == {"method": "aligned" if method == "link" else method, "window": 31,
                               "min_correlation": 0.85, "max_jump": 2.5, "lost_after": 15}  # fmt: skip
     assert (loop.tracker.body is loop.learned_body) == (method == "link")
