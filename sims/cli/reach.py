@@ -10,10 +10,12 @@ from typing import TYPE_CHECKING, Any, get_args
 
 import numpy as np
 
+from dense_vs.body.self_body import SelfBody
 from dense_vs.checks import check_number
 from dense_vs.errors import DenseVSError
 from dense_vs.files import output_folder, write_json
 from dense_vs.flow.estimator import FlowEstimator
+from dense_vs.jacobian.error import JacobianError
 from dense_vs.jacobian.estimator import DenseJacobian
 from dense_vs.pipeline.frame_pipeline import scaled_size
 from dense_vs.point_servo.checkpoint import Checkpoint
@@ -30,7 +32,7 @@ from dense_vs.view.tables import table
 if TYPE_CHECKING:
     from dense_vs.sims.engine.depth_camera import SimDepthCamera
     from dense_vs.sims.engine.world import SimWorld
-    from dense_vs.sims.papers.dije.reaching import MeasuredReach
+    from dense_vs.sims.papers.dije.reaching import MeasuredReach, ReachingExperiment
 
 REACHED_PX = 2.0
 LONGEST = 1e5  # s of babbling, more than a day
@@ -138,7 +140,7 @@ def run(arguments: argparse.Namespace) -> None:
     babble = arguments.babble if not learned_before else max(arguments.babble - learned_before, AGAIN)
     writer = nullcontext() if arguments.no_video else VideoWriter(out / "reach.mp4", 1 / FRAME_SECONDS)
     count: Callable[[], None] | None = None  # a frame of babbling; how many a reach takes nobody knows
-    with writer as video:
+    with writer as video, SelfBody(device=arguments.device, threads=arguments.threads) as body:
 
         def after_frame(experiment: ReachingExperiment) -> None:
             if count is not None:
@@ -156,6 +158,7 @@ def run(arguments: argparse.Namespace) -> None:
             babble_seconds=babble,
             scale=arguments.scale,
             on_frame=after_frame,
+            body=body,
             **known,
             servo=_servo(arguments, world),
             flow=FlowEstimator(arguments.flow, *size),
@@ -173,19 +176,7 @@ def run(arguments: argparse.Namespace) -> None:
                 bar.update()
     seconds = time.perf_counter() - started
     plot_reach(experiment.trace, world.joint_names, out / "reach.png")
-    summary = {
-        "targets": [_of_target(m) for m in measured],
-        "jacobian_error_median": learned.median,
-        "jacobian_error_p90": learned.p90,
-        "jacobian_error_inner_median": learned.inner_median,
-        "seconds": seconds,
-        "fps": len(experiment.trace.times) / seconds,
-        "device": str(experiment.loop.estimator.device),
-        "seed": arguments.seed,
-        "robot": str(arguments.robot),
-        "versions": versions(),
-    }
-    write_json(out / "summary.json", summary)
+    write_json(out / "summary.json", _summary(arguments, experiment, learned, measured, seconds))
     print(_targets_table(measured))
     print(
         f"J error after {learned_before + babble:.4g} s of babbling: {learned.median:.3f} (median over robot pixels), "
@@ -198,6 +189,28 @@ def run(arguments: argparse.Namespace) -> None:
     )
     if checkpoint is not None:
         checkpoint.finish()
+
+
+def _summary(
+    arguments: argparse.Namespace,
+    experiment: "ReachingExperiment",
+    learned: JacobianError,
+    measured: list["MeasuredReach"],
+    seconds: float,
+) -> dict[str, Any]:
+    """What is written to the file of that name."""
+    return {
+        "targets": [_of_target(m) for m in measured],
+        "jacobian_error_median": learned.median,
+        "jacobian_error_p90": learned.p90,
+        "jacobian_error_inner_median": learned.inner_median,
+        "seconds": seconds,
+        "fps": len(experiment.trace.times) / seconds,
+        "device": str(experiment.loop.estimator.device),
+        "seed": arguments.seed,
+        "robot": str(arguments.robot),
+        "versions": versions(),
+    }
 
 
 def _check_numbers(arguments: argparse.Namespace) -> None:
