@@ -14,7 +14,8 @@ OTHER_CAMERAS = "surfaces_other_cameras"
 # 4 joints after 10 s, 7 joints after 20 s, and the first on other arms and before other cameras
 FILES = ("surfaces", "surfaces_7", "surfaces_other_arms", OTHER_CAMERAS)
 ARMS = {
-    "surfaces_other_arms": "Commercial arms that nothing was tuned on",
+    "surfaces_other_arms": "Commercial arms that no constant was tuned on (with other seeds of the GR1, the search for "
+    "the delay of joint readings was mended)",
     OTHER_CAMERAS: "Commercial arms before other cameras, two behind the robot, where its trunk hides some of its arm "
     "(with other seeds before these, the search for the delay of joint readings was mended)",
 }
@@ -36,7 +37,8 @@ LEGEND = (
     "In the tables of arms that follow:",
     "",
     "- J error: median over the robot's pixels, in parentheses what nine in ten stay below; means over the seeds.",
-    "- exact flow: J error with the true flow in place of the measured one; a dash where it was left out.",
+    "- exact flow: J error of the filter alone, without a body model, from the true flow and the true joint positions; "
+    "in realistic images that flow has the camera's sway in it. A dash where it was left out.",
     "- label IoU: of the labels with the true robot.",
     f"- below {REACHED_PX:g} px: of the reaches that were asked for, those that end so near the target by the truth, "
     "whatever the loop says.",
