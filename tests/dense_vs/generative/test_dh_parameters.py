@@ -50,6 +50,7 @@ def test_lines_become_parameters_and_lines_again(kind):
     # The links move as turns about the lines say.
     q = home + np.array([0.4, -0.3, 0.2])
     before, after = dh.frames(home[None])[0], dh.frames(q[None])[0]
+    np.testing.assert_allclose(before[3], before[2], atol=1e-12)  # the hand's frame at home is its joint's
     none = {"base_rotation": np.eye(3), "base_translation": np.zeros(3)}
     arm = SimpleNamespace(axes=axes, points=points, home=home, **none)
     for link in range(4):

@@ -100,3 +100,19 @@ def test_penalty_of_the_published_fourth_stage(kind):
         step[place] = STEP
         ahead, behind = (state_penalty(joints + sign * step, known, 7.0)[0] for sign in (1, -1))
         np.testing.assert_allclose(gradient[place], (ahead - behind) / (2 * STEP), rtol=1e-6, atol=1e-6)
+
+
+@pytest.mark.parametrize("kind", ["readings", "actions"])
+def test_spread_of_the_deviations_is_that_of_the_poses_carried_over(kind):
+    """J S J' with central differences and the whole covariance S of all samples' turns and shifts."""
+    prior, at, width = pose_case(kind)
+    rng = np.random.default_rng(4)
+    root = rng.normal(size=(SAMPLES * width, SAMPLES * width))
+    covariance = root @ root.T
+    blocks = covariance.reshape(SAMPLES, width, SAMPLES, width)
+    own = np.stack([blocks[t, :, t] for t in range(SAMPLES)])
+    across = np.stack([blocks[t + 1, :, t] for t in range(SAMPLES - 1)])
+    steps = STEP * np.eye(SAMPLES * width).reshape(-1, SAMPLES, width)
+    J = np.stack([(prior.deviations(at(s)) - prior.deviations(at(-s))).ravel() / (2 * STEP) for s in steps], axis=1)
+    expected = np.einsum("ij,jk,ik->i", J, covariance, J).reshape(-1, 6)
+    np.testing.assert_allclose(prior.spread(at(np.zeros((SAMPLES, width))), own, across), expected, rtol=5e-3)

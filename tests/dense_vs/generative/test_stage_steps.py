@@ -312,3 +312,27 @@ def test_a_chain_follows_exact_poses():
     np.testing.assert_allclose(project(whole, arm.joints)[:, :, :8], arm.pixels[:, :, :8], atol=0.05)
     assert p.links.tolist() == [3] * 10
     assert p.home is arm.parameters.home
+
+
+@pytest.mark.parametrize(
+    ("costs", "tried", "best"),
+    [
+        ([7.0, 5.0, 6.0], 3, 1), ([5.0, 7.0, 6.0], 3, 0), ([7.0, 6.0, 5.0], 3, 2), ([6.0, 6.0, 7.0], 3, 0),
+        ([7.0, 3.9, 1.0], 2, 1), ([4.0, 4.5, 3.0], 3, 2), ([3.9], 1, 0), ([np.inf, 9.0], 2, 1),
+    ],
+)  # fmt: skip
+def test_candidates_are_fitted_until_one_explains_the_pixels_and_the_best_is_kept(monkeypatch, costs, tried, best):
+    """One of a cost below 4 leaves less than 2 px a coordinate, two of half a pixel being seen."""
+    asked = []
+
+    def fit(problem, state, iterations):
+        asked.append((state.parameters, state.joints, iterations))
+        return Solution(state, costs[len(asked) - 1], 99.0, 5, True, 0.0)
+
+    monkeypatch.setattr(end_to_end, "minimize", fit)
+    problem = SimpleNamespace(weights=np.array([0.25, 0.25]))
+    names = ["first", "second", "third"][: len(costs)]
+    found, which = end_to_end.fit_pixels(problem, "joints", names, 17)
+    assert asked == [(name, "joints", 17) for name in names[:tried]]
+    assert which == best
+    assert (found.state.parameters, found.cost) == (names[best], costs[best])
