@@ -11,3 +11,25 @@ def test_a_hinge_s_direction_is_its_axis_a_slide_s_its_shift_and_one_that_is_nei
     chain = Chain(axes, np.ones((3, 3)), np.zeros(3), np.array([-1, 0, 1]), travel)
     np.testing.assert_array_equal(chain.slides, [False, True, True])
     np.testing.assert_allclose(chain.directions, [[0.0, 0.6, 0.8], [0.6, 0.0, -0.8], [0.0, 0.0, 1.0]])
+
+
+def test_in_another_unit_lines_stay_and_their_points_are_those_next_to_the_camera():
+    rng = np.random.default_rng(0)
+    axes = rng.normal(size=(4, 3))
+    axes /= np.linalg.norm(axes, axis=1, keepdims=True)
+    axes[3] = 0.0
+    travel = np.zeros((4, 3))
+    travel[3] = [0.2, -0.5, 0.1]
+    chain = Chain(axes, rng.normal(size=(4, 3)), np.full(4, 0.3), np.array([-1, 0, 1, 2]), travel)
+    larger = chain.scaled(2.5)
+    for axis, point, found in zip(axes[:3], chain.points, larger.points, strict=False):
+        ways = np.linspace(-9.0, 9.0, 18001)
+        along = 2.5 * (point + ways[:, None] * axis)
+        nearest = along[np.argmin(np.linalg.norm(along, axis=1))]
+        np.testing.assert_allclose(found, nearest, atol=2e-3)
+        np.testing.assert_allclose(found @ axis, 0.0, atol=1e-12)
+    np.testing.assert_allclose(larger.travel, 2.5 * travel)
+    np.testing.assert_array_equal(larger.axes, axes)
+    q = np.array([[0.5, -0.2, 0.9, 1.1]])
+    for one, other in zip(chain.link_poses(q), larger.link_poses(q), strict=True):
+        np.testing.assert_allclose(other, one if one.ndim == 4 else 2.5 * one, atol=1e-12)

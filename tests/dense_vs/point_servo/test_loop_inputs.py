@@ -142,3 +142,15 @@ def test_a_point_that_cannot_be_followed_so_leaves_the_one_before(made):
             with pytest.raises(DenseVSError, match=f"{name} is"):
                 loop.define_point([50.0, 40.0], **{name: value})
     assert (loop.memory, loop.tracker) == before
+
+
+@pytest.mark.parametrize("swings", [0.01, 0.06])
+def test_a_command_may_be_as_large_as_babbling_and_servo_together_need(scene, swings):
+    """The larger of babbling's largest step and the servo's with four standard deviations of dither."""
+    babbling = Babbling(4, amplitude=swings, seed=0)
+    servo = VisualServo(4, max_step=0.02, dither=0.001)
+    _, loop = make(scene, babbling=babbling, servo=servo)
+    assert (babbling.largest_step > 0.024) == (swings == 0.06)
+    np.testing.assert_allclose(loop.gate.max_step, max(babbling.largest_step, 0.024))
+    _, told = make(scene, babbling=babbling, servo=servo, max_step=0.005)
+    np.testing.assert_allclose(told.gate.max_step, 0.005)

@@ -5,7 +5,7 @@ import pytest
 from drawn_objects import WIDTH, drawn
 
 from dense_vs.errors import DenseVSError
-from dense_vs.segmentation import FewShotSegmenter
+from dense_vs.segmentation import FewShotOptions, FewShotSegmenter
 from dense_vs.segmentation.few_shot.pixel_channels import _texture, pixel_channels
 from dense_vs.segmentation.few_shot.superpixels import find_superpixels
 
@@ -117,3 +117,10 @@ def test_gradients_are_as_long_at_both_scales_where_an_edge_is_as_wide(sigma):
     which = {0.8: 0, 1.6: 2}[sigma]
     np.testing.assert_allclose(_texture(ramp)[which][10:-10, 12:-12], 0.3 * sigma, rtol=1e-4)
     np.testing.assert_allclose(_texture(bend)[which + 1][10:-10, 12:-12], 0.04 * sigma**2 / 4, rtol=1e-3)
+
+
+def test_options_that_are_not_given_are_the_documented_ones_both_ways():
+    found = FewShotOptions()
+    assert found == FewShotSegmenter().options
+    assert (found.size, found.samples, found.min_area, found.window) == (320, 1500, 12, 16)
+    assert (found.min_score, found.memory, found.seed) == (0.5, 0.3, 0)

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from dense_vs.segmentation.few_shot import training
+from dense_vs.segmentation.few_shot.color_words import ColorWords
 from dense_vs.segmentation.few_shot.training import _draw_pixels, _folds, _histogram, _vocabulary, _weights
 
 
@@ -53,6 +54,16 @@ def test_pixels_are_drawn_inside_around_and_anywhere_outside():
     assert inside.tolist() == [False] * 60  # nothing inside, and nothing around it
     rows, inside = _draw_pixels(seen, np.ones((4, 6), np.float32), 30, np.random.default_rng(0))
     assert inside.tolist() == [True] * 30
+
+
+def test_a_color_s_word_is_that_of_its_step_of_eight():
+    table = np.arange(1 << 15) % 251
+    words = ColorWords(251, table.astype(np.uint8))
+    image = np.random.default_rng(0).integers(0, 256, (12, 17, 3)).astype(np.uint8)
+    image[0, :3] = [[255, 255, 255], [0, 0, 0], [7, 8, 248]]
+    steps = image.astype(int) // 8
+    expected = (steps * [1024, 32, 1]).sum(axis=2) % 251
+    np.testing.assert_array_equal(words.of(image), expected)
 
 
 def test_color_words_are_of_as_many_pixels_of_every_image_inside_and_outside(monkeypatch):
