@@ -12,8 +12,9 @@ from dense_vs.sims.papers.vosvs import object_pick, step_response, track, tracki
 from dense_vs.sims.papers.vosvs.object_trial import ObjectTrial
 
 
-def attempt(outcome):
-    return GraspAttempt(ServoEnd.CONVERGED, WristVerdict.CLEAR, 0.0, False, 0.02, GraspCheck(outcome, 0.9), (9.0, 8.0))
+def attempt(outcome, *, contact=False, opening=0.02):
+    check = GraspCheck(outcome, 0.9)
+    return GraspAttempt(ServoEnd.CONVERGED, WristVerdict.CLEAR, 0.0, contact, opening, check, (9.0, 8.0))
 
 
 class Heights:
@@ -44,10 +45,10 @@ def picked(monkeypatch):
 
             def run(self, z_object):
                 assert z_object == 0.3
-                done = [attempt(outcome) for outcome in outcomes]
+                done = [one if isinstance(one, GraspAttempt) else attempt(one) for one in outcomes]
                 for one in done:
                     self._on_attempt(one)
-                return GraspRun(done, held=outcomes[-1] is GraspOutcome.HELD)
+                return GraspRun(done, held=done[-1].check.outcome is GraspOutcome.HELD)
 
         trial = ObjectTrial("Mug", 0.0)
         trial.approach = SimpleNamespace(z_object=0.3)
@@ -98,6 +99,18 @@ def test_nothing_is_placed_where_the_last_attempt_missed(picked):
     assert pick.truly_held == [False, False]
     assert not pick.placed
     assert pick.cause.startswith("2 attempts, the last: servo converged")
+
+
+def test_the_last_of_three_attempts_is_told_of(picked):
+    """In words, its opening in millimeters."""
+    attempts = [
+        attempt(GraspOutcome.LOST),
+        attempt(GraspOutcome.UNKNOWN, opening=0.05),
+        attempt(GraspOutcome.MISSED, contact=True, opening=0.031),
+    ]
+    pick = picked([0.1] * 4, attempts, IN_BIN)
+    assert pick.cause == "3 attempts, the last: servo converged, wrist clear, contact, opening 31 mm, missed"
+    assert picked([0.1] * 4, attempts[:2], IN_BIN).cause.endswith("wrist clear, no contact, opening 50 mm, unknown")
 
 
 @pytest.mark.parametrize(

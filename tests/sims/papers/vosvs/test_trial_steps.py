@@ -71,6 +71,17 @@ def test_a_trial_s_objects_stand_on_their_supports():
     assert min(turns) < -3
 
 
+@pytest.mark.parametrize("only", [["Marker"], ["Padlock", "Power Drill"], []])
+def test_only_the_objects_that_are_asked_for_stand_on_their_supports(only):
+    room = Room()
+    place_objects(room, TRIALS[0], np.random.default_rng(1), only)
+    assert room.stored == 1
+    assert sorted(room.placed) == sorted(only)
+    for name, (x, y, z) in zip(TRIALS[0], PLACES, strict=True):
+        if name in only:
+            np.testing.assert_allclose(room.placed[name][:3], (x, y, z), atol=0.06)
+
+
 def test_a_chain_lies_in_the_middle_of_its_support_and_does_not_hang_over():
     height = PLACES[1][2]
     room = Room([height - 0.0051, height - 0.2, height - 0.0049])
