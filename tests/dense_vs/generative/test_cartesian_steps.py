@@ -148,6 +148,21 @@ def test_a_feature_that_was_seen_once_is_unknown():
     np.testing.assert_allclose(parameters.features[:7], features[:7], atol=0.01)
 
 
+def test_a_feature_of_two_usable_images_is_known_and_one_of_a_single_image_is_not(monkeypatch):
+    poses, features, pixels = hand(12, 5)
+    pixels[1:, :, 5] = pixels[0, 1, 5] = np.nan  # placed, in a single image
+    pixels[1:, :, 6] = np.nan  # in two images
+    _, at = problem_of(pixels, features, 12)
+    placed = np.arange(8) != 7
+    start = at(poses[:, :3, :3], poses[:, :3, 3]), placed
+    monkeypatch.setattr(cartesian, "_aligned_start", lambda *_: start)
+    parameters, _, report = cartesian.fit_cartesian(observed(poses, pixels, "observed"), 0, "observed", 0.1, None)
+    assert np.isfinite(parameters.features).all(axis=1).tolist() == [True] * 5 + [False, True, False]
+    assert np.isnan(parameters.features[[5, 7]]).all()
+    assert report.unobservable == [f"feature {k} was seen in {count} usable images: its place is unknown"
+                                   for k, count in ((5, 1), (7, 0))]  # fmt: skip
+
+
 @pytest.mark.parametrize(
     ("state", "changes", "message"),
     [

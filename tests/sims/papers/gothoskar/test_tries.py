@@ -10,12 +10,14 @@ from dense_vs.sims.papers.gothoskar import guided_motion
 from dense_vs.sims.papers.gothoskar.grasp import grasp
 from dense_vs.sims.papers.gothoskar.insertion import insert
 
+STANDS = np.array([0.5, 0.03, 0.4])  # m
+
 
 class Cell:
     """Counts what it is told and ends as asked."""
 
     def __init__(self, raised, in_hand, depth):
-        self._places = iter([np.zeros(3), np.array(raised)])
+        self._places = iter([STANDS, STANDS + raised])
         self._in_hand, self._depth = np.array(in_hand), depth
         self.closed = False
         self.chain = SimpleNamespace(home=np.zeros(6))
@@ -89,3 +91,33 @@ def test_an_insertion_is_as_deep_as_the_cell_says(guide, depth):
 def test_a_fixture_that_is_not_seen_has_nothing_in_it(guide):
     part = np.arange(24.0).reshape(8, 3)
     assert insert(guide(depth=0.04, seen=False), part, part, np.random.default_rng(0)) == 0.0
+
+
+def test_a_block_is_put_anywhere_on_a_part_of_the_table(guide):
+    rng, places, turns = np.random.default_rng(2), [], []
+    for _ in range(60):
+        one = guide()
+        one.cell.place_part = lambda place, turn: (places.append(place), turns.append(turn))
+        grasp(one, np.zeros((4, 3)), rng)
+    low, high = np.min(places, axis=0), np.max(places, axis=0)
+    np.testing.assert_allclose(low, [0.43, -0.07], atol=0.02)
+    np.testing.assert_allclose(high, [0.57, 0.13], atol=0.02)
+    assert (low >= [0.43, -0.07]).all()
+    assert (high <= [0.57, 0.13]).all()
+    np.testing.assert_allclose([min(turns), max(turns)], [-0.5, 0.5], atol=0.06)
+
+
+def test_the_hand_comes_nearer_from_above_and_rises_to_where_it_stood(guide, monkeypatch):
+    one, sent, goals = guide(), [], []
+    one.cell.command = sent.append
+    monkeypatch.setattr(guided_motion, "stand_off", lambda hand, structure, factor: factor)
+    monkeypatch.setattr(guided_motion, "joints_for", lambda guide, stand, pixels, now: np.full(6, stand))
+
+    def approach(guide, goal, attempts, now):
+        goals.append((goal[0], attempts))
+        return goal + 0.01
+
+    monkeypatch.setattr(guided_motion, "approach", approach)
+    assert grasp(one, np.zeros((4, 3)), np.random.default_rng(0))
+    assert goals == [(1.4, 4), (1.3, 1), (1.2, 1), (1.1, 1), (1.0, 1)]
+    np.testing.assert_allclose(sent, [np.full(6, 1.4 - 1.01)])
