@@ -5,6 +5,7 @@ import numpy as np
 import pytest
 
 from dense_vs import DenseVSError, SelfBody
+from dense_vs.body import refined_labels
 from dense_vs.body.appearance import BINS, LEAST_SEEN, MEMORY, RARE, Appearance
 from dense_vs.body.guided_filter import guided_filter
 from dense_vs.body.refined_labels import REACH, RefinedLabels
@@ -197,3 +198,71 @@ def test_refuses_images_and_stays_as_it_was():
         with pytest.raises(DenseVSError, match=r"image is .*expected uint8 of shape \(60, 100\) or \(60, 100, 3\)"):
             body.observe(flow, dq, bad)
     np.testing.assert_array_equal(body.recognition(J), before)
+
+
+class Told:
+    """Colors whose log-odds are told; what is learned of them is kept."""
+
+    def __init__(self, odds):
+        self.odds, self.learned = odds.astype(np.float32), []
+
+    def color_bins(self, image):
+        return np.zeros(self.odds.shape, int)
+
+    def log_odds(self, bins):
+        return self.odds
+
+    def learn(self, bins, own, other):
+        self.learned.append((own, other))
+
+
+def observed(motion, color):
+    """Labels after a frame whose log-odds of motion and of color are told."""
+    refined = RefinedLabels()
+    refined._appearance = told = Told(color)
+    refined.observe(np.zeros((*motion.shape, 3), np.uint8), 0.3 * np.exp(-motion), np.ones(motion.shape, bool))
+    return refined, told
+
+
+@pytest.mark.parametrize(
+    ("motion", "color", "sure"),
+    [
+        (0.9, 0.05, False), (0.9, 0.15, True), (0.29, 1.4, False), (0.31, 1.4, True), (1.5, -0.6, False),
+        (1.5, -0.4, True), (0.45, 0.45, False), (2.0, 0.0, True),
+    ],
+)  # fmt: skip
+def test_color_speaks_for_pixels_up_to_twenty_beside_one_that_both_are_sure_of(motion, color, sure):
+    motions, colors = np.full((60, 70), -0.75), np.full((60, 70), 1.5)
+    motions[28, 33], colors[28, 33] = motion, color
+    refined, _ = observed(motions, colors)
+    near = np.zeros((60, 70), bool)
+    near[8:49, 13:54] = sure
+    expected = np.where(near, motions + colors, motions + np.minimum(colors, 0.0))
+    np.testing.assert_allclose(refined._odds, expected, atol=1e-5)
+
+
+@pytest.mark.parametrize(("pixels", "learned"), [(59, False), (60, True)])
+def test_colors_are_learned_of_sixty_pixels_that_motion_and_surroundings_speak_for(pixels, learned):
+    motion, color = np.full((40, 50), 0.45), np.full((40, 50), 1.5)
+    motion[15, 10:40], motion[16, 10 : pixels - 20] = 0.55, 0.55
+    motion[30:] = -3.0
+    _, told = observed(motion, color)
+    assert len(told.learned) == learned
+    if learned:
+        np.testing.assert_array_equal(told.learned[0][0], motion == 0.55)
+        around = cv2.blur(motion + color, (5, 5))
+        np.testing.assert_array_equal(told.learned[0][1], (motion == -3.0) & (around < -1.4))
+
+
+def test_labels_are_the_smoothed_odds_above_0(monkeypatch):
+    motion = np.full((30, 40), 0.4)
+    smooth, asked = np.zeros((30, 40), np.float32), []
+    smooth[:, :20], smooth[:, 20:30] = 0.01, -0.01
+    monkeypatch.setattr(refined_labels, "guided_filter", lambda *given: asked.append(given) or smooth)
+    refined, _ = observed(motion, np.zeros((30, 40)))
+    np.testing.assert_array_equal(refined.own(), smooth > 0)
+    refined.own()
+    ((image, odds, radius, flatness),) = asked
+    assert image.shape == (30, 40, 3)
+    np.testing.assert_allclose(odds, 0.4, atol=1e-5)
+    assert (radius, flatness) == (4, 1e-3)

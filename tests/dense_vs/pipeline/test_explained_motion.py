@@ -141,6 +141,24 @@ def test_shares_lie_between_times():
     assert nothing.over_time()[0].size == 0
 
 
+@pytest.mark.parametrize(("width", "stride"), [(40, 1), (239, 1), (240, 2), (399, 2), (401, 3)])
+def test_about_160_columns_of_pixels_are_looked_at(width, stride):
+    flow, J = np.full((7, width, 2), 9.0), np.zeros((7, width, 2, 1))
+    flow[::stride, ::stride] = [3.0, 0.0]
+    J[..., 0, 0] = 4.0
+    explained = ExplainedMotion(1)
+    explained.observe(1.0, flow, J, np.array([0.5]))
+    assert explained.explained() == pytest.approx(1 - 1 / 9)
+    assert explained.spans[0].energy == pytest.approx(9.0 * len(range(0, 7, stride)) * len(range(0, width, stride)))
+
+
+def test_two_spans_become_one_when_there_are_4096():
+    explained = spans(*((float(k), 1.0, 0.5, 0.0) for k in range(4095)))
+    assert len(explained.spans) == 4095
+    explained._add(MotionSums(4095.0, 1.0, np.array([0.5, 0.0])))
+    assert len(explained.spans) == 2048
+
+
 def test_long_recordings_join_their_spans(monkeypatch):
     monkeypatch.setattr("dense_vs.pipeline.explained_motion.MOST_SPANS", 4)
     explained = spans(*((float(k), 1.0, k / 10, 0.0) for k in range(9)))
