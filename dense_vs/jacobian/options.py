@@ -17,6 +17,7 @@ MAX_JOINTS = 64
 MAX_JOINTS_FULL = 8
 MAX_JOINTS_ORDER_2 = 8
 MAX_JOINTS_DEFAULT_ORDER_2 = 6
+MOST_DEPTH_NOISE = 1e6  # m; its square is a variance
 MOST_JOINT_STEP = 1000.0  # rad; the covariance of order 2 holds fourth powers of a step
 STANDARD_STEP = 0.012  # rad a frame, that of the babbling which the variances were tuned on
 STANDARD_SPREAD = 0.12  # rad, standard deviation of the joints' positions in it
@@ -163,7 +164,9 @@ class JacobianOptions:
 
     def _check_depth(self) -> None:
         object.__setattr__(self, "depth", check_flag("depth", self.depth))
-        object.__setattr__(self, "depth_noise", check_number("depth_noise", self.depth_noise, above=0))
+        object.__setattr__(
+            self, "depth_noise", check_number("depth_noise", self.depth_noise, above=0, most=MOST_DEPTH_NOISE)
+        )
         if self.depth and (self.covariance != "shared" or self.prediction == "flow"):
             raise DenseVSError(
                 f"depth with covariance {self.covariance!r} and prediction {self.prediction!r}; expected covariance "

@@ -17,6 +17,8 @@ from dense_vs.checks import check_number, check_seed, check_whole
 
 SPEEDS_UP = 1.05  # by which the pace grows in a frame that allows it; by the flow it falls at once
 
+MOST_AMPLITUDE = 1e6  # rad, m; steps and postures stay finite
+
 
 @dataclass(frozen=True, kw_only=True)
 class BabblingOptions:
@@ -37,7 +39,8 @@ class BabblingOptions:
 
     def __post_init__(self):
         for field in fields(self):
-            object.__setattr__(self, field.name, check_number(field.name, getattr(self, field.name), above=0))
+            most = {"most": MOST_AMPLITUDE} if field.name == "amplitude" else {}
+            object.__setattr__(self, field.name, check_number(field.name, getattr(self, field.name), above=0, **most))
 
 
 class Babbling:

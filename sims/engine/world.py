@@ -11,7 +11,7 @@ import numpy as np
 import warp as wp
 
 from dense_vs.arrays import number_array
-from dense_vs.checks import check_flag, check_whole
+from dense_vs.checks import check_flag, check_options, check_whole
 from dense_vs.device import resolve_device, resolve_threads, room_for
 from dense_vs.errors import DenseVSError
 from dense_vs.sims.engine import surface_points
@@ -109,7 +109,7 @@ class SimWorld:
         self._shape = (worlds, check_whole("height", height, **sides), check_whole("width", width, **sides))
         self._device = resolve_device(device)
         self._threads = resolve_threads(threads)
-        self._randomization = randomization or DomainRandomization()
+        self._randomization = check_options("randomization", randomization, DomainRandomization)
         self._physics_on_device = check_flag("physics_on_device", physics_on_device)
         self._choice = {"robot": robot, "joints": joints, "camera": camera, "distractor": distractor}
         self._compliance = self._choice["compliance"] = resolve_compliance(compliance)

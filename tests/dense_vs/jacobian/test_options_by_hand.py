@@ -183,3 +183,9 @@ def test_options_for_recordings_of_seven_joints_and_more():
         "max_innovation": 1.0,
     }  # fmt: skip
     assert options(joints=7, **chosen).order == 1
+
+
+def test_a_depth_noise_whose_variance_would_not_be_finite_is_refused():
+    assert options(depth=True, depth_noise=1e6).depth_noise == 1e6
+    with pytest.raises(DenseVSError, match="depth_noise is 1000001"):
+        options(depth=True, depth_noise=1000001.0)

@@ -70,3 +70,11 @@ def test_slows_down_where_the_image_moves_too_fast_and_recovers():
 def test_refuses(arguments, message):
     with pytest.raises(DenseVSError, match=message):
         Babbling(**{"joints": 3, **arguments})
+
+
+def test_steps_stay_finite_up_to_the_largest_amplitude():
+    babbling = Babbling(2, seed=1, amplitude=1e6)
+    assert np.isfinite(babbling.largest_step).all()
+    assert all(np.isfinite(babbling.step(None)).all() for _ in range(20))
+    with pytest.raises(DenseVSError, match="amplitude is 1000001"):
+        Babbling(2, amplitude=1000001.0)

@@ -323,3 +323,8 @@ def test_unstable_simulation_is_an_error_that_leaves_the_world(small, entry):
     for _ in range(10):
         small.step()
     np.testing.assert_allclose(small.joints()[0] - home, [0.02, -0.03, 0.01], atol=1e-4)
+
+
+def test_a_randomization_of_another_kind_is_refused():
+    with pytest.raises(DenseVSError, match="randomization is '1'; expected a DomainRandomization"):
+        SimWorld("planar", randomization="1", height=8, width=8, device="cpu")
