@@ -184,7 +184,7 @@ def _find_camera(model: mujoco.MjModel, camera: str | None) -> int:
     names = [_name(model, "camera", c) for c in range(model.ncam)]
     if not names:
         raise DenseVSError("the model has no camera; expected at least one <camera>")
-    if camera is not None and camera not in names:
+    if camera is not None and not (isinstance(camera, str) and camera in names):
         raise DenseVSError(f"camera {camera!r} is not in the model; expected one of {_listed(names)}")
     index = 0 if camera is None else names.index(camera)
     if mujoco.mjtCamLight(model.cam_mode[index]) != mujoco.mjtCamLight.mjCAMLIGHT_FIXED:

@@ -328,3 +328,9 @@ def test_unstable_simulation_is_an_error_that_leaves_the_world(small, entry):
 def test_a_randomization_of_another_kind_is_refused():
     with pytest.raises(DenseVSError, match="randomization is '1'; expected a DomainRandomization"):
         SimWorld("planar", randomization="1", height=8, width=8, device="cpu")
+
+
+@pytest.mark.parametrize("camera", [np.array(["a", "b"]), ["front"], 0])
+def test_a_camera_that_is_no_name_is_refused(camera):
+    with pytest.raises(DenseVSError, match="is not in the model; expected one of"):
+        SimWorld("planar", camera=camera, height=8, width=8, device="cpu")
