@@ -15,7 +15,9 @@ from sliding_scene import HEIGHT, WIDTH, J, SlidingRobot, wait_for
 from dense_vs import DenseJacobian, DenseVSError, ServoLoop
 from dense_vs.body_model import BodyModel
 from dense_vs.body_model.chain import Chain
-from dense_vs.body_model.model_file import ModelContent
+from dense_vs.body_model.model_file import NAMES as BODY_NAMES
+from dense_vs.body_model.model_file import ModelContent, body_arrays
+from dense_vs.body_model.precision import Precision
 from dense_vs.body_model.surface import Surface
 from dense_vs.point_servo.checkpoint import Checkpoint
 
@@ -99,6 +101,15 @@ def test_a_body_that_is_believed_is_kept_too(tmp_path, model):
     checkpoint.keep(loop_of(estimator), 5.0)  # something speaks against it meanwhile
     checkpoint.end()
     assert checkpoint.resume((24, 32), device="cpu", threads=1).body is None
+
+
+def test_all_that_a_body_may_hold_is_read_again():
+    chain = Chain(np.eye(3)[:2], np.zeros((2, 3)), np.zeros(2), [-1, 0], np.eye(3)[:2])
+    surface = Surface(np.ones((4, 3)), np.zeros(4, int), np.ones(4), np.zeros(4, np.uint8))
+    known = Precision(np.zeros((3, 9)), np.zeros((4, 3)), np.ones(4), np.zeros((5, 2)), np.zeros(4, int), 0.5)
+    limits = np.array([[-1.0, 1.0]] * 2)
+    content = ModelContent(chain, 40.0, (16, 12), (24, 32), surface, np.ones(2, bool), limits, 0.4, known, 0.1)
+    assert set(body_arrays(content)) == set(BODY_NAMES)
 
 
 def test_a_damaged_body_or_one_of_another_camera_is_refused(tmp_path, model):
