@@ -5,9 +5,10 @@
                                    [--seeds 0,1] [--jobs N] [--json FILE]
 
 The model sees the images and joint readings of the babbling, nothing else. It is then asked about postures drawn from
-the box of joint positions that the babbling has covered. Pixels of the robot that the model does not know count: with a
-relative error of 1 in J, as infinitely far off in the prediction of points. Realistic images come late to their joint
-readings; the delay is found as ``dense-vs body`` finds it. The truth is that of the image as its lens shows it.
+the box of joint positions that the babbling has covered. Pixels of the robot that the model takes for the background
+count in two ways: as infinitely far off, and as what it says of the background, that it stays where it is. In J they
+count with a relative error of 1, as J is 0 there. Realistic images come late to their joint readings; the delay is
+found as ``dense-vs body`` finds it. The truth is that of the image as its lens shows it.
 """
 
 import argparse
@@ -23,6 +24,7 @@ from asked_bodies import IMAGES, asked_bodies, several
 from body_scores import HEADER, BodyScore, metrics_of, rows_of
 from metrics import add_report_arguments, report
 from postures import go_to, rest
+from true_tracks import follows, true_places
 
 from dense_vs.body_model import BodyFitOptions, BodyModel, PointTrackOptions, follow_points
 from dense_vs.body_model.fit import fit_body
@@ -53,12 +55,13 @@ REFERENCE_FRAMES = PointTrackOptions().stride * PointTrackOptions().reference_ev
 @dataclass(frozen=True)
 class Learned:
     """A babbling: what the model is given; the true links at the frames in which tracks begin; surface points of the
-    robot at the frames in which the model finds its surface, by their pixels."""
+    robot at the frames in which the model finds its surface, by their pixels; the joint steps between all frames."""
 
     images: list[np.ndarray]
     joints: np.ndarray
     links: dict[int, np.ndarray]
     anchors: dict[int, tuple[np.ndarray, list[SurfacePoint]]]
+    commands: np.ndarray
 
 
 def measure(asked: BodyScore, options: argparse.Namespace) -> BodyScore:
@@ -78,12 +81,15 @@ def measure(asked: BodyScore, options: argparse.Namespace) -> BodyScore:
     fit_seconds, fit_cpu = time.perf_counter() - wall, time.process_time() - cpu
     truth = link_truth(seen, tracks)
     known = (found.all_links != -2) & (truth != -2) & ((truth >= 0) | (found.all_links >= 0))
-    share = float(np.mean(found.all_links[known] == truth[known])) if known.any() else float("nan")
+    of_points = known & follows(tracks, true_places(lambda: make_world(asked, options), seen.commands, tracks, stride))
+    right = found.all_links == truth
     return replace(
         asked,
         **ask(world, model, seen, asked.seed),
-        link_share=share,
+        link_share=share_of(right, known),
         tracks=int(known.sum()),
+        point_link_share=share_of(right, of_points),
+        point_tracks=int(of_points.sum()),
         fit_seconds=fit_seconds,
         fit_cpu_seconds=fit_cpu,
         predict_ms=prediction_time(model, seen.joints),
@@ -96,12 +102,14 @@ def babble(world: SimWorld, seed: int, seconds: float) -> Learned:
     flow = FlowEstimator(height=world.shape[1], width=world.shape[2], device="cpu")
     low, high = world.joint_limits.T
     images, joints, links, last = [to_gray(world.frame().rgb)], [world.joints()[0]], {0: true_links(world)}, None
+    commands = []
     frames, stride = round(seconds * 30), PointTrackOptions().stride
     surfaces = stride * keyframe_indices(len(range(0, frames, stride)), SurfaceOptions().keyframes)
     anchors = {}
     for frame in range(1, frames):
         q = world.joints()[0]
-        world.step(np.clip(q + babbling.step(last), low, high) - q)
+        commands.append(np.clip(q + babbling.step(last), low, high) - q)
+        world.step(commands[-1])
         images.append(to_gray(world.frame().rgb))
         joints.append(world.joints()[0])
         last = flow(images[-2], images[-1])
@@ -109,7 +117,7 @@ def babble(world: SimWorld, seed: int, seconds: float) -> Learned:
             links[frame] = true_links(world)
         if frame in surfaces:
             anchors[frame] = some_points(world, seed)
-    return Learned(images, on_the_camera_clock(images, np.array(joints)), links, anchors)
+    return Learned(images, on_the_camera_clock(images, np.array(joints)), links, anchors, np.array(commands))
 
 
 def on_the_camera_clock(images: list[np.ndarray], joints: np.ndarray) -> np.ndarray:
@@ -150,6 +158,11 @@ def link_truth(seen: Learned, tracks) -> np.ndarray:
     return truth
 
 
+def share_of(right: np.ndarray, counted: np.ndarray) -> float:
+    """Share of those that count; NaN where none does."""
+    return float(np.mean(right[counted])) if counted.any() else float("nan")
+
+
 def ask(world: SimWorld, model: BodyModel, seen: Learned, seed: int) -> dict[str, float]:
     """Errors of points [px], J, labels, depth and the model's knowledge of its errors at unseen postures."""
     joints = seen.joints
@@ -162,7 +175,7 @@ def ask(world: SimWorld, model: BodyModel, seen: Learned, seed: int) -> dict[str
     chosen = rng.choice(len(x), min(POINTS, len(x)), replace=False)
     pixels = np.column_stack([x, y])[chosen].astype(float)
     surface = [world.track_point(pixel) for pixel in pixels]
-    distances, errors, overlaps, ratios, within = [], [], [], [], []
+    distances, stays, errors, overlaps, ratios, within = [], [], [], [], [], []
     anchored, anchors = anchored_points(model, seen)
     for _ in range(POSTURES):
         go_to(world, rng.uniform(low, high))
@@ -171,6 +184,7 @@ def ask(world: SimWorld, model: BodyModel, seen: Learned, seed: int) -> dict[str
         true = np.array([world.project(point) for point in surface])
         off = np.linalg.norm(model.trace(pixels, q_seen, q) - true, axis=1)
         distances.append(np.where(np.isfinite(off), off, np.inf))
+        stays.append(np.where(np.isfinite(off), off, np.linalg.norm(pixels - true, axis=1)))
         J, robot = world.true_jacobian(), world.robot_mask()
         errors.append(jacobian_error(model.jacobian(q), J, robot))
         there = model.image(q)
@@ -186,6 +200,7 @@ def ask(world: SimWorld, model: BodyModel, seen: Learned, seed: int) -> dict[str
     return {
         "points_median": float(np.quantile(off, 0.5, method="higher")),
         "points_p90": float(np.quantile(off, 0.9, method="higher")),
+        "stays_p90": float(np.quantile(np.concatenate(stays), 0.9, method="higher")),
         "known_p90": float(np.quantile(known, 0.9, method="higher")) if len(known) else float("inf"),
         "known_share": len(known) / len(off),
         "jacobian_median": float(np.mean([e.median for e in errors])),

@@ -13,6 +13,7 @@ from dense_vs.sims.engine.built_scenes import ARM_NAMES
 UNITS: dict[str, tuple[str, Literal["higher", "lower"]]] = {
     "points_median": ("px", "lower"),
     "points_p90": ("px", "lower"),
+    "stays_p90": ("px", "lower"),
     "known_p90": ("px", "lower"),
     "known_share": ("", "higher"),
     "jacobian_median": ("", "lower"),
@@ -21,13 +22,16 @@ UNITS: dict[str, tuple[str, Literal["higher", "lower"]]] = {
     "depth": ("", "lower"),
     "within": ("", "higher"),
     "link_share": ("", "higher"),
+    "point_link_share": ("", "higher"),
+    "fit_seconds": ("s", "lower"),
     "fit_cpu_seconds": ("s", "lower"),
     "predict_ms": ("ms", "lower"),
 }
 DISTANCES = ("points_median", "points_p90", "known_p90")  # infinite where the model does not know enough points
 HEADER = (
-    "arm, camera", "images", "seed", "points [px]", "90 %", "known", "their 90 %", "J error", "90 %", "label IoU",
-    "depth", "within 1 s.d.", "links", "of tracks", "fit, CPU [s]", "J image [ms]",
+    "arm, camera", "images", "seed", "points [px]", "90 %", "others stay", "known", "their 90 %", "J error", "90 %",
+    "label IoU", "depth", "within 1 s.d.", "links", "of tracks", "of points", "of tracks", "fit [s]", "CPU [s]",
+    "J image [ms]",
 )  # fmt: skip
 
 
@@ -38,6 +42,7 @@ class BodyScore:
     Attributes:
         arm, camera, images, seed: which.
         points_median, points_p90: how far off surface points are [px], infinite for one that the model does not know.
+        stays_p90: the same where one that it takes for the background stays where it is, as the background does.
         known_p90: the same of those that it knows.
         known_share: how many these are.
         jacobian_median, jacobian_p90: errors of J over the robot's pixels, means over the postures.
@@ -46,6 +51,7 @@ class BodyScore:
         within: share of the surface's places within one standard deviation of the model's; 0.68 is right.
         link_share: of the tracks with a true link, those on it.
         tracks: how many have one.
+        point_link_share, point_tracks: the same of those that stay with the surface point at which they began.
         fit_seconds, fit_cpu_seconds: of the fit, tracks included; by the clock, and of all cores.
         predict_ms: of a J of the whole image, the least.
         failure: why no body was found; "" where one was.
@@ -57,6 +63,7 @@ class BodyScore:
     seed: int
     points_median: float = float("nan")
     points_p90: float = float("nan")
+    stays_p90: float = float("nan")
     known_p90: float = float("nan")
     known_share: float = float("nan")
     jacobian_median: float = float("nan")
@@ -66,6 +73,8 @@ class BodyScore:
     within: float = float("nan")
     link_share: float = float("nan")
     tracks: int = 0
+    point_link_share: float = float("nan")
+    point_tracks: int = 0
     fit_seconds: float = float("nan")
     fit_cpu_seconds: float = float("nan")
     predict_ms: float = float("nan")
@@ -102,10 +111,11 @@ def rows_of(scores: Iterable[BodyScore]) -> list[list[str]]:
 
 def _figures(score: BodyScore) -> list[str]:
     return [
-        f"{score.points_median:.2f}", f"{score.points_p90:.2f}", f"{score.known_share:.2f}",
+        f"{score.points_median:.2f}", f"{score.points_p90:.2f}", f"{score.stays_p90:.2f}", f"{score.known_share:.2f}",
         f"{score.known_p90:.2f}", f"{score.jacobian_median:.3f}",
         f"{score.jacobian_p90:.2f}", f"{score.overlap:.2f}", f"{score.depth:.3f}", f"{score.within:.2f}",
-        f"{score.link_share:.2f}", str(score.tracks), f"{score.fit_cpu_seconds:.1f}", f"{score.predict_ms:.1f}",
+        f"{score.link_share:.2f}", str(score.tracks), f"{score.point_link_share:.2f}", str(score.point_tracks),
+        f"{score.fit_seconds:.1f}", f"{score.fit_cpu_seconds:.1f}", f"{score.predict_ms:.1f}",
     ]  # fmt: skip
 
 

@@ -297,7 +297,7 @@ class BodyModel:
             q: ``(N,)`` the other posture [rad].
 
         Returns:
-            ``(K, 2)`` [px], NaN for a pixel that is more than 3 px off the body. One beside it, as the model's outline
+            ``(K, 2)`` [px], NaN for a pixel that is more than 8 px off the body. One beside it, as the model's outline
             is not exact, goes with the nearest pixel of the body.
         """
         places, posture = points_array(pixels, "pixels"), self._posture(q, "q")

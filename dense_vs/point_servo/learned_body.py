@@ -58,6 +58,7 @@ class LearnedBody:
     Attributes:
         model: of the robot; None where none is known.
         change: what was found when that model was last asked whether it has changed; None of one that is new.
+        sought_in_vain: whether enough images showed no body that is believed, and none is known since.
 
     Raises:
         DenseVSError: neither of them, or a model of another number of joints or image size.
@@ -71,6 +72,7 @@ class LearnedBody:
         self._times: deque[float] = deque(maxlen=HISTORY)  # of these images [s]
         self.model: BodyModel | None = None
         self.change: BodyChange | None = None
+        self.sought_in_vain = False
         self._watch: BodyWatch | None = None
         self._doubted = False  # by a fault
         self._place_doubt = 1.0  # times what is not known of a place by the model
@@ -190,6 +192,7 @@ class LearnedBody:
         """
         if len(self._history) < LEAST_IMAGES or len(positions) < LEAST_JOINTS:
             return False
+        self.sought_in_vain = True
         chosen, dense = thinned(self._history, FITTED), self._dense(positions)
         best: tuple[float, BodyModel, float, float] | None = None
         ends = np.zeros((0, 2))
@@ -257,6 +260,7 @@ class LearnedBody:
                 f"expected {estimator.options.joints} and {size}"
             )
         self.model, self.change, self._doubted, self._place_doubt = model, None, False, doubt
+        self.sought_in_vain = False
         self._watch = BodyWatch(model, [*self._history])
         self._pipeline.prior = prior = BodyPrior(
             model.known, share=CHAIN_SHARE, least_agreement=min(CHAIN_AGREEMENT, STILL_EXPLAINED * explained),

@@ -311,7 +311,8 @@ class ServoLoop:
         """Servo the defined point to a target by DIJE (17), in the image or in image and depth.
 
         A point that is followed by its link goes far ways by planned moves, and counts as reached only where what is
-        seen of the link agrees on its place. A point that is lost is looked for where it was defined, once in a reach.
+        seen of the link agrees on its place. One that is followed by its patch alone, as a body was sought and none
+        found, is called lost. A point that is lost is looked for where it was defined, once in a reach.
 
         Args:
             target: ``(2,)`` [px]; in a loop with depth also ``(3,)`` [px, px, m].

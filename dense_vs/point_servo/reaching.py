@@ -69,7 +69,7 @@ class Reaching:
             self._look_out()
             waited += self._arrival.settled
         end = ReachEnd.REACHED if self._arrival.settled else ReachEnd.MISSED
-        if not loop.aim.certain(self._tracker):
+        if not self._certain():
             end = ReachEnd.LOST
         target, faults = tuple(self._target.tolist()), tuple(self._faults.values())
         known = self._tracker.usual_uncertainty if isinstance(self._tracker, BodyTracker) else None
@@ -89,7 +89,15 @@ class Reaching:
     def _over(self, waited: int) -> bool:
         """Whether the point is at the target for certain, and as close as it will come."""
         arrived = self._arrival.settled and (self._arrival.close or waited > CLOSER)
-        return arrived and self._loop.aim.certain(self._tracker)
+        return arrived and self._certain()
+
+    def _certain(self) -> bool:
+        """Whether it is known where the point is, which a patch alone does not tell where no body could be learned.
+
+        What is wrong with J there, or hides the arm, misleads the patch as well.
+        """
+        alone = isinstance(self._tracker, PointTracker) and self._loop.learned_body.sought_in_vain
+        return self._loop.aim.certain(self._tracker) and not alone
 
     def _is_far(self) -> bool:
         """Whether a move is to be planned, which is for places in the image: a chain has no meters."""

@@ -53,7 +53,7 @@ def test_every_arm_camera_kind_of_images_and_seed_is_measured_once(monkeypatch, 
     assert len(wanted) == 12
     assert set(measured[:12]) == set(measured) == wanted
     metrics, rows = reported[0]
-    assert len(metrics) == 12 * 12
+    assert len(metrics) == 12 * 15
     assert [row["points_median"] for row in rows if not row["failure"]] == [1.0] * 8
     said = capsys.readouterr().out
     assert "panda B" in said

@@ -116,6 +116,10 @@ def test_a_model_is_asked_about_postures_that_it_has_not_seen(monkeypatch):
     assert np.isnan(found["within"])  # nothing tells how well it knows itself
     assert (found["points_median"], found["known_p90"]) == pytest.approx((3.0, 3.0))
     assert found["points_p90"] == np.inf  # a quarter of the points is not known
+    stay = [np.repeat(np.linalg.norm(q - 1.0), 3) for q in asked]  # of twelve, at the same place in every posture
+    all_of_them = np.concatenate([*stay, np.full(8 * 9, 3.0)])
+    assert np.min(stay) < 3.0
+    assert found["stays_p90"] == pytest.approx(np.quantile(all_of_them, 0.9, method="higher"))
     assert found["known_share"] == 0.75
     assert (found["jacobian_median"], found["jacobian_p90"]) == pytest.approx((4.5, 0.5))
     assert found["overlap"] == pytest.approx((6 * 16 / 24 + 2 * 16 / 32) / 8)
@@ -148,9 +152,15 @@ def test_a_body_that_is_not_found_has_no_figures(monkeypatch):
 def test_the_share_of_right_links_is_of_tracks_with_one(monkeypatch):
     found = SimpleNamespace(all_links=np.array([0, 1, 1, -1, -1, -2, 0, 2, 2, -1]))
     truth = np.array([0, 1, 0, -1, 2, 0, -2, -1, 2, 0])  # right are 0, 1 and 2; wrong 1 / 0, -1 / 2, 2 / -1 and -1 / 0
+    of_points = np.array([True, True, False, True, True, True, True, False, False, False])
+    asked_for = []
     monkeypatch.setattr(body_model, "make_world", lambda *_: None)
-    monkeypatch.setattr(body_model, "babble", lambda *_: SimpleNamespace(images=[], joints=np.zeros((1, 2))))
-    monkeypatch.setattr(body_model, "follow_points", lambda *_: SimpleNamespace(size=(24, 32)))
+    seen = SimpleNamespace(images=[], joints=np.zeros((1, 2)), commands="commands")
+    monkeypatch.setattr(body_model, "babble", lambda *_: seen)
+    tracks = SimpleNamespace(size=(24, 32))
+    monkeypatch.setattr(body_model, "follow_points", lambda *_: tracks)
+    monkeypatch.setattr(body_model, "true_places", lambda make, *given: asked_for.append(given) or (make(), "places"))
+    monkeypatch.setattr(body_model, "follows", lambda of, places: of_points * (of is tracks))
     monkeypatch.setattr(body_model, "fit_body", lambda tracks: found)
     monkeypatch.setattr(body_model, "refit", lambda fit, tracks, images, prior: (fit, prior))
     models = {(id(found), (32.0, 0.15)): SimpleNamespace(jacobian=lambda q: None)}
@@ -161,11 +171,15 @@ def test_the_share_of_right_links_is_of_tracks_with_one(monkeypatch):
     result = body_model.measure(asked, SimpleNamespace(seconds=1.0))
     assert result.name == "panda A clean 0"
     assert (result.link_share, result.tracks) == (pytest.approx(3 / 7), 7)
+    assert (result.point_link_share, result.point_tracks) == (pytest.approx(2 / 3), 3)
+    assert asked_for == [("commands", tracks, body_model.PointTrackOptions().stride)]
     assert (result.points_median, result.depth, result.within) == (1.0, 6.0, 0.7)
     assert 0 <= result.fit_seconds < 60
     assert 0 <= result.predict_ms < 1000
     found.all_links[:] = -2
-    assert np.isnan(body_model.measure(asked, SimpleNamespace(seconds=1.0)).link_share)
+    unknown = body_model.measure(asked, SimpleNamespace(seconds=1.0))
+    assert np.isnan([unknown.link_share, unknown.point_link_share]).all()
+    assert (unknown.tracks, unknown.point_tracks) == (0, 0)
 
 
 @pytest.mark.parametrize(("images", "realism"), [("clean", False), ("realistic", "realistic")])
@@ -312,8 +326,11 @@ def test_a_fit_takes_the_time_between_its_beginning_and_its_end(monkeypatch):
     found = SimpleNamespace(all_links=np.array([0]))
     for name in ("make_world", "fit_body"):
         monkeypatch.setattr(body_model, name, lambda *_: found)
-    monkeypatch.setattr(body_model, "babble", lambda *_: SimpleNamespace(images=[], joints=np.zeros((1, 2))))
+    seen = SimpleNamespace(images=[], joints=np.zeros((1, 2)), commands=None)
+    monkeypatch.setattr(body_model, "babble", lambda *_: seen)
     monkeypatch.setattr(body_model, "follow_points", lambda *_: SimpleNamespace(size=(24, 32)))
+    monkeypatch.setattr(body_model, "true_places", lambda *_: None)
+    monkeypatch.setattr(body_model, "follows", lambda *_: np.array([True]))
     monkeypatch.setattr(body_model, "refit", lambda *_: found)
     monkeypatch.setattr(body_model.BodyModel, "from_fit", lambda *_: None)
     monkeypatch.setattr(body_model, "link_truth", lambda *_: np.array([0]))

@@ -46,13 +46,13 @@ def test_every_figure_is_a_metric_with_the_way_that_is_better():
 
 def test_a_row_has_a_word_for_every_column():
     figures = {field: 0.1 * k for k, field in enumerate(UNITS, start=1)}
-    (row,) = rows_of([score("arm", "", tracks=17, **figures)])
+    (row,) = rows_of([score("arm", "", tracks=17, point_tracks=9, **figures)])
     assert len(row) == len(HEADER)
     told = dict(zip(HEADER[:3], row, strict=False))
     assert told == {"arm, camera": "arm", "images": "clean", "seed": "3"}
-    assert row[3:7] == ["0.10", "0.20", "0.40", "0.30"]  # known, then what nine in ten of these are off
-    assert row[7:13] == ["0.500", "0.60", "0.70", "0.800", "0.90", "1.00"]
-    assert row[13:] == ["17", "1.1", "1.2"]
+    assert row[3:8] == ["0.10", "0.20", "0.30", "0.50", "0.40"]  # known, then what nine in ten of these are off
+    assert row[8:14] == ["0.600", "0.70", "0.80", "0.900", "1.00", "1.10"]
+    assert row[14:] == ["17", "1.20", "9", "1.3", "1.4", "1.5"]
 
 
 def test_several_are_told_by_the_middle_and_the_worst_of_those_found():

@@ -213,7 +213,7 @@ def test_a_fit_that_looks_little_like_its_images_begins_anew_elsewhere(
     monkeypatch.setattr(learned_body, "BodyModel", type("Stand", (), {"fit": staticmethod(fit)}))
     monkeypatch.setattr(learned_body, "explained_share", lambda made, flow, history: told[id(made)][0])
     monkeypatch.setattr(learned_body, "likeness", lambda made, images: told[id(made)][1])
-    assert one.learn(POSTURE) == (taken is not None)
+    assert one.learn(POSTURE) == (taken is not None) != one.sought_in_vain
     assert one.model is (None if taken is None else models[taken])
     assert result["begun"] == [(0, 40), (1, 80), (2, 80)][:fits]
     assert one._place_doubt == doubt
@@ -228,11 +228,14 @@ def test_no_model_without_enough_images_or_joints_or_a_fit(learning):
             assert not one.learn(POSTURE)
         one.see(frame(gray(k)))
     assert calls == []
+    assert not one.sought_in_vain  # nobody knows yet
     result["model"] = DenseVSError("nothing moves")
     assert not one.learn(POSTURE)
+    assert one.sought_in_vain
     assert len(calls) == 1
     result["model"] = model()
     assert one.learn(POSTURE)
+    assert not one.sought_in_vain
 
 
 @pytest.mark.parametrize("wrong", [{"joint_count": 3}, {"size": (20, 31)}, {"size": (30, 20)}])

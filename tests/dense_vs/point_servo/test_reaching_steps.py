@@ -39,6 +39,17 @@ def test_a_place_that_is_not_certain_is_waited_for_and_then_called_lost():
     assert (reach.end, reach.frames) == (ReachEnd.LOST, 9 + 45)  # settled with the tenth, and then waited for
 
 
+def test_a_patch_alone_is_not_believed_where_a_body_was_sought_in_vain():
+    loop = Loop(away=10.0)
+    loop.learned_body.sought_in_vain = True
+    reach = Reaching(loop, Arrival(), 400).run()
+    assert (reach.end, reach.frames) == (ReachEnd.LOST, 9 + 45)
+    tracker, _ = body_tracker([np.array([9.0, 0.0])] * 20)
+    by_link = Loop(away=10.0, tracker=tracker)
+    by_link.learned_body.sought_in_vain = True  # after a change, and it is followed by the body from before
+    assert Reaching(by_link, Arrival(), 400).run().end is ReachEnd.REACHED
+
+
 def test_frames_at_the_target_count_though_it_is_left_between_them():
     """A place that noise takes to and fro is waited for no longer than one that rests."""
 
