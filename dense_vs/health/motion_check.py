@@ -3,7 +3,8 @@
 At places on the robot the share |u - J s|^2 / (|u|^2 + |J s|^2) is near 0 where flow u and joint step s belong
 together, 1 where one of them is missing or the two are strangers. Its median over the places is compared with what is
 usual for this robot, so that a J that is known badly is no reason to stop learning it. Nor is a motion in joint
-directions that J has not seen for long: by its own covariance the filter says how far off J s may be.
+directions that J has not seen for long: by its own covariance the filter says how far off J s may be. Nor is J that
+stays behind on a background that the robot has left: places that stand still count only where hardly any place moves.
 """
 
 from collections import deque
@@ -16,6 +17,7 @@ from dense_vs.health.faults import Fault, FaultKind
 MOVING = 1.0  # px of flow or J s: places that move less say nothing
 ON_ROBOT = 0.2  # of the largest |J| on the image: places with less are not looked at
 LEAST_PLACES = 12
+SEEN_MOVING = 0.2  # of the places: where so many move in the image, the others do not count
 KNOWN = 60  # judgments until it is known what is usual
 TRUSTED = 0.15  # usual share above which J is known too badly to judge by
 LEAST_SHARE = 0.5  # that counts where J has to follow the robot to new postures
@@ -108,6 +110,9 @@ class MotionCheck:
         chosen = (size > ON_ROBOT * size.max(initial=0.0)) & moving & np.isfinite(energy)
         if np.count_nonzero(chosen) < LEAST_PLACES:
             return None
+        seen = chosen & ((flow**2).sum(axis=1) > MOVING**2)
+        if np.count_nonzero(seen) >= max(LEAST_PLACES, SEEN_MOVING * np.count_nonzero(chosen)):
+            chosen = seen
         error = ((flow[chosen] - predicted[chosen]) ** 2).sum(axis=1)
         self.share = float(np.median(error / energy[chosen]))
         plain = np.inf if self.usual is None else max(self.least_share, TIMES_USUAL * self.usual)

@@ -90,11 +90,24 @@ def test_places_beside_the_robot_are_not_looked_at(size, told):
     assert known().judge(flow, jacobian(40), SPAN) is None
 
 
-def test_half_of_the_places_decide():
+def test_half_of_the_places_that_move_decide():
     for wrong, told in ((19, False), (21, True)):
-        flow = flow_of(0.0, 40)
-        flow[:wrong] = flow_of(0.9, wrong)
-        assert (known().judge(flow, jacobian(40), SPAN) is not None) == told
+        for other in (-1.1, -6.0):  # px, against the joints
+            flow = flow_of(0.0, 40)
+            flow[:wrong, 0] = other
+            assert (known().judge(flow, jacobian(40), SPAN) is not None) == told
+
+
+@pytest.mark.parametrize(
+    ("places", "moving", "told"), [(100, 20, False), (100, 19, True), (40, 12, False), (40, 11, True)]
+)
+def test_places_that_stand_still_decide_only_where_hardly_any_moves(places, moving, told):
+    """J stays behind on what the robot has left; but a robot that does not move at all leaves nothing."""
+    flow = np.zeros((places, 2))
+    flow[:moving] = flow_of(0.0, moving)
+    assert (known().judge(flow, jacobian(places), SPAN) is not None) == told
+    flow[moving:, 0] = 0.99  # as good as still
+    assert (known().judge(flow, jacobian(places), SPAN) is not None) == told
 
 
 def test_what_is_usual_follows_slowly():
