@@ -14,6 +14,7 @@ found as ``dense-vs body`` finds it. The truth is that of the image as its lens 
 import argparse
 import json
 import time
+import zlib
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -241,13 +242,15 @@ def prediction_time(model: BodyModel, joints: np.ndarray) -> float:
 
 def make_world(asked: BodyScore, options: argparse.Namespace, **more: Any) -> SimWorld:
     """The arm's world with its first joints; ours have one camera and all of theirs. ``more`` is for the world."""
+    devices = options.device.split(",")
+    device = devices[zlib.crc32(asked.name.encode()) % len(devices)]
     common = {
-        "seed": asked.seed, "device": options.device, "realism": False if asked.images == "clean" else asked.images,
+        "seed": asked.seed, "device": device, "realism": False if asked.images == "clean" else asked.images,
         **more,
     }  # fmt: skip
     if asked.arm not in ARM_NAMES:
         return SimWorld(asked.arm, **common)
-    names = SimWorld(asked.arm, camera=asked.camera, device=options.device, height=8, width=8).joint_names
+    names = SimWorld(asked.arm, camera=asked.camera, device=device, height=8, width=8).joint_names
     return SimWorld(asked.arm, joints=names[: options.joints], camera=asked.camera, **common)
 
 
@@ -263,7 +266,7 @@ def main() -> int:
     parser.add_argument("--seconds", type=float, default=20.0, help="of babbling (default: 20)")
     parser.add_argument("--seeds", default="0", help="of motion and postures, by comma (default: 0)")
     parser.add_argument("--jobs", type=int, default=1, help="bodies at a time, a core each where above 1 (default: 1)")
-    parser.add_argument("--device", default="auto", help="auto, cpu or cuda:N, of the robots (default: auto)")
+    parser.add_argument("--device", default="auto", help="auto, cpu or cuda:N, of the robots; some by comma share them")
     parser.add_argument("--resume", action="store_true", help="go on with a run that was stopped, as --json has it")
     add_report_arguments(parser)
     options = parser.parse_args()

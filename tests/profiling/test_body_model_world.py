@@ -202,6 +202,17 @@ def test_a_commercial_arm_uses_its_first_joints_and_ours_all(monkeypatch, arm, j
         assert made[0] == ("panda", {"camera": "B", "device": "cpu", "height": 8, "width": 8})
 
 
+def test_several_devices_share_the_bodies(monkeypatch):
+    made = []
+    monkeypatch.setattr(body_model, "SimWorld", lambda name, **options: made.append(options["device"]))
+    options = SimpleNamespace(device="cuda:0,cuda:1,cuda:2", joints=4)
+    for _ in range(2):
+        for seed in range(30):
+            body_model.make_world(BodyScore("arm", "", "clean", seed), options)
+    assert made[:30] == made[30:]  # a body always has the same
+    assert all(made[:30].count(f"cuda:{n}") >= 4 for n in range(3))
+
+
 def test_anchors_are_pixels_of_the_robot_that_joints_move():
     J = np.zeros((6, 8, 2, 2))
     J[:, 2:, 1, 1] = 0.5
