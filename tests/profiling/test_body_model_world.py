@@ -154,7 +154,8 @@ def test_the_share_of_right_links_is_of_tracks_with_one(monkeypatch):
     truth = np.array([0, 1, 0, -1, 2, 0, -2, -1, 2, 0])  # right are 0, 1 and 2; wrong 1 / 0, -1 / 2, 2 / -1 and -1 / 0
     of_points = np.array([True, True, False, True, True, True, True, False, False, False])
     asked_for = []
-    monkeypatch.setattr(body_model, "make_world", lambda *_: None)
+    made = []
+    monkeypatch.setattr(body_model, "make_world", lambda asked, options: made.append(vars(options)))
     seen = SimpleNamespace(images=[], joints=np.zeros((1, 2)), commands="commands")
     monkeypatch.setattr(body_model, "babble", lambda *_: seen)
     tracks = SimpleNamespace(size=(24, 32))
@@ -168,7 +169,8 @@ def test_the_share_of_right_links_is_of_tracks_with_one(monkeypatch):
     monkeypatch.setattr(body_model, "link_truth", lambda seen, tracks: truth)
     monkeypatch.setattr(body_model, "ask", lambda *_: ASKED)
     asked = BodyScore("panda", "A", "clean", 0)
-    result = body_model.measure(asked, SimpleNamespace(seconds=1.0))
+    result = body_model.measure(asked, SimpleNamespace(seconds=1.0, device="cuda:0"))
+    assert made == [{"seconds": 1.0, "device": device} for device in ("cuda:0", "cpu")]
     assert result.name == "panda A clean 0"
     assert (result.link_share, result.tracks) == (pytest.approx(3 / 7), 7)
     assert (result.point_link_share, result.point_tracks) == (pytest.approx(2 / 3), 3)
