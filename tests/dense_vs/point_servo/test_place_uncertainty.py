@@ -3,10 +3,11 @@
 import numpy as np
 import pytest
 
-from dense_vs.point_servo.place_uncertainty import OwnLook, place_uncertainty, untied
+from dense_vs.point_servo.place_uncertainty import OwnLook, few, place_uncertainty, untied
 
 BY_DEPTH, OFFSET = np.array([0.6, -0.8]), np.array([0.9, -1.2])  # px: 1 and 1.5
 FEATURES = (0.5 * 1.5) ** 2 + (1.5 / 3) ** 2  # half the offset, and three features
+ALONE = (0.5 * 1.5) ** 2 + (5 / 3) ** 2  # the same where its look does not confirm them
 UNSEEN = OwnLook()
 
 
@@ -15,10 +16,21 @@ def known(held=True, told=3, look=UNSEEN, by_depth=BY_DEPTH):
 
 
 def test_beside_features_of_its_own_image():
-    assert known() == pytest.approx(np.sqrt(0.8**2 + FEATURES + 0.7**2))
-    assert known(by_depth=2 * BY_DEPTH) == pytest.approx(np.sqrt(1.6**2 + FEATURES + 0.7**2))
-    assert known(told=6) == pytest.approx(np.sqrt(0.8**2 + 0.75**2 + 0.25**2 + 0.7**2))
-    assert known(told=0) == pytest.approx(np.sqrt(0.8**2 + 0.75**2 + 1.5**2 + 0.7**2))
+    like = OwnLook(0.8)  # not enough to be a witness
+    assert known(look=like) == pytest.approx(np.sqrt(0.8**2 + FEATURES + 0.7**2))
+    assert known(look=like, by_depth=2 * BY_DEPTH) == pytest.approx(np.sqrt(1.6**2 + FEATURES + 0.7**2))
+    assert known(look=like, told=6) == pytest.approx(np.sqrt(0.8**2 + 0.75**2 + 0.25**2 + 0.7**2))
+    assert known(look=like, told=0) == pytest.approx(np.sqrt(0.8**2 + 0.75**2 + 1.5**2 + 0.7**2))
+
+
+@pytest.mark.parametrize(
+    ("correlation", "times"), [(-1.0, 5.0), (0.0, 5.0), (0.5, 5.0), (0.56, 4.3), (0.65, 3.25), (0.8, 1.5), (0.99, 1.5)]
+)
+def test_few_features_tell_less_where_the_look_does_not_confirm_them(correlation, times):
+    assert few(correlation) == pytest.approx(times)
+    for told in (3, 6):
+        expected = 0.8**2 + 0.75**2 + (times / told) ** 2 + 0.7**2
+        assert known(told=told, look=OwnLook(correlation)) == pytest.approx(np.sqrt(expected))
 
 
 def test_a_look_that_is_seen_is_a_second_witness():
@@ -35,7 +47,8 @@ def test_a_look_that_is_seen_is_a_second_witness():
 def test_a_place_that_is_not_tied_to_its_own_image_is_known_less_the_less_it_looks_like_it(correlation, off):
     assert untied(correlation) == pytest.approx(off)
     look = OwnLook(correlation)
-    assert known(held=False, look=look) == pytest.approx(np.sqrt(1.2**2 + FEATURES + off**2 + 0.7**2))
+    features = ALONE if correlation <= 0.5 else FEATURES
+    assert known(held=False, look=look) == pytest.approx(np.sqrt(1.2**2 + features + off**2 + 0.7**2))
 
 
 def test_its_look_is_a_witness_of_what_is_not_tied_too():
