@@ -47,6 +47,7 @@ timings)
     measure scaling scaling_cpu                 # 1
     measure segmentation segmentation           # 10, needs the annotated images of VOS-VS (--data)
     measure tracking tracking                   # 12
+    measure body_model body_fit_time            # 7, after dense-vs arms
     ;;
 accuracy)
     measure accuracy accuracy

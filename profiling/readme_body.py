@@ -53,7 +53,22 @@ def body_lines() -> list[str]:
         f"| | {' | '.join(head for head, *_ in columns)} |",
         "|---" * (len(columns) + 1) + "|",
         *(f"| {' | '.join(row)} |" for row in rows),
+        "",
+        time_line(),
     ]
+
+
+def time_line() -> str:
+    """How long fits take by the clock, with all cores of the machine."""
+    result = Result("body_fit_time")
+    scores = [BodyScore.of_row(row) for row in result.content["rows"]]
+    bodies, longest = Summary(scores), max(scores, key=lambda score: score.fit_seconds)
+    seconds = result.content["arguments"]["seconds"]
+    return (
+        f"A fit of {seconds:g} s of video takes {bodies.middle('fit_seconds'):.1f} s by the clock, tracks and surface "
+        f"included (median of {bodies.count} arms; the longest {longest.fit_seconds:.1f} s, {longest.name}; goal: 10 s; "
+        f"`profiling/body_model.py`; {result.origin()})."
+    )
 
 
 def few_body_lines() -> list[str]:
