@@ -66,8 +66,8 @@ def time_line() -> str:
     seconds = result.content["arguments"]["seconds"]
     return (
         f"A fit of {seconds:g} s of video takes {bodies.middle('fit_seconds'):.1f} s by the clock, tracks and surface "
-        f"included (median of {bodies.count} arms; the longest {longest.fit_seconds:.1f} s, {longest.name}; goal: 10 s; "
-        f"`profiling/body_model.py`; {result.origin()})."
+        f"included (median of {bodies.count} arms; the longest {longest.fit_seconds:.1f} s, {longest.name}; goal: "
+        f"10 s; `profiling/body_model.py`; {result.origin()})."
     )
 
 
