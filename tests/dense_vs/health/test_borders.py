@@ -98,18 +98,6 @@ def test_half_of_the_places_that_move_decide():
             assert (known().judge(flow, jacobian(40), SPAN) is not None) == told
 
 
-@pytest.mark.parametrize(
-    ("places", "moving", "told"), [(100, 20, False), (100, 19, True), (40, 12, False), (40, 11, True)]
-)
-def test_places_that_stand_still_decide_only_where_hardly_any_moves(places, moving, told):
-    """J stays behind on what the robot has left; but a robot that does not move at all leaves nothing."""
-    flow = np.zeros((places, 2))
-    flow[:moving] = flow_of(0.0, moving)
-    assert (known().judge(flow, jacobian(places), SPAN) is not None) == told
-    flow[moving:, 0] = 0.99  # as good as still
-    assert (known().judge(flow, jacobian(places), SPAN) is not None) == told
-
-
 def test_what_is_usual_follows_slowly():
     check = MotionCheck()
     judged(check, 0.1)

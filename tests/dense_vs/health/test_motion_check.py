@@ -101,3 +101,18 @@ def test_how_much_may_be_unknown(times, named):
     check.forget_doubt()
     fault = check.judge(3 * flow, J, np.array([0.02]), 0.0, 0.0, variance)
     assert (fault is not None) == named
+
+
+@pytest.mark.parametrize(
+    ("places", "moving", "told"), [(100, 20, False), (100, 19, True), (40, 12, False), (40, 11, True)]
+)
+def test_places_that_stand_still_decide_only_where_hardly_any_moves(places, moving, told):
+    """J stays behind on what the robot has left; but a robot that does not move at all leaves nothing."""
+    J, span = np.zeros((places, 2, 1)), np.array([0.1])
+    J[:, 0] = 60.0
+    for still in (0.0, 0.99):  # px: as good as still
+        check, flow = MotionCheck(), 6.0 * np.eye(2)[:1].repeat(places, axis=0)
+        for _ in range(KNOWN):
+            assert check.judge(flow, J, span) is None
+        flow[moving:, 0] = still
+        assert (check.judge(flow, J, span) is not None) == told
