@@ -14,7 +14,6 @@ found as ``dense-vs body`` finds it. The truth is that of the image as its lens 
 import argparse
 import json
 import time
-import zlib
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -25,6 +24,7 @@ from asked_bodies import IMAGES, asked_bodies, several
 from body_scores import HEADER, BodyScore, metrics_of, rows_of
 from metrics import add_report_arguments, report
 from postures import go_to, rest
+from shared_devices import device_of
 from true_tracks import follows, true_places
 
 from dense_vs.body_model import BodyFitOptions, BodyModel, PointTrackOptions, follow_points
@@ -243,8 +243,7 @@ def prediction_time(model: BodyModel, joints: np.ndarray) -> float:
 
 def make_world(asked: BodyScore, options: argparse.Namespace, **more: Any) -> SimWorld:
     """The arm's world with its first joints; ours have one camera and all of theirs. ``more`` is for the world."""
-    devices = options.device.split(",")
-    device = devices[zlib.crc32(asked.name.encode()) % len(devices)]
+    device = device_of(asked.name, options.device)
     common = {
         "seed": asked.seed, "device": device, "realism": False if asked.images == "clean" else asked.images,
         **more,

@@ -2,13 +2,13 @@
 
 import argparse
 import time
-import zlib
 from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
 
 import cv2
 import numpy as np
+from shared_devices import device_of
 from surface_scores import OURS, ReachScore, ViewScore, label_quality
 
 from dense_vs.body import SelfBody
@@ -130,8 +130,7 @@ class ExactFlow:
 def make_world(view: ViewScore, options: argparse.Namespace) -> SimWorld:
     """The view's world; a commercial arm uses its first joints, ours have one camera and all of theirs."""
     realism = False if view.images == "clean" else view.images
-    devices = (options.world_device or options.device).split(",")
-    device = devices[zlib.crc32(repr(view.key).encode()) % len(devices)]
+    device = device_of(repr(view.key), options.world_device or options.device)
     common = {"seed": view.seed, "realism": realism, "device": device}
     if view.arm in OURS:
         return SimWorld(view.arm, **common)
