@@ -64,6 +64,8 @@ class SurfaceImage:
         self._chain, self._size, self._threads = chain, size, resolve_threads()
         self._drawn = threading.Lock()  # threads may ask for postures at once
         self._last: tuple[bytes, FrontPoints] | None = None  # posture and what it shows, often asked for several times
+        # Posture and learned joints that J was drawn for last, and what is in front then: it is corrected next.
+        self._last_jacobian: tuple[tuple[bytes, bytes], FrontPoints] | None = None
         count, rows = len(points), chain.joint_count + 1
         # Rows of the link poses: a link's number but for the background's, which is the last one.
         self._links = _copied(np.asarray(links) % rows, wp.int32)
@@ -104,7 +106,7 @@ class SurfaceImage:
             for launch in self._over_pixels:
                 launch()
             front = FrontPoints(self._index.numpy().copy(), self._positions.numpy().copy())
-            self._last = posture.tobytes(), front
+            self._last, self._last_jacobian = (posture.tobytes(), front), None
             return front
 
     def jacobian(
@@ -118,32 +120,38 @@ class SurfaceImage:
             front: of this posture.
             measured: J ``(H, W, 2, N)`` [px/rad] by which the depth of each pixel is corrected.
         """
-        screws = self._chain.screws(q)
         with self._drawn:
-            launch, correction, memory, other, J = self._jacobian
-            given = (front.index, front.positions, *(np.where(learned[:, None], screw, 0.0) for screw in screws))
-            for array, values in zip(memory, given, strict=True):
-                array.numpy()[...] = values
-            J.numpy().fill(0.0)
-            launch()
-            if measured is not None:
-                other.numpy()[...] = measured
-                correction()
-            return J.numpy().copy()
+            launch, correction, memory, other, J, corrected = self._jacobian
+            asked = np.asarray(q, dtype=np.float64).tobytes(), learned.tobytes()
+            last = self._last_jacobian
+            if last is None or last[0] != asked or last[1] is not front:
+                screws = self._chain.screws(q)
+                given = (front.index, front.positions, *(np.where(learned[:, None], screw, 0.0) for screw in screws))
+                for array, values in zip(memory, given, strict=True):
+                    array.numpy()[...] = values
+                J.numpy().fill(0.0)
+                launch()
+                self._last_jacobian = asked, front
+            if measured is None:
+                return J.numpy().copy()
+            other.numpy()[...] = measured
+            corrected.numpy()[...] = J.numpy()
+            correction()
+            return corrected.numpy().copy()
 
     @cached_property
-    def _jacobian(self) -> tuple[PixelLaunch, PixelLaunch, tuple[wp.array, ...], wp.array, wp.array]:
-        """The launches that draw J and correct it, what they read and is to be given, the other J, and J."""
+    def _jacobian(self) -> tuple[PixelLaunch, PixelLaunch, tuple[wp.array, ...], wp.array, wp.array, wp.array]:
+        """The launches that draw J and correct it, what they read and is to be given, the other J, and both results."""
         joints = self._chain.joint_count
         axes, moments = _memory(wp.vec3, joints), _memory(wp.vec3, joints)
-        J, other = (_memory(wp.float32, *self._size, 2, joints) for _ in range(2))
+        J, other, corrected = (_memory(wp.float32, *self._size, 2, joints) for _ in range(3))
         moved_by = _copied(self._chain.moved_by, wp.int32)
         focal, _, *bend = self._lens
         points, lens = [self._index, self._positions, self._links], [focal, *bend]
         drawn = self._pixels(surface_jacobian, [*points, axes, moments, moved_by, *lens, J])
         noise = [DEPTH_DEVIATION, NOISE_SCALE, LEAST_NOISE]
-        corrected = self._pixels(correct_depth, [*points, moments, moved_by, other, *lens, *noise, J])
-        return drawn, corrected, (self._index, self._positions, axes, moments), other, J
+        correct = self._pixels(correct_depth, [*points, moments, moved_by, other, *lens, *noise, corrected])
+        return drawn, correct, (self._index, self._positions, axes, moments), other, J, corrected
 
     def _pixels(self, kernel: Any, arguments: list[Any]) -> PixelLaunch:
         return PixelLaunch(kernel, (1, *self._size), arguments, "cpu", self._threads)

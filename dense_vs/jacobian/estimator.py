@@ -287,7 +287,7 @@ class DenseJacobian(NotCopied):
         Raises:
             DenseVSError: ``dq`` is not N finite floating-point numbers.
         """
-        return self._unbatch(self.filter.predicted_flow(self._joint_step(dq)).numpy())
+        return self._unbatch(self.filter.predicted_flow(self._joint_step(dq)).numpy().copy())
 
     def at(self, points: Any, *, depth: bool = False) -> np.ndarray:
         """J at image points by bilinear interpolation, DIJE (16).

@@ -6,13 +6,14 @@ frame can be captured in a graph, one for each role.
 """
 
 from collections.abc import Callable
-from functools import partial
+from functools import cached_property, partial
 from typing import Any
 
 import numpy as np
 import warp as wp
 
 from dense_vs.jacobian.options import JacobianOptions
+from dense_vs.jacobian.predicted_flow import PredictedFlow
 from dense_vs.kernels.image.flow_field import count_bad_flow
 from dense_vs.kernels.image.tiles import tile_launch
 from dense_vs.kernels.jacobian.covariance import (
@@ -216,17 +217,12 @@ class JacobianFilter:
         self.version += 1
 
     def predicted_flow(self, joint_step: np.ndarray) -> wp.array:
-        """J times a joint step (B, N) float32 [rad], (B, H, W) of vec2 [px]."""
-        dq = wp.array(joint_step, dtype=wp.float32, device=self.device)
-        # The kernel takes the posture half a step on, the middle of a frame; here J is that of the present.
-        middle = self.displacement[self.now].numpy() - 0.5 * joint_step
-        displacement = wp.array(middle, dtype=wp.float64, device=self.device)
-        row = wp.empty_like(self.regressor)
-        wp.launch(regressors, dim=row.shape, inputs=[dq, dq, displacement], outputs=[row], device=self.device)
-        out: Any = wp.empty_like(self.flow)
-        arguments = [self.state[self.now], seen_as(row, self.kernels.StateRow, row.shape[:1]), out]
-        launch_pixels(self.kernels.predicted_flow, self.shape, arguments, self.device, self.threads)
-        return out
+        """J times a joint step (B, N) float32 [rad], (B, H, W) of vec2 [px]; valid until asked again."""
+        return self._predicted_flow(joint_step, self.now, self.displacement[self.now].numpy())
+
+    @cached_property
+    def _predicted_flow(self) -> PredictedFlow:
+        return PredictedFlow(self.kernels, self.state, self.flow, self.options.joints, self.threads)
 
     def guess_flow(self, out: wp.array, most: float) -> None:
         """What ``dq`` says of the next flow, nothing read back: J dq at the size of ``out`` (B, any, any) of vec2.

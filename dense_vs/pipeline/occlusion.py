@@ -8,16 +8,16 @@ instead: a model that is wrong in some place covers nothing, and a tool in the h
 covers some of the body covers also what is beside it, as far as it is strange in the same way.
 """
 
+from functools import cached_property
 from typing import Any
 
 import cv2
 import numpy as np
 import warp as wp
 
-from dense_vs.arrays import vec2_image
 from dense_vs.device import resolve_threads
 from dense_vs.kernels.body.unshared_motion import unshared_motion
-from dense_vs.kernels.launch import launch_pixels
+from dense_vs.kernels.launch import PixelLaunch
 
 WINDOW = 11  # px, side of the window
 DECAY = 0.3  # of the sums, from one measured motion to the next
@@ -49,7 +49,6 @@ class Occlusion:
         self._since = np.zeros(size, np.int32)  # motions that each has been covered for
         self._ago = np.full(size, LATELY + 1, np.int32)
         self._doubted, self.doubtful = 0, False
-        self._device, self._threads = wp.get_device("cpu"), resolve_threads()
 
     def observe(self, body: np.ndarray, flow: np.ndarray, by_model: np.ndarray, by_estimate: np.ndarray) -> np.ndarray:
         """Take a measured motion; :attr:`hidden` by then.
@@ -85,12 +84,21 @@ class Occlusion:
 
         A J of nearly 0 explains anything that stands still: it has to explain what is seen to move.
         """
-        shape = 1, *flow.shape[:2]
-        images = (np.asarray(image, dtype=np.float32) for image in (flow, by_model, by_estimate))
-        inputs = [vec2_image(image, "motion", shape, self._device) for image in images]
-        off, moved = (wp.empty(shape, dtype=float, device=self._device) for _ in range(2))
-        launch_pixels(unshared_motion, shape, [*inputs, SAYS, off, moved], self._device, self._threads)
+        launch, given, off, moved = self._motions
+        for array, image in zip(given, (flow, by_model, by_estimate), strict=True):
+            array.numpy()[0] = image
+        launch()
         return off.numpy()[0], moved.numpy()[0]
+
+    @cached_property
+    def _motions(self) -> tuple[PixelLaunch, tuple[wp.array, ...], wp.array, wp.array]:
+        """The launch of :meth:`_unshared`, the motions that it is given, and its results."""
+        height, width = self._off.shape
+        shape, vec2 = (1, height, width), wp.vec2
+        given = tuple(wp.zeros(shape, dtype=vec2, device="cpu") for _ in range(3))
+        off, moved = (wp.zeros(shape, dtype=wp.float32, device="cpu") for _ in range(2))
+        launch = PixelLaunch(unshared_motion, shape, [*given, SAYS, off, moved], "cpu", resolve_threads())
+        return launch, given, off, moved
 
     @property
     def around(self) -> np.ndarray:

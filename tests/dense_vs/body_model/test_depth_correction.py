@@ -113,6 +113,18 @@ def test_what_was_asked_before_and_is_handed_out_changes_nothing():
             np.testing.assert_array_equal(body.jacobian(q), model().jacobian(q))
 
 
+def test_what_is_in_front_at_another_posture_meanwhile_changes_nothing():
+    body, other = model(), np.random.default_rng(0).normal(size=(*SIZE, 2, N)).astype(np.float32)
+    q, elsewhere, all_joints = np.array([0.2, -0.15, 0.3]), np.array([0.0, 0.1, -0.1]), np.ones(N, bool)
+    drawing, front = body._drawing, body._drawing.front(q)
+    drawing.jacobian(q, all_joints, front)
+    drawing.front(elsewhere)
+    corrected = drawing.jacobian(q, all_joints, front, other)
+    np.testing.assert_array_equal(corrected, model().corrected_jacobian(q, other))
+    fewer = np.arange(N) > 0
+    assert not drawing.jacobian(q, fewer, front)[..., 0].any()
+
+
 def test_a_body_without_points_has_no_j():
     body = model()
     none = replace(body.surface, points=body.surface.points[:0], links=body.surface.links[:0],
