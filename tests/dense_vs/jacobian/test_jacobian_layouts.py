@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import warp as wp
 
-from dense_vs.jacobian.filter import JacobianFilter
+from dense_vs.jacobian.filter import JacobianFilter, filter_bytes
 from dense_vs.jacobian.options import JacobianOptions
 
 HEIGHT, WIDTH, JOINTS, WORLDS = 21, 33, 2, 3
@@ -153,3 +153,13 @@ def test_j_is_drawn_by_a_share_in_either_layout_and_nothing_else_changes(options
         np.testing.assert_array_equal(after["displacement"], stored["displacement"])
         np.testing.assert_array_equal(after["state"][..., joints:], stored["state"][..., joints:])  # H
         np.testing.assert_array_equal(after["state"][:, ::3], stored["state"][:, ::3])
+
+
+@pytest.mark.parametrize("form", FORMS, ids=str)
+def test_the_memory_that_is_asked_for_is_that_of_its_images(form):
+    one = filters(**form)[0]
+    images = [*one.state, one.flow, one.model_flow]
+    if form.get("covariance") in ("diagonal", "full"):
+        images += one.covariance
+    allocated = sum(array.capacity for array in images)
+    assert WORLDS * filter_bytes(one.options) == pytest.approx(allocated, rel=0.01)

@@ -30,6 +30,13 @@ def test_centers_the_object():
     assert np.all(np.array(room.commands)[:, 2:] == 0.0)
 
 
+def test_a_step_is_no_longer_than_its_limit_unless_told_otherwise():
+    far = np.array([0.4, -0.3])
+    room = FlatRoom(Disc(far))
+    servo(room, max_image_step=1e6).run(1)
+    np.testing.assert_allclose(np.abs(room.commands[0][:2]).max(), 0.15)
+
+
 @pytest.mark.parametrize("learner", [HadamardBroyden, FeaturewiseBroyden])
 @pytest.mark.parametrize("signs", [(1, 1), (-1, 1), (1, -1), (-1, -1)])
 @pytest.mark.parametrize("place", [(0.12, -0.1), (-0.4, 0.25), (0.3, -0.3)])

@@ -77,7 +77,7 @@ def test_what_is_covered_stays_so_while_nothing_moves():
 def test_a_model_that_is_wrong_throughout_covers_nothing():
     occlusion = Occlusion(SIZE)
     for _ in range(PATIENCE):  # flow may have failed
-        occlusion.observe(body(), motion(), motion(-MOVED), motion(-MOVED))
+        assert occlusion.observe(body(), motion(), motion(-MOVED), motion(-MOVED)).any()
         assert occlusion.doubtful
     assert not occlusion.observe(body(), motion(), motion(-MOVED), motion(-MOVED)).any()
     assert occlusion.doubtful
