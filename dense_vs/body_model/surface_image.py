@@ -64,8 +64,8 @@ class SurfaceImage:
         self._chain, self._size, self._threads = chain, size, resolve_threads()
         self._drawn = threading.Lock()  # threads may ask for postures at once
         self._last: tuple[bytes, FrontPoints] | None = None  # posture and what it shows, often asked for several times
-        # Posture and learned joints that J was drawn for last, and what is in front then: it is corrected next.
-        self._last_jacobian: tuple[tuple[bytes, bytes], FrontPoints] | None = None
+        # Of what J was drawn last, and its learned joints, as it is corrected next; None since memory shows another.
+        self._last_jacobian: tuple[FrontPoints, bytes] | None = None
         count, rows = len(points), chain.joint_count + 1
         # Rows of the link poses: a link's number but for the background's, which is the last one.
         self._links = _copied(np.asarray(links) % rows, wp.int32)
@@ -122,16 +122,15 @@ class SurfaceImage:
         """
         with self._drawn:
             launch, correction, memory, other, J, corrected = self._jacobian
-            asked = np.asarray(q, dtype=np.float64).tobytes(), learned.tobytes()
             last = self._last_jacobian
-            if last is None or last[0] != asked or last[1] is not front:
+            if last is None or last[0] is not front or last[1] != learned.tobytes():
                 screws = self._chain.screws(q)
                 given = (front.index, front.positions, *(np.where(learned[:, None], screw, 0.0) for screw in screws))
                 for array, values in zip(memory, given, strict=True):
                     array.numpy()[...] = values
                 J.numpy().fill(0.0)
                 launch()
-                self._last_jacobian = asked, front
+                self._last_jacobian = front, learned.tobytes()
             if measured is None:
                 return J.numpy().copy()
             other.numpy()[...] = measured
