@@ -2,9 +2,8 @@
 
 On plain links a patch slides along outlines and shading, turns out of sight, or is covered. But links are rigid and the
 joint readings are exact: with the chain that a body model has, the link's features say where the point is, and while
-the robot moves on they refine the chain. Features are followed from image to image; those that turn out of sight are
-replaced by new ones, each on the link whose motion explains it. The point is known by its pixel when it was defined and
-a depth, by the features around it and by where its own look, turned as the chain says, is seen before and on the way.
+the robot moves on they refine the chain. Features that turn out of sight are replaced by new ones, each on the link
+whose motion explains it. The point is known by its pixel when it was defined and a depth (:mod:`.point_on_link`).
 """
 
 from collections import deque
@@ -17,9 +16,11 @@ from dense_vs.body_model.feature_flow import carried, new_features
 from dense_vs.body_model.image_directions import direction_weights
 from dense_vs.point_servo.body_features import NOISE, BodyFeatures, FeatureState, Keyframe
 from dense_vs.point_servo.feature_looks import FeatureLooks
+from dense_vs.point_servo.link_gate import off_their_link
 from dense_vs.point_servo.look_back import Trace, followed_back
 from dense_vs.point_servo.more_features import APART, LEAST_SEEN, more_features
 from dense_vs.point_servo.place_uncertainty import BASIC, OFF_SHARE, UNTIED, OwnLook, place_uncertainty
+from dense_vs.point_servo.plainness import plainness
 from dense_vs.point_servo.point_look import LIKE, SURE, PointLook
 from dense_vs.point_servo.point_on_link import POINT, PointOnLink, mean_about
 from dense_vs.point_servo.regained import regained
@@ -30,7 +31,6 @@ MOST_FEATURES = 600  # from which those that no keyframe holds are forgotten
 AROUND = 3  # known features around a young one, which it is taken along with
 HELD, OTHERS_HELD = 3, 5  # images, in one of which a feature of the point's link, or another's, is held to its look
 KEYFRAME_MOTION = 15.0  # px that a feature moves by between keyframes
-GATE = 2.0  # px from where its link's features are, at which one is given up
 ALIKE = 0.87  # correlation from :data:`LIKE` to which the point's own look comes to count
 OWN_DRIFT = 0.5  # px, standard deviation of the place by the own look at least
 ASIDE = 1.0  # px, standard deviation of the expected place, the depth aside, while looking back
@@ -99,7 +99,8 @@ class BodyTracker:
         self._first_gray = self._gray
         self._positions = self._kept_at = np.array(positions, dtype=np.float64)
         self.point = np.array(point, dtype=np.float64)
-        self.on_link = PointOnLink(self.features, self.point, self._positions, surface)
+        plain = plainness(self._gray, self.point)
+        self.on_link = PointOnLink(self.features, self.point, self._positions, surface, plain)
         self._offset = np.zeros(2)
         self.seen, self.unseen, self._told, self.held, self._aside = 0, 0, 0, False, BASIC + 1.0
         self._own, self._next, self._images = OwnLook(1.0), 0, 0
@@ -161,12 +162,7 @@ class BodyTracker:
         self._hold(gray, places, believed, believed & ((self._live + self._images) % often == 0))
         known = features.states[self._live] == FeatureState.KNOWN
         directions = direction_weights(gray, places)
-        for one in np.unique(features.links[self._live[known]]):
-            on = believed & known & (features.links[self._live] == one)
-            if on.sum() >= LEAST_SEEN:
-                off = places - expected
-                far = np.einsum("kij,kj->ki", directions, off - np.median(off[on], axis=0))
-                believed &= ~(on & (np.linalg.norm(far, axis=1) > GATE))
+        believed &= ~off_their_link(places - expected, directions, features.links[self._live], believed & known)
         self._live, self._places, directions = self._live[believed], places[believed], directions[believed]
         if not self.held:
             directions = self._regain(gray, q, directions)
@@ -275,7 +271,7 @@ class BodyTracker:
             self.unseen += 1
             self.held = False
         place = expected + self._offset
-        if not np.isfinite(place).all() or np.abs(place).max() > 1e5:  # behind the camera, by a chain that is wrong
+        if not (np.abs(place) < 1e5).all():  # behind the camera, or nan, by a chain that is wrong
             self.unseen = max(self.unseen, 1)
             return
         self._own, self._sighting = OwnLook(), None
@@ -284,17 +280,18 @@ class BodyTracker:
         self.point = place
 
     def _by_look(self, q: np.ndarray, gray: np.ndarray, place: np.ndarray, spread: float) -> np.ndarray:
-        """The place as the point's own look corrects it."""
+        """The place as the point's own look corrects it, which is seen where a point farther away would be."""
         _, affine, by_depth = self.on_link.view(q[None])
-        covariance = self._covariance(by_depth[0], spread)
-        seen = self._look.seen(gray, place, affine[0], covariance)
+        slip = self.on_link.slip * by_depth[0]
+        seen = self._look.seen(gray, place + slip, affine[0], self._covariance(by_depth[0], spread))
+        off = seen.place - slip - place
         share = float(np.clip((seen.correlation - LIKE) / (ALIKE - LIKE), 0, 1))
         counts = seen.correlation >= (ALIKE if self.held else SURE)
         deviation = max(OWN_SHARE * seen.drift, OWN_DRIFT) if counts else np.inf
-        apart = OFF_SHARE * share * float(np.linalg.norm(seen.place - place))
+        apart = OFF_SHARE * share * float(np.linalg.norm(off))
         self._own = OwnLook(seen.correlation, deviation, apart)
         self._sighting = seen.place if share > 0 and seen.as_expected else None
-        return place + TRUST * share * (seen.place - place)
+        return place + TRUST * share * off
 
     def _covariance(self, by_depth: np.ndarray, aside: float) -> np.ndarray:
         """Of the expected place [px^2], by the depth and by what else may be off [px]."""
@@ -309,6 +306,7 @@ class BodyTracker:
             return
         chosen = [features.keyframes[k] for k in keyframes]
         expected, maps, by_depth = self.on_link.view(np.array([one.positions for one in chosen]))
+        expected = expected + self.on_link.slip * by_depth
         for k, one, place, map_, off in zip(keyframes, chosen, expected, maps, by_depth, strict=True):
             found, correlation = self._look.found(one.image, place, map_, self._covariance(off, ASIDE))
             seen, weight = correlation > BELIEVED, NOISE / max(NOISE, self._look.drift(correlation))

@@ -1,6 +1,6 @@
 """At what depth a point of a link is: from its own places, the link's features around it, a body model's surface."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -10,17 +10,17 @@ SLOPE = 0.003  # of the logarithm by px, standard deviation: surfaces are aslant
 LEAST_INVERSE = 0.5  # of the usual inverse depth, to which a plane may go down at the point
 RELIEF = 0.0015  # of the logarithm by px to the next feature: surfaces are aslant by some 25 degrees
 LEAST_NEAR = 3  # features on the link
-SURFACE = 0.02  # of the logarithm of a body model's surface, found on six views of commercial arms
-BULGE = 0.006  # of the logarithm: links are nearer between their edges, which tell depth; found on 16 views
+SURFACE = 0.015  # of the logarithm of a body model's surface, less its slip, found on nine views of commercial arms
 OWN_PLACES = 10  # as many places of its own count, however many there are: they share their errors
-OUTLINES = 0.012  # of the logarithm: what a look holds of outlines at other depths pulls all its places alike
+OWN = 0.018  # of the logarithm by its own places, less their slip: they share an error, however many there are
 NOISE = 0.5  # px, of its own places
 RANGE, STEPS = 0.25, 251  # of the logarithm of the depth about that of the features around
 ASIDE = 5  # steps, over which the cost's curvature is measured
 UNKNOWN = 0.25  # standard deviation of the logarithm where nothing tells
-# Of a depth that features and surface tell, fitted to how far points went astray in 26 views of commercial arms:
-APART_SHARE = 0.55  # of the logarithm of their ratio
-RELIEF_SHARE = 1.8  # of the standard deviation of the logarithm of the surface's depths about the point
+# Of a depth that features and surface tell, fitted to how far it is off at 213 places of nine commercial arms:
+APART_SHARE = 0.1  # of the logarithm of their ratio
+RELIEF_SHARE = 0.55  # of the standard deviation of the logarithm of the surface's depths about the point
+PLAIN_SHARE = 0.014  # where the image is plain
 LEAST_SHARE = 0.7  # of its own deviation, which hardly differs from point to point
 MOST_DEVIATION = 0.055  # of what features say: others are too far away to be a witness
 
@@ -75,17 +75,24 @@ def together(one: PointDepth | None, other: PointDepth | None) -> PointDepth | N
     return PointDepth(depth, doubt / float(np.sqrt(precision)))
 
 
-def witnessed(found: PointDepth, features: PointDepth | None, surface: PointDepth | None, relief: float) -> PointDepth:
+def farther(depth: PointDepth | None, slip: float) -> PointDepth | None:
+    """A depth whose logarithm is greater by ``slip``."""
+    return None if depth is None else replace(depth, depth=depth.depth * float(np.exp(slip)))
+
+
+def witnessed(
+    found: PointDepth, features: PointDepth | None, surface: PointDepth | None, relief: float, plain: float
+) -> PointDepth:
     """A depth with the deviation that two sources leave, where both tell of it; else as it is.
 
-    How far they are apart tells more of the error that is left than their own deviations do. So does the relief of the
-    surface, the standard deviation of the logarithm of its depths about the point.
+    More is left where the image is plain (:func:`.plainness`), where the surface has relief, the standard deviation of
+    the logarithm of its depths about the point, and a little where the two are apart.
     """
     if features is None or surface is None or features.deviation > MOST_DEVIATION:
         return found
     apart = float(np.log(surface.depth / features.depth))
-    deviation = float(np.hypot(APART_SHARE * apart, RELIEF_SHARE * relief))
-    return PointDepth(found.depth, max(deviation, LEAST_SHARE * found.deviation))
+    left = APART_SHARE * apart, RELIEF_SHARE * relief, PLAIN_SHARE * plain, LEAST_SHARE * found.deviation
+    return PointDepth(found.depth, float(np.linalg.norm(left)))
 
 
 def point_depth(around: PointDepth, errors: np.ndarray) -> PointDepth:
@@ -103,9 +110,13 @@ def point_depth(around: PointDepth, errors: np.ndarray) -> PointDepth:
     middle = min(max(best, ASIDE), STEPS - 1 - ASIDE)
     size = steps[1] - steps[0]
     curvature = (cost[middle - ASIDE] - 2 * cost[middle] + cost[middle + ASIDE]) / (ASIDE * size) ** 2
-    deviation = 1 / np.sqrt(max(curvature / 2, 1 / UNKNOWN**2))
-    own = OUTLINES if errors.shape[1] else 0.0
-    return PointDepth(around.depth * float(np.exp(steps[best])), float(np.hypot(deviation, own)))
+    before, after = around.deviation**2, 1 / max(curvature / 2, 1 / UNKNOWN**2)
+    # What the places say is of one error more, which all of them share.
+    own = OWN**2 if errors.shape[1] else 0.0
+    share = before**2 / (before**2 + own * max(before - after, 0.0))
+    return PointDepth(
+        around.depth * float(np.exp(share * steps[best])), float(np.sqrt(before - share * (before - after)))
+    )
 
 
 def tried_depths(around: PointDepth) -> np.ndarray:

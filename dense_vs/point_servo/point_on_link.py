@@ -1,6 +1,5 @@
 """A point of a link, known by its pixel when it was defined and a depth: where and how it is seen in other postures."""
 
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -8,14 +7,15 @@ import numpy as np
 from dense_vs.body_model.image_directions import directed_mean
 from dense_vs.point_servo.body_features import BodyFeatures, FeatureState
 from dense_vs.point_servo.place_errors import PlaceErrors
+from dense_vs.point_servo.plainness import FEATURES_SLIP, OWN_SLIP, SURFACE_SLIP
 from dense_vs.point_servo.planned_posture import planned_posture
 from dense_vs.point_servo.point_depth import (
-    BULGE,
     LEAST_NEAR,
     SURFACE,
     UNKNOWN,
     PointDepth,
     depth_of_features,
+    farther,
     point_depth,
     together,
     tried_depths,
@@ -38,9 +38,11 @@ class PointOnLink:
         pixel: ``(2,)`` [px], where it was defined.
         positions: joint positions ``(N,)`` [rad] then.
         surface: there, of a body model in the unit of the features' chain as it is now; None where it has none.
+        plain: how plain the image was there, see :func:`.plainness`.
 
     Attributes:
         depth: then; None where nothing tells.
+        slip: of its logarithm, by which it seems greater by the point's own look.
     """
 
     def __init__(
@@ -49,11 +51,12 @@ class PointOnLink:
         pixel: np.ndarray,
         positions: np.ndarray,
         surface: SurfacePlace | None = None,
+        plain: float = 0.0,
     ):
         self._features = features
         self._pixel, self.defined_at = np.array(pixel, dtype=np.float64), np.array(positions, dtype=np.float64)
         self.depth: PointDepth | None = None
-        self._surface = surface
+        self._surface, self._plain, self.slip = surface, plain, OWN_SLIP * plain
         self._slope = NOWHERE  # of the surface about it, see PointDepth
         self._first_depths: np.ndarray | None = None  # of the features that were seen then, by the chain at first
         self._begun = np.zeros((0, 2)), np.zeros((0, 2, 2))  # their places then and directions
@@ -100,24 +103,23 @@ class PointOnLink:
         front = there[:, 2] > 1e-3
         by_features = depth_of_features(features.pixels(there[front]), there[front, 2], self._pixel)
         self._slope = NOWHERE if by_features is None else by_features.slope
+        by_features = farther(by_features, -FEATURES_SLIP * self._plain)
         around = together(by_features, surface)
         if around is None:
             if features.states[POINT] != FeatureState.KNOWN:
                 return
             depth = features.positions(np.array([POINT]), self.defined_at)[0, 2]
             around = PointDepth(float(max(depth, 1e-2)), UNKNOWN)
-        else:
-            around = replace(around, depth=around.depth * float(np.exp(-BULGE)))
         postures, places, directions = features.tracks(np.array([POINT]))
         seen = np.isfinite(places[:, 0, 0])
         rotation, translation = (poses[seen, self.link] for poses in features.chain.link_poses(postures))
-        tried = self._at(tried_depths(around))
+        tried = self._at(tried_depths(around) * np.exp(self.slip))
         there = tried @ rotation.swapaxes(1, 2) + translation[:, None]  # (T, STEPS, 3)
         expected = features.pixels(there.reshape(-1, 3)).reshape(*there.shape[:2], 2)
         errors = (expected - places[seen]) @ directions[seen, 0].swapaxes(1, 2)
         relief = 0.0 if self._surface is None else self._surface.relief
         by_places = point_depth(around, np.hypot(errors[..., 0], errors[..., 1]).T)
-        self.depth = witnessed(by_places, by_features, surface, relief)
+        self.depth = witnessed(by_places, by_features, surface, relief, self._plain)
         features.points[POINT] = self._at(np.array([self.depth.depth]))[0]
         features.states[POINT] = FeatureState.KNOWN
 
@@ -140,7 +142,7 @@ class PointOnLink:
             self._first_depths = depths
         drift = depths / self._first_depths
         unit = float(np.nanmedian(drift)) if np.isfinite(drift).any() else 1.0
-        return PointDepth(self._surface.depth * unit, SURFACE)
+        return farther(PointDepth(self._surface.depth * unit, SURFACE), -SURFACE_SLIP * self._plain)
 
     def view(self, postures: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """How the point's surroundings are seen in postures ``(T, N)`` [rad].

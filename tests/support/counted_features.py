@@ -73,7 +73,7 @@ class Looks:
 
 def link_of(**given):
     """What the chain says of the point: it is on link 1, and nothing more."""
-    nothing = {"depth": None, "astray": lambda q: np.zeros(2), "begin": lambda *begun: None}
+    nothing = {"depth": None, "slip": 0.0, "astray": lambda q: np.zeros(2), "begin": lambda *begun: None}
     return SimpleNamespace(**{"link": 1, **nothing, **given})
 
 

@@ -152,6 +152,9 @@ def test_places_of_the_own_look_are_kept_where_they_are_alike():
     np.testing.assert_allclose([one[1] for one in asked], [[0.0, 0.0], [20.0, 20.0]])
     np.testing.assert_allclose(asked[1][2], 1 + np.eye(2))
     np.testing.assert_allclose(asked[0][3], np.full((2, 2), 9.0) + np.eye(2))  # 1.5 * 0.1 * 20, and 1 px beside it
+    tracker.on_link.slip = 0.03
+    tracker._find_in([1])
+    np.testing.assert_allclose(asked[-1][1], 10.0 + 0.03 * 20.0)  # where a point that is farther away would be
 
 
 def test_a_keyframe_holds_known_features_that_look_as_they_did_alone():

@@ -188,6 +188,19 @@ def test_the_own_look_counts_by_how_alike_it_is(found, turned, place, own, sight
     np.testing.assert_allclose(covariance, np.outer([4.5, 6.0], [4.5, 6.0]) + 0.25 * np.eye(2))
 
 
+def test_the_own_look_is_sought_and_taken_where_a_point_that_is_farther_away_would_be():
+    tracker, _ = looking(0.99, 0.0)
+    tracker.on_link.slip = 0.02  # of which 1 is (30, 40) px
+    found = tracker._look.found
+    tracker._look.found = lambda gray, place, affine, covariance: (
+        np.testing.assert_allclose(place, [10.6, 20.8]) or found(gray, place, affine, covariance)
+    )
+    corrected = tracker._by_look(np.zeros(1), GRAY, np.array([10.0, 20.0]), 0.5)
+    np.testing.assert_allclose(corrected, [10.3, 19.6])  # halfway to (0.6, -0.8) off, as without
+    assert tracker._own.apart == pytest.approx(0.5)
+    np.testing.assert_allclose(tracker._sighting, [11.2, 20.0])  # as it is seen
+
+
 @pytest.mark.parametrize(("found", "own"), [(0.86, np.inf), (0.87, 0.7 * 1.3), (0.88, 0.7 * 1.2)])
 def test_beside_features_of_its_own_image_a_look_that_is_less_alike_counts(found, own):
     tracker, _ = looking(found, 0.0)

@@ -89,18 +89,26 @@ def cost(around, errors, steps):
 @pytest.mark.parametrize("places", [0, 1, 5, 10, 40])
 @pytest.mark.parametrize("true", [-0.12, 0.0, 0.06, 0.3])
 def test_the_most_likely_depth_weighs_own_places_and_those_around(places, true):
-    """At most ten places count in full; the curvature of the cost about its least is the certainty."""
+    """At most ten places count in full; the curvature of the cost about its least is the certainty, but for an error of
+    0.018 that all own places share: what they say is of a Gaussian that is wider by that.
+    """
     around, steps = PointDepth(1.5, 0.08), np.linspace(-0.25, 0.25, 251)
     errors = np.abs(steps - true)[:, None] * np.linspace(5.0, 60.0, places)
     found = point_depth(around, errors)
     expected = cost(around, errors, steps)
     best = int(np.argmin(expected))
-    assert np.log(found.depth / 1.5) == pytest.approx(steps[best])
     middle = min(max(best, 5), 245)
     size = steps[1] - steps[0]
     bend = (expected[middle - 5] - 2 * expected[middle] + expected[middle + 5]) / (5 * size) ** 2
-    outlines = 0.012 if places else 0.0  # that the look holds pull all its places alike
-    assert found.deviation == pytest.approx(np.hypot(1 / np.sqrt(max(bend / 2, 16.0)), outlines))
+    together = 1 / max(bend / 2, 16.0)
+    share, variance = 1.0, together
+    if places and together < 0.08**2:
+        own = 1 / (1 / together - 0.08**-2)  # variance of the own places alone
+        wider = own + 0.018**2
+        share = (0.08**2 + own) / (0.08**2 + wider)  # of the way that they would move it by were they not wider
+        variance = 1 / (0.08**-2 + 1 / wider)
+    assert np.log(found.depth / 1.5) == pytest.approx(share * steps[best])
+    assert found.deviation == pytest.approx(np.sqrt(variance))
     assert 0 < found.deviation <= 0.251
 
 
