@@ -18,6 +18,12 @@ def test_those_more_than_two_px_from_the_median_of_their_link_in_directions_that
     assert off_their_link(off, directions, links, counted).tolist() == [False] * 4 + [True] + [False] * 4
 
 
+def test_three_of_a_link_are_enough_to_tell():
+    off, everything = np.array([[0, 0], [0, 0], [3, 0]], float), np.ones(3, bool)
+    found = off_their_link(off, np.tile(np.eye(2), (3, 1, 1)), np.zeros(3, int), everything)
+    assert found.tolist() == [False, False, True]
+
+
 def test_without_features_there_are_none():
     nothing = np.zeros(0, bool)
     assert off_their_link(np.zeros((0, 2)), np.zeros((0, 2, 2)), np.zeros(0, int), nothing).shape == (0,)

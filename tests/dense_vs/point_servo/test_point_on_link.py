@@ -192,3 +192,33 @@ def test_features_to_one_side_of_the_point_tell_less_of_it():
     assert beside == pytest.approx(0.25 * np.sqrt(1 + 8.0**2 / 8.0), rel=0.05)  # weights differ a little
     alike = mean_about(np.array([102.0, 60.0]), places[:1].repeat(4, axis=0), off, directions)[1]
     assert alike == pytest.approx(0.25 * np.sqrt(1 + 10.0**2 + 2.0**2))  # an extent of at least 1 px
+
+
+def test_unless_said_otherwise_an_image_is_textured_and_a_surface_faces_the_camera():
+    assert PointOnLink(features_at([]), PIXEL, np.zeros(1)).slip == 0.0
+    np.testing.assert_array_equal(PointDepth(1.0, 0.1).slope, 0.0)
+
+
+def test_three_features_about_a_point_tell_what_it_was_off():
+    features = features_at([2.0, 2.0, 2.0])
+    point = PointOnLink(features, PIXEL, np.zeros(1), SurfacePlace(0, 2.0))
+    numbers, off = np.arange(4), np.array([1.5, -0.5])
+    point.begin(features.project(numbers, np.zeros(1)) + off, np.tile(np.eye(2), (4, 1, 1)))
+    point.place(numbers)
+    np.testing.assert_allclose(point.astray(np.zeros(1)), off, atol=1e-6)
+    features.states[3] = FeatureState.DROPPED  # two do not
+    point.place(numbers)
+    np.testing.assert_array_equal(point.astray(np.zeros(1)), 0.0)
+
+
+def test_the_direction_that_a_link_is_seen_from_turns_with_it():
+    """In the link's own frame, from the camera to the point, of length 1; the chain's line is 2 before the camera."""
+    features = features_at([])
+    point = placed(features, (0, 1.7))
+    for turned in (0.0, 0.5):
+        places, views = point._seen_in(np.array([[turned]]))
+        turn = np.array([[np.cos(turned), 0, np.sin(turned)], [0, 1, 0], [-np.sin(turned), 0, np.cos(turned)]])
+        middle = np.array([0.0, 0.0, 2.0])
+        there = turn @ (features.points[POINT] - middle) + middle
+        np.testing.assert_allclose(places[0], FOCAL * there[:2] / there[2] + CENTER)
+        np.testing.assert_allclose(views[0], turn.T @ there / np.linalg.norm(there))
