@@ -17,7 +17,7 @@ NOISE = 0.5  # px, of its own places
 RANGE, STEPS = 0.25, 251  # of the logarithm of the depth about that of the features around
 ASIDE = 5  # steps, over which the cost's curvature is measured
 UNKNOWN = 0.25  # standard deviation of the logarithm where nothing tells
-# Of a depth that features and surface tell, fitted to how far it is off at 213 places of nine commercial arms:
+# Of a depth that features and surface tell, fitted to how far it is off at 213 places of nine arms:
 APART_SHARE = 0.1  # of the logarithm of their ratio
 RELIEF_SHARE = 0.55  # of the standard deviation of the logarithm of the surface's depths about the point
 PLAIN_SHARE = 0.014  # where the image is plain
