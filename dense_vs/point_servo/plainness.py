@@ -1,9 +1,9 @@
 """How plain an image is about a point, and by how much farther away a plain surface seems than it is.
 
 What is seen of a plain surface is shading and outlines, which turn less than its link does: tracks of four commercial
-arms show 0 to 1.5 % less motion than the surface has, those of textured ones none. So the chain that explains them has
-what is on plain links too far away. Found at 213 places of nine arms (178 in clean images, 35 in realistic ones) by
-what depth explains where they truly are in 400 postures.
+arms show 0 to 1.5 % less motion than the surface has. So the chain that explains them has what is on plain links too
+far away, and what is on textured ones where it is. Found at 213 places of nine arms (178 in clean images, 35 in
+realistic ones) by what depth explains where they truly are in 400 postures.
 """
 
 import cv2

@@ -97,7 +97,8 @@ def test_the_relief_of_the_surface_is_what_it_was_where_the_point_was_defined():
     features.points[1:] = 2.0 * np.column_stack([(places - CENTER) / FOCAL, np.ones(3)])
     own = 0.7 / np.hypot(1 / 0.015, 1 / np.hypot(0.03, 0.0015 * 16))
     deviation = placed(features, (0, 2.0, None, 0.03), 0.5).depth.deviation
-    assert deviation == pytest.approx(np.sqrt(own**2 + (0.55 * 0.03) ** 2 + 0.007**2), rel=0.01)
+    apart = 0.5 * (0.04 - 0.019)  # as features slip more than the surface
+    assert deviation == pytest.approx(np.linalg.norm([own, 0.55 * 0.03, 0.5 * 0.014, 0.1 * apart]), rel=1e-4)
 
 
 def test_the_surface_follows_the_chain_s_unit_of_length():
