@@ -63,8 +63,12 @@ def vec2_image(value: Any, name: str, shape: tuple[int, int, int], device: wp.De
     return image if image.device == device else image.to(device)
 
 
-def real_vector(value: Any, name: str, shape: tuple[int, ...], dtype: Any = np.float64) -> np.ndarray:
-    """A few finite numbers as a NumPy array of ``shape`` and ``dtype``; -1 in ``shape`` takes any length.
+def real_vector(
+    value: Any, name: str, shape: tuple[int, ...], dtype: Any = np.float64, *, copy: bool = True
+) -> np.ndarray:
+    """Finite numbers as a NumPy array of ``shape`` and ``dtype``; -1 in ``shape`` takes any length.
+
+    Without ``copy`` it may be the array given, for who only reads it and at once: to copy a large one takes a while.
 
     Raises:
         DenseVSError: another shape, not floating point, or a value that is not finite in ``dtype``.
@@ -77,7 +81,7 @@ def real_vector(value: Any, name: str, shape: tuple[int, ...], dtype: Any = np.f
     if not _fits(array.shape, shape) or array.dtype.kind != "f":
         raise DenseVSError(f"{name} has shape {array.shape} and dtype {array.dtype}; expected {expected}")
     with np.errstate(over="ignore"):
-        numbers = array.astype(dtype)
+        numbers = array.astype(dtype, copy=copy)
     if not np.isfinite(numbers).all():
         raise DenseVSError(f"{name} is {shown(array.tolist())}; expected {expected}")
     return numbers

@@ -28,7 +28,7 @@ from dense_vs.body_model.nearest_point import nearest_point
 from dense_vs.body_model.precision import covariances, precision_of
 from dense_vs.body_model.refit import refit
 from dense_vs.body_model.surface import Surface, SurfaceOptions, find_surface
-from dense_vs.body_model.surface_image import FrontPoints, SurfaceImage
+from dense_vs.body_model.surface_image import SurfaceImage
 from dense_vs.body_model.tracks import PointTrackOptions, PointTracks, follow_points, gray_images, moving_pixels
 from dense_vs.checks import check_kind, check_options, is_list
 from dense_vs.errors import DenseVSError
@@ -153,7 +153,7 @@ class BodyModel:
 
     def image(self, q: Any) -> BodyImage:
         """Which point of the body is at every pixel at a posture ``(N,)`` [rad]."""
-        front = self._front(self._posture(q, "q"))
+        front = self._drawing.front(self._posture(q, "q"))
         links, depths = np.full(self.size, BACKGROUND), np.full(self.size, np.inf)
         body = front.index >= 0
         seen = front.index[body]
@@ -167,8 +167,17 @@ class BodyModel:
     def known(self, q: Any) -> tuple[np.ndarray, np.ndarray]:
         """J at a posture ``(N,)`` [rad], float32 ``(H, W, 2, N)`` [px/rad], and the body's pixels, bool ``(H, W)``."""
         posture = self._posture(q, "q")
-        front = self._front(posture)
+        front = self._drawing.front(posture)
         return self._drawing.jacobian(posture, self.learned, front), front.index >= 0
+
+    def moved(self, q: Any, dq: Any) -> tuple[np.ndarray, np.ndarray]:
+        """J dq of a joint step ``(N,)`` [rad], float32 ``(H, W, 2)`` [px], 0 off the body, and the body's pixels.
+
+        As by :meth:`known`, and sooner; :meth:`flow` is that of the whole turn.
+        """
+        posture, step = self._posture(q, "q"), self._posture(dq, "dq")
+        front = self._drawing.front(posture)
+        return self._drawing.motion(posture, self.learned, front, step), front.index >= 0
 
     def corrected_jacobian(self, q: Any, measured: Any) -> np.ndarray:
         """J at a posture, the depth of each pixel corrected by a J that was measured; 0 off the body.
@@ -185,8 +194,8 @@ class BodyModel:
             float32 ``(H, W, 2, N)`` [px/rad].
         """
         posture = self._posture(q, "q")
-        other = real_vector(measured, "measured", (*self.size, 2, self.joint_count), np.float32)
-        return self._drawing.jacobian(posture, self.learned, self._front(posture), other)
+        other = real_vector(measured, "measured", (*self.size, 2, self.joint_count), np.float32, copy=False)
+        return self._drawing.jacobian(posture, self.learned, self._drawing.front(posture), other)
 
     def depth_jacobian(self, q: Any) -> np.ndarray:
         """How depth answers to every joint at a posture ``(N,)`` [rad], float32 ``(H, W, N)``; 0 off the body.
@@ -194,7 +203,7 @@ class BodyModel:
         In the model's unit by rad: in m/rad of a model :meth:`in_meters`.
         """
         posture = self._posture(q, "q")
-        front = self._front(posture)
+        front = self._drawing.front(posture)
         D = np.zeros((*self.size, self.joint_count), np.float32)
         body = front.index >= 0
         seen = front.index[body]
@@ -248,15 +257,10 @@ class BodyModel:
         points = self.surface.points @ rotation.T + change.shift
         chain = self.chain.turned(rotation, change.shift, change.offsets)
         precision = None if self.precision is None else self.precision.turned(rotation, self.chain, chain)
-        return BodyModel(
-            replace(
-                self._content(),
-                chain=chain,
-                surface=replace(self.surface, points=points),
-                precision=precision,
-                joint_range=self.joint_range + change.offsets[:, None],
-            )
-        )
+        surface = replace(self.surface, points=points)
+        joint_range = self.joint_range + change.offsets[:, None]
+        content = replace(self._content(), chain=chain, surface=surface, precision=precision, joint_range=joint_range)
+        return BodyModel(content)
 
     def flow(self, q: Any, dq: Any) -> np.ndarray:
         """Flow, float32 ``(H, W, 2)`` [px], stored at the pixels of the posture ``q`` that was reached by ``dq``.
@@ -264,7 +268,7 @@ class BodyModel:
         It is that of the whole turn, not J dq: ``x - flow(x)`` is where the point at x was at ``q - dq``.
         """
         posture, step = self._posture(q, "q"), self._posture(dq, "dq")
-        front = self._front(posture).index
+        front = self._drawing.front(posture).index
         flow = np.zeros((*self.size, 2), np.float32)
         body = front >= 0
         now, before = (self._positions(where, front[body]) for where in (posture, posture - step))
@@ -276,7 +280,7 @@ class BodyModel:
         posture = self._posture(q, "q")
         positions = self._positions(posture)
         places = self._project(positions)
-        front = self._front(posture).index
+        front = self._drawing.front(posture).index
         height, width = self.size
         u, v = np.rint(np.clip(places, -1, max(self.size))).astype(int).T
         inside = (u >= 0) & (u < width) & (v >= 0) & (v < height) & (positions[:, 2] > 0)
@@ -367,9 +371,6 @@ class BodyModel:
     def _drawing(self) -> SurfaceImage:
         surface = self.surface
         return SurfaceImage(self.chain, surface.points, surface.links, self.focal_length, self.lens, self.size)
-
-    def _front(self, posture: np.ndarray) -> FrontPoints:
-        return self._drawing.front(posture)
 
     def _positions(self, q: np.ndarray, index: np.ndarray | None = None) -> np.ndarray:
         """The surface's points ``(P, 3)``, or those of an index, in the camera frame."""

@@ -18,6 +18,7 @@ from dense_vs.kernels.body.surface_image import (
     fill_between,
     place_surface,
     surface_jacobian,
+    surface_motion,
     take_front,
 )
 from dense_vs.kernels.launch import PixelLaunch
@@ -64,8 +65,6 @@ class SurfaceImage:
         self._chain, self._size, self._threads = chain, size, resolve_threads()
         self._drawn = threading.Lock()  # threads may ask for postures at once
         self._last: tuple[bytes, FrontPoints] | None = None  # posture and what it shows, often asked for several times
-        # Of what J was drawn last, and its learned joints, as it is corrected next; None since memory shows another.
-        self._last_jacobian: tuple[FrontPoints, bytes] | None = None
         count, rows = len(points), chain.joint_count + 1
         # Rows of the link poses: a link's number but for the background's, which is the last one.
         self._links = _copied(np.asarray(links) % rows, wp.int32)
@@ -106,7 +105,7 @@ class SurfaceImage:
             for launch in self._over_pixels:
                 launch()
             front = FrontPoints(self._index.numpy().copy(), self._positions.numpy().copy())
-            self._last, self._last_jacobian = (posture.tobytes(), front), None
+            self._last = posture.tobytes(), front
             return front
 
     def jacobian(
@@ -121,36 +120,69 @@ class SurfaceImage:
             measured: J ``(H, W, 2, N)`` [px/rad] by which the depth of each pixel is corrected.
         """
         with self._drawn:
-            launch, correction, memory, other, J, corrected = self._jacobian
-            last = self._last_jacobian
-            if last is None or last[0] is not front or last[1] != learned.tobytes():
-                screws = self._chain.screws(q)
-                given = (front.index, front.positions, *(np.where(learned[:, None], screw, 0.0) for screw in screws))
-                for array, values in zip(memory, given, strict=True):
-                    array.numpy()[...] = values
-                J.numpy().fill(0.0)
-                launch()
-                self._last_jacobian = front, learned.tobytes()
+            drawn, corrected, other, J = self._jacobian
+            self._show(front)
+            for memory, values in zip(self._screws, self._learned_screws(q, learned), strict=True):
+                memory.numpy()[...] = values
+            J.numpy().fill(0.0)
             if measured is None:
-                return J.numpy().copy()
-            other.numpy()[...] = measured
-            corrected.numpy()[...] = J.numpy()
-            correction()
-            return corrected.numpy().copy()
+                drawn()
+            else:
+                other.numpy()[...] = measured
+                corrected()
+            return J.numpy().copy()
+
+    def motion(self, q: np.ndarray, learned: np.ndarray, front: FrontPoints, step: np.ndarray) -> np.ndarray:
+        """J dq, float32 ``(H, W, 2)`` [px], 0 off the body; sooner than by J.
+
+        Args:
+            q, learned, front: as of :meth:`jacobian`.
+            step: dq ``(N,)`` [rad].
+        """
+        with self._drawn:
+            launch, memories, motion = self._motion
+            self._show(front)
+            moves = self._chain.moved_by * step
+            for memory, screws in zip(memories, self._learned_screws(q, learned), strict=True):
+                memory.numpy()[...] = moves @ screws
+            launch()
+            return motion.numpy().copy()
+
+    def _show(self, front: FrontPoints) -> None:
+        """Take a posture's points for the next launch."""
+        if self._last is None or self._last[1] is not front:
+            self._index.numpy()[...], self._positions.numpy()[...] = front.index, front.positions
+            self._last = None
+
+    def _learned_screws(self, q: np.ndarray, learned: np.ndarray) -> tuple[np.ndarray, ...]:
+        """Directions and moments ``(N, 3)`` at a posture, 0 of joints that are not learned."""
+        return tuple(np.where(learned[:, None], screw, 0.0) for screw in self._chain.screws(q))
 
     @cached_property
-    def _jacobian(self) -> tuple[PixelLaunch, PixelLaunch, tuple[wp.array, ...], wp.array, wp.array, wp.array]:
-        """The launches that draw J and correct it, what they read and is to be given, the other J, and both results."""
+    def _screws(self) -> tuple[wp.array, wp.array]:
+        """Memory of the directions and moments that J is drawn by."""
         joints = self._chain.joint_count
-        axes, moments = _memory(wp.vec3, joints), _memory(wp.vec3, joints)
-        J, other, corrected = (_memory(wp.float32, *self._size, 2, joints) for _ in range(3))
-        moved_by = _copied(self._chain.moved_by, wp.int32)
+        return _memory(wp.vec3, joints), _memory(wp.vec3, joints)
+
+    @cached_property
+    def _jacobian(self) -> tuple[PixelLaunch, PixelLaunch, wp.array, wp.array]:
+        """The launches that draw J alone and corrected, the other J that it is corrected by, and the result."""
+        J, other = (_memory(wp.float32, *self._size, 2, self._chain.joint_count) for _ in range(2))
         focal, _, *bend = self._lens
-        points, lens = [self._index, self._positions, self._links], [focal, *bend]
-        drawn = self._pixels(surface_jacobian, [*points, axes, moments, moved_by, *lens, J])
+        moved_by = _copied(self._chain.moved_by, wp.int32)
+        given = [self._index, self._positions, self._links, *self._screws, moved_by]
         noise = [DEPTH_DEVIATION, NOISE_SCALE, LEAST_NOISE]
-        correct = self._pixels(correct_depth, [*points, moments, moved_by, other, *lens, *noise, corrected])
-        return drawn, correct, (self._index, self._positions, axes, moments), other, J, corrected
+        drawn = self._pixels(surface_jacobian, [*given, focal, *bend, J])
+        return drawn, self._pixels(correct_depth, [*given, other, focal, *bend, *noise, J]), other, J
+
+    @cached_property
+    def _motion(self) -> tuple[PixelLaunch, tuple[wp.array, wp.array], wp.array]:
+        """The launch that draws a motion, memory of every link's screw, and the result."""
+        links = self._chain.joint_count + 1
+        screws, motion = (_memory(wp.vec3, links), _memory(wp.vec3, links)), _memory(wp.vec2, *self._size)
+        focal, _, *bend = self._lens
+        given = [self._index, self._positions, self._links, *screws]
+        return self._pixels(surface_motion, [*given, focal, *bend, motion]), screws, motion
 
     def _pixels(self, kernel: Any, arguments: list[Any]) -> PixelLaunch:
         return PixelLaunch(kernel, (1, *self._size), arguments, "cpu", self._threads)

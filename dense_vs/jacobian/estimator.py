@@ -275,8 +275,8 @@ class DenseJacobian(NotCopied):
         size = self.options.height, self.options.width
         if self.options.worlds != 1:
             raise DenseVSError(f"estimator has {self.options.worlds} worlds; expected one to blend J in")
-        other = real_vector(jacobian, "jacobian", (*size, 2, self.options.joints), np.float32)
-        weight = real_vector(share, "share", size, np.float32)
+        other = real_vector(jacobian, "jacobian", (*size, 2, self.options.joints), np.float32, copy=False)
+        weight = real_vector(share, "share", size, np.float32, copy=False)
         if weight.min() < 0 or weight.max() > 1:
             raise DenseVSError(f"share is from {weight.min()} to {weight.max()}; expected 0 to 1")
         self.filter.blend(np.ascontiguousarray(other)[None], np.ascontiguousarray(weight)[None])

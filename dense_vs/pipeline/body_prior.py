@@ -18,12 +18,11 @@ from dense_vs.device import one_blas_thread
 from dense_vs.errors import DenseVSError
 from dense_vs.jacobian.estimator import DenseJacobian
 from dense_vs.pipeline.occlusion import Occlusion
+from dense_vs.pipeline.unexplained_share import UnexplainedShare
 from dense_vs.pipeline.vacated import Vacated
 
 LARGEST_SIDE = 1 << 14  # px
 MEMORY = 0.9  # of the agreement, from one measured motion to the next
-MOVING = 0.5  # px by the model: pixels that move less say nothing
-LEAST_PIXELS = 50
 EDGE_RADIUS, FLATNESS = 6, 1e-3  # of the smoothing by which the model's outline goes to the image's edges
 LABELED = 0.7  # share of the body around a pixel by then: the model's outline lies outside rather than inside
 HIDDEN_SHARE = 0.5  # at least, by which J is drawn to the model's where something covers the body
@@ -61,6 +60,8 @@ class BodyPrior:
             ``PostureMemory.told`` does; of all unless given. In other directions J stays as it is.
         corrected: gives the model's J ``(H, W, 2, N)`` at a posture ``(N,)``, its depths corrected by the estimator's
             J, as ``BodyModel.corrected_jacobian`` does; that is what J is drawn to, where given.
+        moved: gives the motion by the model's J ``(H, W, 2)`` [px] at a posture by a joint step ``(N,)``, and the mask
+            of the body, as ``BodyModel.moved`` does; asked in place of ``known``, where given.
 
     Attributes:
         agreement: share of the image motion on the body that the model explained lately; 1 is all, 0 none, and below,
@@ -78,20 +79,23 @@ class BodyPrior:
         least_agreement: float = 0.5,
         told: Callable[[np.ndarray], np.ndarray] | None = None,
         corrected: Callable[[np.ndarray, np.ndarray], np.ndarray] | None = None,
+        moved: Callable[[np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray]] | None = None,
     ):
         if not callable(known):
             raise DenseVSError(f"known is {shown(known)}; expected a function of joint positions")
         check_function("told", told)
         check_function("corrected", corrected)
-        self.known, self.told, self.corrected = known, told, corrected
+        check_function("moved", moved)
+        self.known, self.told, self.corrected, self.moved = known, told, corrected, moved
         self.share = check_number("share", share, above=0, most=1)
         self.least_agreement = check_number("least_agreement", least_agreement, most=1)
         self.agreement = 1.0
         self._occlusion: Occlusion | None = None
         self._vacated: Vacated | None = None
+        self._unexplained: UnexplainedShare | None = None
         self._left: np.ndarray | None = None  # by the last motion, where J stays behind
         self._kept: tuple[bytes, np.ndarray, np.ndarray] | None = None  # posture, J and body asked for last
-        self._moved: tuple[np.ndarray, bytes, np.ndarray] | None = None  # J, step and motion asked for last
+        self._motion: tuple[bytes, bytes, np.ndarray, np.ndarray] | None = None  # posture, step, motion and body
 
     @classmethod
     def of(cls, body: KnownBody, size: tuple[int, int], joints: int) -> "BodyPrior":
@@ -119,20 +123,22 @@ class BodyPrior:
 
         def known(q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
             J, mask = body.known(q)
-            if size == body.size:
-                return J, mask
-            there = cv2.resize(mask.astype(np.uint8), size[::-1], interpolation=cv2.INTER_NEAREST).astype(bool)
-            return _resized(J, size), there
+            return _resized(J, size), _resized_mask(mask, size)
 
-        told, by_depth = (getattr(body, name, None) for name in ("told", "corrected_jacobian"))
+        told, by_depth, step_of = (getattr(body, name, None) for name in ("told", "corrected_jacobian", "moved"))
 
         def corrected(q: np.ndarray, measured: np.ndarray) -> np.ndarray:
             assert by_depth is not None  # else nobody asks
             return _resized(by_depth(q, _resized(measured, body.size)), size)
 
+        def moved(q: np.ndarray, step: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+            assert step_of is not None
+            motion, mask = step_of(q, step)
+            return _resized(motion, size), _resized_mask(mask, size)
+
         if told is None:
-            of_body = None if by_depth is None else corrected
-            return cls(known, share=CHAIN_SHARE, least_agreement=CHAIN_AGREEMENT, corrected=of_body)
+            of_body = {"corrected": by_depth and corrected, "moved": step_of and moved}
+            return cls(known, share=CHAIN_SHARE, least_agreement=CHAIN_AGREEMENT, **of_body)
         return cls(known, share=MEMORY_SHARE, least_agreement=MEMORY_AGREEMENT, told=told)
 
     @property
@@ -148,8 +154,8 @@ class BodyPrior:
         """
         positions = _posture(estimator, positions)
         share = check_number("share", share, least=0, most=1)
-        J, body = self._at(positions)
-        estimator.blend(self._completed(J, estimator, positions), np.float32(share) * body.astype(np.float32))
+        body = self._body(positions)
+        estimator.blend(self._completed(estimator, positions), np.float32(share) * body.astype(np.float32))
 
     @property
     def hidden(self) -> np.ndarray | None:
@@ -186,7 +192,7 @@ class BodyPrior:
             )
         if self.told is not None or not self.agrees:
             return own
-        body = self._at(positions)[1]
+        body = self._body(positions)
         if body.shape != own.shape:
             raise DenseVSError(f"own has shape {own.shape}; expected the body's, {body.shape}")
         smooth = guided_filter(image, body.astype(np.float32), EDGE_RADIUS, FLATNESS)
@@ -210,13 +216,13 @@ class BodyPrior:
         if self.told is not None or not self.agrees:
             self._occlusion = self._vacated = self._left = None
             return flow
-        J, body = self._at(positions)
+        by_model, body = self._moved_by(positions, step)
         _flow(flow, body.shape)
         if self._occlusion is None or self._vacated is None:
             self._occlusion, self._vacated = Occlusion(body.shape), Vacated(body.shape)
         by_estimate = estimator.predicted_flow(step)
         self._left = self._vacated.observe(body, flow, by_estimate)
-        hidden = self._occlusion.observe(body, flow, self._motion(J, step), by_estimate)
+        hidden = self._occlusion.observe(body, flow, by_model, by_estimate)
         if not hidden.any():
             return flow
         return np.where(self._occlusion.around[..., None], np.float32(np.nan), flow)
@@ -236,22 +242,12 @@ class BodyPrior:
         """
         positions = _posture(estimator, positions)
         step = _step(span, positions)
-        J, body = self._at(positions)
+        by_model, body = self._moved_by(positions, step)
         flow = _flow(flow, body.shape)
-        at = np.flatnonzero(body)  # faster than to choose pixels by the mask every time
-        predicted = self._motion(J, step).reshape(-1, 2)[at].T
-        measured = flow.reshape(-1, 2)[at].T
-        size = np.hypot(*predicted)
-        off, seen = np.hypot(*(measured - predicted)), np.hypot(*measured)
-        counted = (size > MOVING) & np.isfinite(seen) & np.isfinite(off)
-        if np.count_nonzero(counted) >= LEAST_PIXELS:
-            # Absolute values, not squares: where the flow fails it fails grossly. Where a chain says that something
-            # moves and something else is seen, it may be covered: that explains nothing, but is not worse than that.
-            off, moved = off[counted], np.maximum(seen[counted], MOVING)
-            if self.told is None:
-                moved = size[counted]
-                off = np.minimum(off, moved)
-            unexplained = float(off.sum(dtype=np.float64) / moved.sum(dtype=np.float64))
+        if self._unexplained is None:
+            self._unexplained = UnexplainedShare(body.shape, of_chain=self.told is None)
+        unexplained = self._unexplained(body, flow, by_model)
+        if unexplained is not None:
             self.agreement = MEMORY * self.agreement + (1 - MEMORY) * (1 - unexplained)
         self._draw(estimator, positions, self._left)
 
@@ -267,46 +263,63 @@ class BodyPrior:
         """As :meth:`draw`; to 0 on what the body has left, bool ``(H, W)``."""
         if not self.agrees:
             return
-        J, body = self._at(positions)
+        body = self._body(positions)
         share = self.share * body.astype(np.float32)
         if self.hidden is not None:
             share[self.hidden & body] = max(self.share, HIDDEN_SHARE)
         if left is not None:
             share[left] = self.share
-        estimator.blend(self._completed(J, estimator, positions), share)
+        estimator.blend(self._completed(estimator, positions), share)
 
     def _at(self, positions: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """What the model knows at a posture, which is asked for twice a motion."""
+        """What the model knows at a posture, which is asked for several times."""
         posture = positions.tobytes()
         if self._kept is None or self._kept[0] != posture:
             self._kept = posture, *self.known(positions)
         return self._kept[1:]
 
-    def _completed(self, J: np.ndarray, estimator: DenseJacobian, positions: np.ndarray) -> np.ndarray:
+    def _body(self, positions: np.ndarray) -> np.ndarray:
+        """Where the model has the body at a posture."""
+        if self._motion is not None and self._motion[0] == positions.tobytes():
+            return self._motion[3]
+        return self._at(positions)[1]
+
+    def _completed(self, estimator: DenseJacobian, positions: np.ndarray) -> np.ndarray:
         """The model's J, with the estimator's in what the model does not speak of or knows less well."""
         if self.corrected is not None:
             return self.corrected(positions, estimator.to_numpy())
+        J = self._at(positions)[0]
         if self.told is None:
             return J
         told = np.asarray(self.told(positions), dtype=np.float32)
         return J + estimator.to_numpy() @ (np.eye(len(told), dtype=np.float32) - told)
 
-    def _motion(self, J: np.ndarray, step: np.ndarray) -> np.ndarray:
-        """J ``(H, W, 2, N)`` times a joint step ``(N,)``, as one product of a matrix, which is asked for twice too."""
-        asked = step.tobytes()
-        if self._moved is None or self._moved[0] is not J or self._moved[1] != asked:
-            with one_blas_thread():
-                self._moved = J, asked, (J.reshape(-1, len(step)) @ step).reshape(J.shape[:3])
-        return self._moved[2]
+    def _moved_by(self, positions: np.ndarray, step: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """What moves by the model at a posture by a joint step, and the body; asked for twice a motion."""
+        asked = positions.tobytes(), step.tobytes()
+        if self._motion is None or self._motion[:2] != asked:
+            if self.moved is not None:
+                self._motion = *asked, *self.moved(positions, step)
+            else:
+                J, body = self._at(positions)
+                with one_blas_thread():
+                    self._motion = *asked, (J.reshape(-1, len(step)) @ step).reshape(J.shape[:3]), body
+        return self._motion[2:]
 
 
 def _resized(J: np.ndarray, size: tuple[int, int]) -> np.ndarray:
-    """J ``(H, W, 2, N)`` in images of another scale."""
+    """J ``(H, W, 2, N)``, or a motion ``(H, W, 2)``, in images of another scale."""
     if J.shape[:2] == size:
         return J
     flat = np.ascontiguousarray(J.reshape(*J.shape[:2], -1))
     resized = cv2.resize(flat, size[::-1], interpolation=cv2.INTER_LINEAR) * np.float32(size[1] / J.shape[1])
     return resized.reshape(*size, *J.shape[2:])
+
+
+def _resized_mask(mask: np.ndarray, size: tuple[int, int]) -> np.ndarray:
+    if mask.shape == size:
+        return mask
+    return cv2.resize(mask.astype(np.uint8), size[::-1], interpolation=cv2.INTER_NEAREST).astype(bool)
 
 
 def _posture(estimator: Any, positions: Any) -> np.ndarray:

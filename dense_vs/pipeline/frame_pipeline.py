@@ -274,11 +274,11 @@ class FramePipeline(NotCopied):
             return followed()
         moved_since = not np.array_equal(self._moved_to, first.positions)
         self._moved_to = q
-        spans = self.estimator.takes_spans
-        if self._watch is not None and spans and self._span_frames > 1 and self.motion(span) > MOST_BRIDGED:
+        spans, moved = self.estimator.takes_spans, cache(partial(self.motion, span))
+        if self._watch is not None and spans and self._span_frames > 1 and moved() > MOST_BRIDGED:
             self.estimator.predict(step, shown.depth)
             return self._begin_span(followed(_calculate=partial(self.estimator.predicted_flow, dq)))
-        if not self._is_due(span):
+        if not self._is_due(moved):
             self.estimator.predict(step, shown.depth)
             return followed()
         flow = raw = calculate() if self._span_frames == 1 else self.flow(first.gray, gray)
@@ -343,11 +343,11 @@ class FramePipeline(NotCopied):
         self._corrected, self._span_frames = frame, 0
         return frame
 
-    def _is_due(self, span: np.ndarray) -> bool:
-        """Whether J is to be corrected by this frame."""
+    def _is_due(self, moved: Callable[[], float]) -> bool:
+        """Whether J is to be corrected by this frame, by how far the robot has moved since it last was [px]."""
         if self.baseline == 0 or self.estimator.updates < FIRST_FRAMES or self._span_frames >= MAX_SPAN:
             return True
-        return self.motion(span) >= self.baseline
+        return moved() >= self.baseline
 
     def labels(self) -> np.ndarray:
         """Whether each pixel of the last frame is the robot's own body, also where it is hidden, bool ``(H, W)``.

@@ -38,16 +38,17 @@ class Occlusion:
     Attributes:
         cover: bool ``(H, W)``, what is in front of the body and beside it, by the last motion.
         hidden: bool ``(H, W)``, pixels of the body behind it.
+        around: bool ``(H, W)``, what covers and pixels next to it, whose flow says nothing of the body.
         lately: bool ``(H, W)``, pixels that were covered within the last :data:`LATELY` motions.
         doubtful: whether nearly all of the body seemed covered by the last motion: rather, this was not the joints'.
     """
 
     def __init__(self, size: tuple[int, int]):
-        self.cover, self.hidden, self.lately = (np.zeros(size, bool) for _ in range(3))
+        self.cover, self.hidden, self.around, self.lately = (np.zeros(size, bool) for _ in range(4))
         self._off = np.zeros(size, np.float32)
         self._moved = np.zeros(size, np.float32)
-        self._since = np.zeros(size, np.int32)  # motions that each has been covered for
-        self._ago = np.full(size, LATELY + 1, np.int32)
+        self._since = np.zeros(size, np.int16)  # motions that each has been covered for
+        self._ago = np.full(size, LATELY + 1, np.int16)
         self._doubted, self.doubtful = 0, False
 
     def observe(self, body: np.ndarray, flow: np.ndarray, by_model: np.ndarray, by_estimate: np.ndarray) -> np.ndarray:
@@ -60,11 +61,13 @@ class Occlusion:
         """
         off, moved = self._unshared(flow, by_model, by_estimate)
         window = (WINDOW, WINDOW)
-        self._off = DECAY * self._off + cv2.blur(off, window)
-        self._moved = DECAY * self._moved + cv2.blur(moved, window)
+        self._off *= DECAY
+        self._off += cv2.blur(off, window)
+        self._moved *= DECAY
+        self._moved += cv2.blur(moved, window)
         told = self._moved > FAINT
         strange = told & (self._off > STRANGE * self._moved)
-        self._since[told & ~strange] = 0
+        np.putmask(self._since, told & ~strange, 0)
         self.doubtful = bool(np.count_nonzero(strange & body) > MOST_COVERED * np.count_nonzero(told & body))
         self._doubted = self._doubted + 1 if self.doubtful else 0
         if self._doubted > PATIENCE:
@@ -72,8 +75,10 @@ class Occlusion:
         strange |= ~told & self.cover  # nothing moves: nothing has come or gone
         self.cover = _parts_on(strange & (self._since <= LONGEST), body)
         self.hidden = self.cover & body
-        self._since[self.cover] += 1
-        self._ago = np.where(self.around, 0, np.minimum(self._ago + 1, LATELY + 1))
+        self.around = self._about()
+        self._since += self.cover
+        self._ago += self._ago <= LATELY
+        np.putmask(self._ago, self.around, 0)
         self.lately = self._ago <= LATELY
         return self.hidden
 
@@ -100,15 +105,16 @@ class Occlusion:
         launch = PixelLaunch(unshared_motion, shape, [*given, SAYS, off, moved], "cpu", resolve_threads())
         return launch, given, off, moved
 
-    @property
-    def around(self) -> np.ndarray:
-        """Bool ``(H, W)``, what covers and pixels next to it, whose flow says nothing of the body."""
+    def _about(self) -> np.ndarray:
+        """What covers the body and what is beside it."""
         side = 2 * BESIDE + 1
         return cv2.dilate(self.cover.astype(np.uint8), np.ones((side, side), np.uint8)) > 0
 
 
 def _parts_on(mask: np.ndarray, body: np.ndarray) -> np.ndarray:
     """Connected parts of a mask ``(H, W)`` with at least :data:`LEAST_PIXELS` on the body."""
+    if np.count_nonzero(mask & body) < LEAST_PIXELS:
+        return np.zeros_like(mask)
     parts: Any
     count, parts = cv2.connectedComponents(mask.astype(np.uint8), connectivity=4)
     kept = np.bincount(parts[body], minlength=count) >= LEAST_PIXELS

@@ -19,7 +19,7 @@ class Vacated:
     """Pixels that the body has left, in the images of one camera."""
 
     def __init__(self, size: tuple[int, int]):
-        self._ago = np.full(size, LATELY + 1, np.int32)  # motions since the body was there
+        self._ago = np.full(size, LATELY + 1, np.int16)  # motions since the body was there
 
     def observe(self, body: np.ndarray, flow: np.ndarray, by_estimate: np.ndarray) -> np.ndarray:
         """Take a measured motion; bool ``(H, W)``, pixels that the body has left and on which J stays behind.
@@ -29,7 +29,8 @@ class Vacated:
             flow: ``(H, W, 2)`` measured [px]; what is not finite says nothing.
             by_estimate: ``(H, W, 2)`` what the joints cause by J as it is [px].
         """
-        self._ago = np.where(body, 0, np.minimum(self._ago + 1, LATELY + 1))
+        self._ago += self._ago <= LATELY
+        np.putmask(self._ago, body, 0)
         left = (self._ago <= LATELY) & (cv2.dilate(body.astype(np.uint8), _AROUND) == 0)
         at = np.flatnonzero(left)
         expected = np.hypot(*by_estimate.reshape(-1, 2)[at].T)

@@ -144,6 +144,40 @@ def image_motion(velocity: wp.vec3, p: wp.vec3, focal: float, bend: float, corne
     return bent_motion(scale * wp.vec2(p[0], p[1]), motion, bend, corner)
 
 
+@wp.func
+def screw_motion(axis: wp.vec3, moment: wp.vec3, p: wp.vec3, focal: float, bend: float, corner: float) -> wp.vec2:
+    """Motion in the image of a point that a screw moves."""
+    return image_motion(wp.cross(axis, p) + moment, p, focal, bend, corner)
+
+
+@wp.kernel
+def surface_motion(
+    row_begin: int,
+    column_step: int,
+    # In:
+    front_in: wp.array2d(dtype=int),  # (H, W) index of a point, negative off the body
+    position_in: wp.array(dtype=wp.vec3),  # (P,) in the camera frame
+    link_in: wp.array(dtype=int),  # (P,)
+    turn_in: wp.array(dtype=wp.vec3),  # (links,) the sum of the screws that move each, times their joints' steps
+    shift_in: wp.array(dtype=wp.vec3),  # (links,) the same of their moments
+    focal: float,  # [px]
+    bend: float,  # of the lens
+    corner: float,  # distance of the image's corners from the center [px]
+    # Out:
+    motion_out: wp.array2d(dtype=wp.vec2),  # (H, W) [px], 0 off the body
+):
+    """J dq of what is in front at each pixel."""
+    _, row, column = wp.tid()
+    y = row_begin + row
+    for x in range(column, front_in.shape[1], column_step):
+        point = front_in[y, x]
+        motion = wp.vec2(0.0, 0.0)
+        if point >= 0:
+            link = link_in[point]
+            motion = screw_motion(turn_in[link], shift_in[link], position_in[point], focal, bend, corner)
+        motion_out[y, x] = motion
+
+
 @wp.kernel
 def surface_jacobian(
     row_begin: int,
@@ -170,10 +204,9 @@ def surface_jacobian(
             p = position_in[point]
             link = link_in[point]
             for n in range(jacobian_out.shape[3]):
-                v = wp.vec3(0.0, 0.0, 0.0)
+                motion = wp.vec2(0.0, 0.0)
                 if moved_by_in[link, n] != 0:
-                    v = wp.cross(axis_in[n], p) + moment_in[n]
-                motion = image_motion(v, p, focal, bend, corner)
+                    motion = screw_motion(axis_in[n], moment_in[n], p, focal, bend, corner)
                 jacobian_out[y, x, 0, n] = motion[0]
                 jacobian_out[y, x, 1, n] = motion[1]
 
@@ -186,7 +219,8 @@ def correct_depth(
     front_in: wp.array2d(dtype=int),  # (H, W) index of a point, negative off the body
     position_in: wp.array(dtype=wp.vec3),  # (P,) in the camera frame
     link_in: wp.array(dtype=int),  # (P,)
-    moment_in: wp.array(dtype=wp.vec3),  # (N,) of the screws at this posture, 0 of a joint that is not learned
+    axis_in: wp.array(dtype=wp.vec3),  # (N,) of the screws at this posture, 0 of a joint that is not learned
+    moment_in: wp.array(dtype=wp.vec3),  # (N,)
     moved_by_in: wp.array2d(dtype=int),  # (links, N) whether the joint moves the link
     measured_in: wp.array4d(dtype=float),  # (H, W, 2, N) another J [px/rad]
     focal: float,  # [px]
@@ -195,8 +229,8 @@ def correct_depth(
     depth_deviation: float,  # relative standard deviation of the surface's depth
     noise_scale: float,  # noise of the other J, in what no depth explains
     least_noise: float,  # of it, in J
-    # In and out:
-    jacobian_inout: wp.array4d(dtype=float),  # (H, W, 2, N) [px/rad] of the surface, :func:`surface_jacobian`
+    # Out:
+    jacobian_out: wp.array4d(dtype=float),  # (H, W, 2, N) [px/rad], beforehand 0, as it stays off the body
 ):
     """J of the surface at a depth to which another J speaks: a mean by variances of a pixel's inverse depth.
 
@@ -215,7 +249,11 @@ def correct_depth(
             apart = float(0.0)
             size = float(0.0)
             for n in range(measured_in.shape[3]):
-                J = wp.vec2(jacobian_inout[y, x, 0, n], jacobian_inout[y, x, 1, n])
+                J = wp.vec2(0.0, 0.0)
+                if moved_by_in[link, n] != 0:
+                    J = screw_motion(axis_in[n], moment_in[n], p, focal, bend, corner)
+                jacobian_out[y, x, 0, n] = J[0]
+                jacobian_out[y, x, 1, n] = J[1]
                 off = wp.vec2(measured_in[y, x, 0, n], measured_in[y, x, 1, n]) - J
                 apart += wp.length_sq(off)
                 size += wp.length_sq(J)
@@ -231,5 +269,5 @@ def correct_depth(
                 for n in range(measured_in.shape[3]):
                     if known and moved_by_in[link, n] != 0:
                         part = change * image_motion(moment_in[n], p, focal, bend, corner)
-                        jacobian_inout[y, x, 0, n] += part[0]
-                        jacobian_inout[y, x, 1, n] += part[1]
+                        jacobian_out[y, x, 0, n] += part[0]
+                        jacobian_out[y, x, 1, n] += part[1]

@@ -225,6 +225,7 @@ def body_targets() -> list[Target]:
         Target("BodyModel.rays", lambda pixels: body().rays(pixels), lambda: {"pixels": np.array([[16.0, 12.0]])}),
         Target("BodyModel.corrected_jacobian", lambda **o: body().corrected_jacobian(**o),
                lambda: {"q": np.zeros(2), "measured": np.ones((H, W, 2, 2))}),
+        Target("BodyModel.moved", lambda q, dq: body().moved(q, dq), lambda: {"q": np.zeros(2), "dq": np.zeros(2)}),
         Target("BodyModel.in_meters", lambda depths, joints: body().in_meters(depths, joints).focal_length,
                lambda: {"depths": np.full((1, H, W), 0.9), "joints": np.zeros((1, 2))}),
         Target("find_change", lambda images, joints: find_change(body(), images, joints).agreement,

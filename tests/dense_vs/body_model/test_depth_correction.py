@@ -79,6 +79,19 @@ def test_it_is_the_mean_of_two_depths_by_least_squares(bend, learned):
     assert changed > 100
 
 
+@pytest.mark.parametrize(("bend", "learned"), [(0.0, (True,) * 3), (-0.1, (True,) * 3), (0.0, (True, True, False))])
+def test_what_moves_by_a_joint_step_is_j_times_it(bend, learned):
+    body, step = model(bend, learned), np.array([0.02, -0.03, 0.05])
+    for q in (np.array([0.2, -0.15, 0.3]), np.array([0.0, 0.1, -0.1])):
+        motion, there = body.moved(q, step)
+        assert (motion.dtype, motion.shape) == (np.float32, (*SIZE, 2))
+        np.testing.assert_array_equal(there, body.known(q)[1])
+        moving = body.image(q).body
+        np.testing.assert_allclose(motion[moving], exact(body, q) @ step, atol=1e-4)
+        assert not motion[~moving].any()
+        assert np.linalg.norm(motion[moving], axis=1).max() > 1.0
+
+
 def test_an_exact_j_of_a_body_closer_by_takes_it_there():
     q = np.array([0.2, -0.15, 0.3])
     body = model()
@@ -121,6 +134,11 @@ def test_what_is_in_front_at_another_posture_meanwhile_changes_nothing():
     drawing.front(elsewhere)
     corrected = drawing.jacobian(q, all_joints, front, other)
     np.testing.assert_array_equal(corrected, model().corrected_jacobian(q, other))
+    step = np.array([0.02, -0.03, 0.05])
+    drawing.front(elsewhere)
+    np.testing.assert_array_equal(drawing.motion(q, all_joints, front, step), model().moved(q, step)[0])
+    assert drawing.front(elsewhere).index is not front.index
+    np.testing.assert_array_equal(drawing.front(elsewhere).index, model()._drawing.front(elsewhere).index)
     fewer = np.arange(N) > 0
     assert not drawing.jacobian(q, fewer, front)[..., 0].any()
 
@@ -131,6 +149,7 @@ def test_a_body_without_points_has_no_j():
                    support=body.surface.support[:0], gray=body.surface.gray[:0])  # fmt: skip
     empty = BodyModel(replace(body._content(), surface=none))
     assert not empty.corrected_jacobian(np.zeros(N), np.ones((*SIZE, 2, N))).any()
+    assert not empty.moved(np.zeros(N), np.ones(N))[0].any()
 
 
 @pytest.mark.parametrize("huge", [1e15, -1e25, 3e38])
@@ -149,3 +168,7 @@ def test_bad_input_is_refused():
         body.corrected_jacobian(np.zeros(N), np.full_like(right, np.nan))
     with pytest.raises(DenseVSError, match="q has"):
         body.corrected_jacobian(np.zeros(N - 1), right)
+    with pytest.raises(DenseVSError, match="q has"):
+        body.moved(np.zeros(N - 1), np.zeros(N))
+    with pytest.raises(DenseVSError, match=r"dq is .* finite"):
+        body.moved(np.zeros(N), np.full(N, np.nan))

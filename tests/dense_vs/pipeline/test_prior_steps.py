@@ -249,6 +249,48 @@ def test_j_is_drawn_to_what_the_estimator_s_own_j_makes_of_the_model_s():
         BodyPrior(prior.known, corrected=3)
 
 
+def test_what_moves_is_asked_of_the_model_itself_where_it_tells(monkeypatch):
+    """Once a motion; J of what the model knows is then not asked for."""
+    monkeypatch.setattr(body_prior, "Vacated", lambda shape: SimpleNamespace(observe=lambda *given: None))
+    seen, times = [], []
+    covering = SimpleNamespace(observe=lambda *given: seen.append(given) or np.zeros((H, W), bool), hidden=None)
+    monkeypatch.setattr(body_prior, "Occlusion", lambda shape: covering)
+    estimator, body = Estimator(), np.ones((H, W), bool)
+    motion = np.tile(np.float32([3.0, -4.0]), (H, W, 1))
+
+    def moved(q, step):
+        times.append((q.tolist(), step.tolist()))
+        return motion, body
+
+    prior, _, _, asked = of(moved=moved, corrected=lambda q, measured: measured, share=0.6)
+    for k, q in enumerate(np.array([[0.3, 0.1], [0.3, 0.2]])):
+        prior.uncovered(estimator, q, motion, np.array([0.5, 0.25]))
+        prior.correct(estimator, q, 0.5 * motion, np.array([0.5, 0.25]))
+        assert times[k:] == [(q.tolist(), [0.5, 0.25])]
+        assert seen[k][0] is body
+        assert seen[k][2] is motion
+        np.testing.assert_array_equal(estimator.blended[-1][1], np.full((H, W), 0.6, np.float32))
+    assert prior.agreement == pytest.approx(0.9 * (0.9 + 0.1 * 0.5) + 0.1 * 0.5)
+    prior.correct(estimator, q, motion, np.array([0.5, 0.3]))
+    assert len(times) == 3
+    assert not asked
+    with pytest.raises(DenseVSError, match="moved is"):
+        BodyPrior(prior.known, moved=3)
+
+
+@pytest.mark.parametrize("size", [(6, 7), (12, 14)])
+def test_a_motion_in_images_of_another_scale(size):
+    body = Body()
+    assert BodyPrior.of(body, size, N).moved is None
+    motion, scale = np.random.default_rng(2).normal(size=(6, 7, 2)).astype(np.float32), size[0] // 6
+    body.moved = lambda q, step: (motion * step[0], body.mask)
+    found, mask = BodyPrior.of(body, size, N).moved(np.zeros(N), np.array([2.0, 0.0]))
+    for c in range(2):
+        expected = 2 * scale * cv2.resize(motion[..., c], size[::-1], interpolation=cv2.INTER_LINEAR)
+        np.testing.assert_allclose(found[..., c], expected, rtol=1e-5, atol=1e-6)
+    np.testing.assert_array_equal(mask, np.kron(body.mask, np.ones((scale, scale), bool)))
+
+
 @pytest.mark.parametrize("size", [(6, 7), (12, 14)])
 def test_a_correction_in_images_of_another_scale(size):
     """The measured J goes to the body's pixels, what comes of it back; both in pixels of their images."""
