@@ -12,10 +12,8 @@ found as ``dense-vs body`` finds it. The truth is that of the image as its lens 
 """
 
 import argparse
-import json
 import time
 from dataclasses import asdict, dataclass, replace
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -25,6 +23,7 @@ from body_scores import HEADER, BodyScore, metrics_of, rows_of
 from metrics import add_report_arguments, report
 from postures import go_to, rest
 from shared_devices import device_of
+from stopped_run import stopped_run
 from true_tracks import follows, true_places
 
 from dense_vs.body_model import BodyFitOptions, BodyModel, PointTrackOptions, follow_points
@@ -49,7 +48,6 @@ from dense_vs.view.tables import table
 POSTURES = 8  # unseen ones
 POINTS = 200  # of the surface, a posture
 ANCHORS, SAME_PIXEL = 400, 0.3  # surface points of a keyframe, and px between one and the model's
-OF_A_RUN = ("jobs", "resume")  # options that no figure depends on
 REFERENCE_FRAMES = PointTrackOptions().stride * PointTrackOptions().reference_every
 
 
@@ -275,8 +273,8 @@ def main() -> int:
     asked = asked_bodies(parser, options)
     wp.config.log_level = wp.LOG_ERROR
     origin = provenance(options, leave_out=("json", "gate"))
-    before, began = kept(options.json, origin) if options.resume else ([], {})
-    found = {score.name: score for score in before}
+    before, began = stopped_run(options.json, origin) if options.resume else ([], {})
+    found = {score.name: score for score in map(BodyScore.of_row, before)}
     runs = [(one, options) for one in asked if one.name not in found]
     for score in several(run, runs, options.jobs):
         found[score.name] = score
@@ -286,29 +284,6 @@ def main() -> int:
     scores = [found[one.name] for one in asked]
     print(table(HEADER, rows_of(scores)))
     return report(metrics_of(scores), options, **began, **content(scores, len(asked)))
-
-
-def kept(file: Path | None, origin: dict[str, Any]) -> tuple[list[BodyScore], dict[str, Any]]:
-    """The bodies of a run that was stopped, and when and on which machine it began; nothing where there is no file.
-
-    Raises:
-        SystemExit: ``--json`` is not given, or the file is of another commit or other arguments.
-    """
-    if file is None:
-        raise SystemExit("--resume goes on with what --json names; expected both")
-    if not file.is_file():
-        return [], {}
-    stored = json.loads(file.read_text(encoding="utf-8"))
-    for name in ("commit", "arguments"):
-        had, has = (_of_figures(one.get(name)) for one in (stored, origin))
-        if had != has:
-            raise SystemExit(f"{file} has {name} {had}; expected {has}")
-    return [BodyScore.of_row(row) for row in stored["rows"]], {name: stored[name] for name in ("date", "machine")}
-
-
-def _of_figures(told: Any) -> Any:
-    """A commit as it is; of arguments those that figures depend on."""
-    return {name: value for name, value in told.items() if name not in OF_A_RUN} if isinstance(told, dict) else told
 
 
 def content(scores: list[BodyScore], asked: int) -> dict[str, Any]:

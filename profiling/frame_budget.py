@@ -36,7 +36,8 @@ def main(arguments: list[str] | None = None) -> int:
     """Run the command; 1 where the budget is exceeded."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--sizes", default="320x240,640x480", metavar="WxH,...")
-    parser.add_argument("--robot", default="arm")
+    parser.add_argument("--robot", default="arm", help="as `dense-vs` takes it (default: arm)")
+    parser.add_argument("--joints", type=int, default=4, help="of the robot, from the base (default: 4)")
     parser.add_argument("--body", action="store_true", help="also with a body model that was learned")
     parser.add_argument("--frames", type=int, default=60, help="frames that are timed, per seed")
     parser.add_argument("--seeds", default="0", help="by comma")
@@ -56,7 +57,7 @@ def main(arguments: list[str] | None = None) -> int:
             runs = []
             for seed in map(int, options.seeds.split(",")):
                 frames = learning + WARMUP + options.frames + 1
-                recording = record(options.robot, height, width, frames=frames, seed=seed)
+                recording = record(options.robot, height, width, frames=frames, seed=seed, joints=options.joints)
                 loop = learned_loop(recording, options.flow, device, options.threads, learning, body)
                 runs.append(stage_times(loop, recording.tip[learning], device, options.frames))
             seconds = {stage: np.concatenate([run[stage] for run in runs]) for stage in runs[0]}
@@ -109,8 +110,8 @@ def learned_loop(
 def stage_times(loop: ServoLoop, tip: np.ndarray, device: wp.Device, frames: int) -> dict[str, np.ndarray]:
     """Seconds per frame, ``(frames,)``, of every stage, its parts, and in total, once the tip ``(2,)`` is tracked."""
     estimator = loop.pipeline.estimator
-    still = np.zeros(estimator.options.joints)
     loop.define_point(tip)
+    loop.aim.at(tip + 20.0, loop.point, loop.body_model)
     clock = StageClock(lambda: wp.synchronize_device(device))
     with clock.installed():
         clock.wrap(dense_vs.pipeline.frame_pipeline, "to_gray", "gray")
@@ -134,13 +135,10 @@ def stage_times(loop: ServoLoop, tip: np.ndarray, device: wp.Device, frames: int
         for k in range(-WARMUP, frames):
             if k == 0:
                 clock.forget()
-            # A frame a call: where the point is matters little, as commands are not followed. With a body model each
-            # reach plans a posture first, once and not with every frame, so there the frame alone is timed.
+            # As a reach steps: where the point is matters little, as commands are not followed. What a reach does once
+            # and not with every frame, as planning a posture with a body model, is not timed.
             with clock.stage("total"):
-                if prior is not None:
-                    loop.step(still)
-                else:
-                    loop.reach(tip + 20.0, max_frames=1)
+                loop.step(loop.when_due(loop.servo_step))
             clock.end_frame()
     return clock.seconds((*STAGES, *PARTS["update"], "total"))
 

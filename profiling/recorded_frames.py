@@ -30,9 +30,10 @@ class Recording:
     joint_limits: np.ndarray
 
 
-def record(robot: str, height: int, width: int, *, frames: int, seed: int) -> Recording:
-    """Let a simulated robot babble at up to 4 px a frame."""
-    world = SimWorld(robot, height=height, width=width, seed=seed)
+def record(robot: str, height: int, width: int, *, frames: int, seed: int, joints: int | None = None) -> Recording:
+    """Let a simulated robot babble at up to 4 px a frame; with its first ``joints``, all unless given."""
+    names = SimWorld(robot, height=8, width=8).joint_names[:joints]
+    world = SimWorld(robot, height=height, width=width, seed=seed, joints=names)
     babbling = Babbling(len(world.joint_names), seed=seed)
     rgb, times, positions, tips = [], [], [], []
     flow = None

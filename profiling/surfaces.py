@@ -12,7 +12,7 @@ Each arm babbles as ``dense-vs reach`` does, all with the same default settings,
 range. J by exact flow stands beside the estimate, as what is left is the flow's share. A reach counts where the true
 point ends below 2 px; a wrong "reached" is one that the loop believes in and that does not count. Every view runs in a
 process of its own; the file is written anew with everything that is known whenever a view has news, so a run that is
-stopped early has not run for nothing.
+stopped early has not run for nothing: with --resume it goes on with the views that had not come to their end.
 """
 
 import argparse
@@ -30,7 +30,8 @@ from typing import Any
 sys.path.append(str(Path(__file__).parent))  # python -P leaves it out
 
 from metrics import add_report_arguments, report
-from surface_scores import OURS, ViewScore, metrics_of
+from stopped_run import stopped_run
+from surface_scores import OURS, ViewScore, metrics_of, view_score
 from surface_table import table_lines
 
 from dense_vs.files import write_json
@@ -50,7 +51,9 @@ def main() -> int:
         for name in ("OMP_NUM_THREADS", "DENSE_VS_THREADS"):
             os.environ.setdefault(name, "1")
     signal.signal(signal.SIGTERM, _stop)
-    found = {view.key: view for view in views}
+    before, began = stopped_run(options.json, origin) if options.resume else ([], {})
+    ended = {view.key: view for view in map(view_score, before) if view.ended}
+    found = {view.key: ended.get(view.key, view) for view in views}
     started = time.perf_counter()
 
     def heard(view: ViewScore) -> None:
@@ -60,15 +63,15 @@ def main() -> int:
         print(f"{time.perf_counter() - started:6.0f} s  {name} {view.seed}: J {view.j_median:.3f}, {state}", flush=True)
         if options.json is not None:
             metrics = [asdict(metric) for metric in metrics_of(_known(found.values()))]
-            write_json(options.json, {**origin, **_content(found.values()), "metrics": metrics})
+            write_json(options.json, {**origin, **began, **_content(found.values()), "metrics": metrics})
 
     try:
-        _run(views, options, heard)
+        _run([view for view in views if view.key not in ended], options, heard)
     except KeyboardInterrupt:
         print("stopped early", file=sys.stderr)
     known = _known(found.values())
     print("\n".join(table_lines(known)))
-    code = report(metrics_of(known), options, **_content(found.values()))
+    code = report(metrics_of(known), options, **began, **_content(found.values()))
     return max(code, int(any(view.failure or not view.finished for view in found.values())))
 
 
@@ -88,6 +91,7 @@ def _arguments() -> argparse.Namespace:
     parser.add_argument(
         "--limit", type=float, default=float("inf"), help="seconds after which it stops (default: none)"
     )
+    parser.add_argument("--resume", action="store_true", help="go on with a run that was stopped, as --json has it")
     parser.add_argument("--device", default="cpu", help="auto, cpu or cuda:N (default: cpu)")
     parser.add_argument(
         "--world-device", default="", help="where the robot and its images are simulated; some by comma share the views"

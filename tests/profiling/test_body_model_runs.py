@@ -75,25 +75,6 @@ def test_wrong_options_are_said_before_anything_is_measured(monkeypatch, capsys,
     assert error in capsys.readouterr().err
 
 
-@pytest.mark.parametrize(
-    ("changed", "words"),
-    [({"commit": "b"}, "has commit b; expected a"), ({"arguments": {"seeds": "1"}}, "has arguments {'seeds': '1'}")],
-)
-def test_a_run_of_another_commit_or_arguments_is_not_gone_on_with(tmp_path, changed, words):
-    origin = {"commit": "a", "arguments": {"seeds": "2"}}
-    file = tmp_path / "body.json"
-    assert body_model.kept(file, origin) == ([], {})
-    begun = {"date": "before", "machine": {"cores": 2}}
-    more = {"arguments": {"seeds": "2", "jobs": 8, "resume": False}}
-    file.write_text(json.dumps({**origin, **begun, **more, "rows": []}))
-    assert body_model.kept(file, origin) == ([], begun)  # how many at a time is no matter
-    file.write_text(json.dumps({**origin, **changed, "rows": []}))
-    with pytest.raises(SystemExit, match=words):
-        body_model.kept(file, origin)
-    with pytest.raises(SystemExit, match="expected both"):
-        body_model.kept(None, origin)
-
-
 def test_joint_readings_that_come_late_are_put_on_the_images_clock():
     """A square that goes with one joint; readings 2 frames late are found to be, within a quarter of a frame."""
     q = 0.6 * np.sin(np.arange(150) * 0.21) + 0.3 * np.sin(np.arange(150) * 0.057)

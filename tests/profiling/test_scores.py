@@ -231,6 +231,17 @@ def test_views_run_side_by_side_and_the_file_holds_what_is_known(tmp_path):
     assert rows["planar"]["exact_median"] is None
     assert "'nobody' is neither a robot of ours nor a file" in rows["nobody"]["failure"]
     assert content["finished"]  # to the end: what failed was not stopped
+    again = json.loads(file.read_text())
+    stopped = {"planar": {"finished": False, "j_median": 9.0}, "nobody": {"failure": "it had failed before"}}
+    again["rows"] = [row | stopped[row["arm"]] for row in content["rows"]]
+    file.write_text(json.dumps(again | {"date": "before"}))
+    done = subprocess.run([*command, "--resume"], capture_output=True, text=True, check=False, timeout=300)
+    assert done.returncode == 1, done.stderr
+    resumed = json.loads(file.read_text())
+    anew = {row["arm"]: row for row in resumed["rows"]}
+    assert anew["planar"]["j_median"] == rows["planar"]["j_median"]
+    assert anew["nobody"]["failure"] == "it had failed before"
+    assert resumed["date"] == "before"
     assert {"date", "commit", "arguments", "machine", "versions", "metrics"} <= set(content)
 
 
