@@ -51,6 +51,12 @@ def about(places: np.ndarray, margin: int, shape: tuple[int, ...]) -> np.ndarray
     return cv2.dilate(mask, cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * margin + 1, 2 * margin + 1)))
 
 
+def keep_apart(mask: np.ndarray, places: Iterable[np.ndarray], apart: int) -> None:
+    """Set a mask uint8 ``(H, W)`` to 0 up to ``apart`` px from some places [px]."""
+    for x, y in places:
+        cv2.circle(mask, (round(float(x)), round(float(y))), apart, (0,), -1)
+
+
 def new_features(gray: np.ndarray, where: np.ndarray, taken: Iterable[np.ndarray], count: int, apart: int) -> Any:
     """Up to ``count`` corners ``(K, 2)`` [px] where a mask allows, ``apart`` px from each other and from those taken.
 
@@ -62,8 +68,7 @@ def new_features(gray: np.ndarray, where: np.ndarray, taken: Iterable[np.ndarray
         apart: [px].
     """
     mask = where.astype(np.uint8)
-    for x, y in taken:
-        cv2.circle(mask, (round(float(x)), round(float(y))), apart, (0,), -1)
+    keep_apart(mask, taken, apart)
     x, y, width, height = cv2.boundingRect(mask)
     left, top = max(0, x - _CORNER), max(0, y - _CORNER)  # what is farther away says nothing of a corner
     part = np.s_[top : y + height + _CORNER, left : x + width + _CORNER]

@@ -3,6 +3,7 @@
 import threading
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -19,13 +20,17 @@ from dense_vs.kernels.body.surface_image import (
     place_surface,
     surface_jacobian,
     surface_motion,
+    take_depth,
     take_front,
 )
-from dense_vs.kernels.launch import PixelLaunch
+from dense_vs.kernels.launch import PixelLaunch, recorded_parts, share_out
+from dense_vs.kernels.views import seen_as
 
 # Of the mean of a surface's depth and of what another J says of it, found on 48 bodies of simulated arms: how far off
 # depth is in a body of 10 s of babbling, and the other J as a multiple of what no depth explains and a share of J.
 DEPTH_DEVIATION, NOISE_SCALE, LEAST_NOISE = 0.03, 2.0, 0.1
+
+PARTS = 8  # of the points, which the threads place
 
 
 @dataclass(frozen=True)
@@ -73,12 +78,17 @@ class SurfaceImage:
         self._positions, pixels = _memory(wp.vec3, count), _memory(wp.vec2i, count)
         self._depth = _memory(wp.float32, *size)
         self._nearest, between, self._index = (_memory(wp.int32, *size) for _ in range(3))
-        home, placed = _copied(points, wp.vec3), [self._positions, pixels, self._depth]
+        self._read: tuple[np.ndarray, PixelLaunch] | None = None  # the J that it was corrected by last
+        home, placed = _copied(points, wp.vec3), [self._positions, pixels]
         self._kept = home, placed  # as long as the recorded pointers
+        edges = [count * part // PARTS for part in range(PARTS + 1)]
+        parts = [(first, (last - first,)) for first, last in pairwise(edges) if last > first]
+        given = [home, self._links, *self._poses, *self._lens, *size, *placed]
+        self._places = recorded_parts(place_surface, parts, given, "cpu") if parts else []
         # One thread's each, as Warp's atomics on a CPU are not.
         self._over_points = [
-            _recorded(place_surface, count, [home, self._links, *self._poses, *self._lens, *placed]),
-            _recorded(take_front, count, [*placed, self._nearest]),
+            _recorded(take_depth, count, [*placed, self._depth]),
+            _recorded(take_front, count, [*placed, self._depth, self._nearest]),
         ]
         self._over_pixels = [
             self._pixels(fill_between, [self._positions, self._nearest, int(NONE), between]),
@@ -100,8 +110,10 @@ class SurfaceImage:
                 memory.numpy()[...] = pose[0]
             self._depth.numpy().fill(FARTHEST)
             self._nearest.numpy().fill(NONE)
-            for command in self._over_points if len(self._positions) else ():
-                command.launch()
+            if self._places:
+                share_out(self._places, self._threads)
+                for command in self._over_points:
+                    command.launch()
             for launch in self._over_pixels:
                 launch()
             front = FrontPoints(self._index.numpy().copy(), self._positions.numpy().copy())
@@ -120,7 +132,7 @@ class SurfaceImage:
             measured: J ``(H, W, 2, N)`` [px/rad] by which the depth of each pixel is corrected.
         """
         with self._drawn:
-            drawn, corrected, other, J = self._jacobian
+            drawn, J = self._jacobian
             self._show(front)
             for memory, values in zip(self._screws, self._learned_screws(q, learned), strict=True):
                 memory.numpy()[...] = values
@@ -128,8 +140,7 @@ class SurfaceImage:
             if measured is None:
                 drawn()
             else:
-                other.numpy()[...] = measured
-                corrected()
+                self._correction(np.ascontiguousarray(measured, np.float32))()
             return J.numpy().copy()
 
     def motion(self, q: np.ndarray, learned: np.ndarray, front: FrontPoints, step: np.ndarray) -> np.ndarray:
@@ -165,15 +176,27 @@ class SurfaceImage:
         return _memory(wp.vec3, joints), _memory(wp.vec3, joints)
 
     @cached_property
-    def _jacobian(self) -> tuple[PixelLaunch, PixelLaunch, wp.array, wp.array]:
-        """The launches that draw J alone and corrected, the other J that it is corrected by, and the result."""
-        J, other = (_memory(wp.float32, *self._size, 2, self._chain.joint_count) for _ in range(2))
+    def _jacobian(self) -> tuple[PixelLaunch, wp.array]:
+        """The launch that draws J, and the result."""
+        J = _memory(wp.float32, *self._size, 2, self._chain.joint_count)
         focal, _, *bend = self._lens
+        return self._pixels(surface_jacobian, [*self._moving, focal, *bend, J]), J
+
+    @cached_property
+    def _moving(self) -> list[wp.array]:
+        """What J is drawn by: the points in front and the joints' screws."""
         moved_by = _copied(self._chain.moved_by, wp.int32)
-        given = [self._index, self._positions, self._links, *self._screws, moved_by]
-        noise = [DEPTH_DEVIATION, NOISE_SCALE, LEAST_NOISE]
-        drawn = self._pixels(surface_jacobian, [*given, focal, *bend, J])
-        return drawn, self._pixels(correct_depth, [*given, other, focal, *bend, *noise, J]), other, J
+        return [self._index, self._positions, self._links, *self._screws, moved_by]
+
+    def _correction(self, measured: np.ndarray) -> PixelLaunch:
+        """The launch that draws J corrected by another, float32; it reads that one's memory, as a filter's stays."""
+        if self._read is None or self._read[0].ctypes.data != measured.ctypes.data:
+            focal, _, *bend = self._lens
+            noise = [DEPTH_DEVIATION, NOISE_SCALE, LEAST_NOISE]
+            other = seen_as(measured, wp.float32, measured.shape)
+            given = [*self._moving, other, focal, *bend, *noise, self._jacobian[1]]
+            self._read = measured, self._pixels(correct_depth, given)
+        return self._read[1]
 
     @cached_property
     def _motion(self) -> tuple[PixelLaunch, tuple[wp.array, wp.array], wp.array]:

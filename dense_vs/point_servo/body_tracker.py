@@ -246,9 +246,9 @@ class BodyTracker:
         step = there - features.project(self._live, self._positions)
         known = features.states[self._live] == FeatureState.KNOWN
         step[~known | (np.abs(step).max(axis=1, initial=0) > 1e4)] = 0.0
-        if known.any():
-            apart = np.linalg.norm(self._places[known][None] - self._places[~known][:, None], axis=2)
-            near = np.argpartition(apart, min(AROUND, apart.shape[1]) - 1, axis=1)[:, :AROUND]
+        if known.any() and not known.all():
+            across, down = (self._places[known, k] - self._places[~known, k, None] for k in (0, 1))
+            near = np.argpartition(across**2 + down**2, min(AROUND, known.sum()) - 1, axis=1)[:, :AROUND]
             step[~known] = np.median(step[known][near], axis=1)
         return self._places + step
 

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from dense_vs.body_model.feature_flow import about, new_features
+from dense_vs.body_model.feature_flow import about, keep_apart, new_features
 from dense_vs.point_servo.body_features import BodyFeatures
 
 LEAST_SEEN = 3  # features of a link that have to be in sight for it to be seen
@@ -24,7 +24,8 @@ def more_features(
         point: ``(2,)`` [px], where that is.
         gray: uint8 ``(H, W)``.
     """
-    taken, found = [*places], []
+    free, found = np.ones(gray.shape, np.uint8), []
+    keep_apart(free, places, APART)
     for one in [link, *(k for k in np.flatnonzero(features.learned) if k != link)]:
         on = features.seen_on(int(one), live)
         outline = [*places[on], *([point] if one == link else [])]
@@ -33,7 +34,7 @@ def more_features(
         if wanted <= 0 or (few and one != link):
             continue
         where = about(np.array(outline), FEW_MARGIN if few else MARGIN, gray.shape)
-        new = new_features(gray, where, taken, wanted, APART)
-        taken += [*new]
+        new = new_features(gray, where & free, [], wanted, APART)
+        keep_apart(free, new, APART)
         found += [*new]
     return np.array(found).reshape(-1, 2)

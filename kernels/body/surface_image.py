@@ -2,7 +2,7 @@
 
 Product of exponentials, Gothoskar (6), takes every point to the camera; a depth image by atomic minimum and a second
 pass leave the point that is in front at each pixel (beyond the papers). J is the interaction matrix times the joints'
-screws. A launch on a CPU is one thread's, as Warp's atomics there are not; J is a pixel kernel.
+screws. A launch with atomics is one thread's on a CPU, as Warp's are none there.
 """
 
 import warp as wp
@@ -34,6 +34,7 @@ def bent_motion(away: wp.vec2, motion: wp.vec2, bend: float, corner: float) -> w
 
 @wp.kernel
 def place_surface(
+    begin: int,
     # In:
     point_in: wp.array(dtype=wp.vec3),  # (P,) in the home posture
     link_in: wp.array(dtype=int),  # (P,)
@@ -43,13 +44,14 @@ def place_surface(
     center: wp.vec2,  # [px]
     bend: float,  # of the lens
     corner: float,  # distance of the image's corners from the center [px]
+    height: int,
+    width: int,
     # Out:
     position_out: wp.array(dtype=wp.vec3),  # (P,) in the camera frame
     pixel_out: wp.array(dtype=wp.vec2i),  # (P,) x, y; -1 outside of the image
-    depth_out: wp.array2d(dtype=float),  # (H, W) of the nearest point, beforehand FARTHEST
 ):
-    """Positions of the points, and the depth of the nearest one at each pixel."""
-    i = wp.tid()
+    """Positions of the points from ``begin`` on, and the pixels that they fall on."""
+    i = begin + wp.tid()
     link = link_in[i]
     p = rotation_in[link] @ point_in[i] + translation_in[link]
     position_out[i] = p
@@ -58,11 +60,23 @@ def place_surface(
         return
     place = center + bent((focal / p[2]) * wp.vec2(p[0], p[1]), bend, corner)
     inside = place[0] > -0.5 and place[1] > -0.5
-    if inside and place[0] < float(depth_out.shape[1]) - 0.5 and place[1] < float(depth_out.shape[0]) - 0.5:
-        x = int(wp.rint(place[0]))
-        y = int(wp.rint(place[1]))
-        pixel_out[i] = wp.vec2i(x, y)
-        wp.atomic_min(depth_out, y, x, p[2])
+    if inside and place[0] < float(width) - 0.5 and place[1] < float(height) - 0.5:
+        pixel_out[i] = wp.vec2i(int(wp.rint(place[0])), int(wp.rint(place[1])))
+
+
+@wp.kernel
+def take_depth(
+    # In:
+    position_in: wp.array(dtype=wp.vec3),  # (P,)
+    pixel_in: wp.array(dtype=wp.vec2i),  # (P,)
+    # Out:
+    depth_out: wp.array2d(dtype=float),  # (H, W) of the nearest point, beforehand FARTHEST
+):
+    """The depth of the nearest point at each pixel."""
+    i = wp.tid()
+    pixel = pixel_in[i]
+    if pixel[0] >= 0:
+        wp.atomic_min(depth_out, pixel[1], pixel[0], position_in[i][2])
 
 
 @wp.kernel

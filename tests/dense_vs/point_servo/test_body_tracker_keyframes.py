@@ -246,7 +246,7 @@ def test_of_many_features_those_that_no_keyframe_holds_are_forgotten(many, forgo
 
 
 def test_new_features_are_sought_about_those_of_each_link_in_sight(monkeypatch):
-    """Up to 70 on the point's own link and 25 on each other learned one, within 9 px about what is in sight."""
+    """Up to 70 on the point's own link and 25 on each other learned one, 4 to 9 px about what is in sight."""
     own = [[20, 20], [40, 20]]  # two features, and the point at (30, 40)
     other = [[60, 40], [70, 40], [65, 50]]
     at = np.array([[30, 40], *own, *other, [5, 55], [6, 55], [7, 56]], float)
@@ -254,29 +254,49 @@ def test_new_features_are_sought_about_those_of_each_link_in_sight(monkeypatch):
     asked = []
 
     def new_features(gray, where, taken, count, apart):
-        asked.append((where.copy(), [*taken], count, apart))
-        return np.array([[1.0, 2.0]] * len(asked))
+        asked.append((where.copy(), count, apart))
+        return np.array([[1.0, 2.0], [64.0, 45.0]])[: len(asked)]
 
     monkeypatch.setattr(more_features, "new_features", new_features)
     tracker = bare(features, range(1, 9), at[1:], point=at[0])
     features.keyframes = [Keyframe(np.zeros(1), np.array([1]), at[1:2], GRAY)]
     tracker._look_for_more(GRAY)
-    (first, taken, wanted, apart), (second, then, others, _) = asked
+    (first, wanted, apart), (second, others, _) = asked
     assert (wanted, others, apart) == (70 - 2, 25 - 3, 4)
-    np.testing.assert_array_equal(taken, at[1:])
-    np.testing.assert_array_equal(then, [*at[1:], [1, 2]])
+
+    def distance(places):
+        return np.min([np.hypot(*(np.mgrid[:60, :80][::-1] - np.reshape(c, (2, 1, 1)))) for c in places], axis=0)
+
     for mask, corners in ((first, [*own, [30, 40]]), (second, other)):
-        distance = np.min([np.hypot(*(np.mgrid[:60, :80][::-1] - np.reshape(c, (2, 1, 1)))) for c in corners], axis=0)
-        assert mask[distance < 8].all()
+        taken = distance(at[1:])
+        assert mask[(distance(corners) < 8) & (taken > 5)].all()
+        assert not mask[taken < 4].any()
         outside = np.ones(GRAY.shape, bool)
         low, high = np.min(corners, axis=0).astype(int) - 9, np.max(corners, axis=0).astype(int) + 10
         outside[max(low[1], 0) : high[1], max(low[0], 0) : high[0]] = False
         assert not mask[outside].any()
     assert tracker._live.tolist() == [*range(1, 9), 9, 10, 11]
-    np.testing.assert_array_equal(tracker._places[8:], [[1, 2]] * 3)
-    assert tracker._looks.calls == [("take", [9, 10, 11], [[1, 2]] * 3)]
+    found = [[1, 2], [1, 2], [64, 45]]
+    np.testing.assert_array_equal(tracker._places[8:], found)
+    assert tracker._looks.calls == [("take", [9, 10, 11], found)]
     assert features.keyframes[-1].features.tolist() == [1, 9, 10, 11]
-    np.testing.assert_array_equal(features.keyframes[-1].places, [at[1], [1, 2], [1, 2], [1, 2]])
+    np.testing.assert_array_equal(features.keyframes[-1].places, [at[1], *found])
+
+
+def test_what_is_found_on_one_link_is_kept_apart_from_on_the_next(monkeypatch):
+    at = np.array([[30, 40], [26, 30], [34, 30], [22, 36], [38, 36], [30, 28]], float)
+    features, masks = Features(at, np.zeros_like(at), links=[1, 1, 1, 0, 0, 0]), []
+    monkeypatch.setattr(
+        more_features, "new_features", lambda *given: masks.append(given[1] > 0) or np.array([[30, 34.0]])
+    )
+    tracker = bare(features, range(1, 6), at[1:], point=at[0])
+    features.keyframes = [Keyframe(np.zeros(1), np.array([1]), at[1:2], GRAY)]
+    tracker._look_for_more(GRAY)
+    y, x = np.mgrid[:60, :80]
+    near = np.hypot(x - 30, y - 34) < 4
+    assert masks[0][34, 30]
+    assert not masks[1][near].any()
+    assert masks[1].any()
 
 
 def test_no_new_features_on_another_link_where_too_few_are_in_sight_or_enough(monkeypatch):
@@ -309,7 +329,7 @@ def test_a_link_of_which_hardly_anything_is_seen_gets_features_about_the_point(m
     y, x = np.mgrid[:60, :80]
     distance = np.hypot(x - 40, y - 30)
     most = 9 if seen == 2 else 20
-    assert mask[distance < most - 1].all()
+    assert mask[(distance < most - 1) & (distance > (6 if seen else 0))].all()
     assert not mask[distance > most + 2].any()
 
 
