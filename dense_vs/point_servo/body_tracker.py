@@ -38,7 +38,7 @@ ROUNDS = 3  # of looking back for the point itself, each with the depth that the
 AGAIN = 4  # keyframes in which it is sought again whenever there is a new one, as the chain is known better by then
 BELIEVED = 0.72  # correlation from which a place of the point's own look tells its depth
 LEAST_OPEN = 0.05  # of the logarithm of the depth, left open in a search: places that repeat a guess tell nothing
-MOST_UNCERTAIN = 0.8  # px, standard deviation of the place up to which it is certain, in the middle of LATELY images
+MOST_UNCERTAIN = 0.7  # px, standard deviation of the place up to which it is certain, in the middle of LATELY images
 LATELY = 9  # images: what is seen of a look comes and goes, and a place is no better known for one lucky image
 DOUBT = 1.5  # times the depth's standard deviation: places of features around share their errors
 OWN_SHARE = 0.7  # of :meth:`PointLook.drift`, of a look that is seen; where no such feature is in sight, for SURE
@@ -139,7 +139,7 @@ class BodyTracker:
 
     @property
     def certain(self) -> bool:
-        """Whether it is known to 2 px where the point is, 2.5 standard deviations, and seen no worse now."""
+        """Whether it is known to 2 px where the point is, nearly 3 standard deviations, and seen no worse now."""
         return self.unseen == 0 and max(self.usual_uncertainty, 0.5 * self.uncertainty) <= MOST_UNCERTAIN
 
     @property
