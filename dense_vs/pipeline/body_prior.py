@@ -218,8 +218,9 @@ class BodyPrior:
             return flow
         by_model, body = self._moved_by(positions, step)
         _flow(flow, body.shape)
-        if self._occlusion is None or self._vacated is None:
+        if self._occlusion is None:
             self._occlusion, self._vacated = Occlusion(body.shape), Vacated(body.shape)
+        assert self._vacated is not None  # it comes and goes with the other
         by_estimate = estimator.predicted_flow(step)
         self._left = self._vacated.observe(body, flow, by_estimate)
         hidden = self._occlusion.observe(body, flow, by_model, by_estimate)

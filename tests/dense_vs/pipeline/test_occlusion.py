@@ -113,9 +113,10 @@ def test_flow_that_is_not_finite_and_small_parts_say_nothing():
 def test_a_body_that_has_changed_is_seen_in_the_end():
     occlusion = Occlusion(SIZE)
     flow = covered_flow((0.0, 0.0))
-    for _ in range(LONGEST):
-        assert occlusion.observe(body(), flow, motion(), motion())[COVER].any()
-    for _ in range(3):
+    for _ in range(LONGEST + 1):
+        assert occlusion.observe(body(), flow, motion(), motion())[30, 35]
+    assert not occlusion.observe(body(), flow, motion(), motion())[30, 35]
+    for _ in range(2):
         hidden = occlusion.observe(body(), flow, motion(), motion())
     assert not hidden.any()
 
