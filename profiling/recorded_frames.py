@@ -32,7 +32,7 @@ class Recording:
 
 def record(robot: str, height: int, width: int, *, frames: int, seed: int, joints: int | None = None) -> Recording:
     """Let a simulated robot babble at up to 4 px a frame; with its first ``joints``, all unless given."""
-    names = SimWorld(robot, height=8, width=8).joint_names[:joints]
+    names = None if joints is None else SimWorld(robot, height=8, width=8).joint_names[:joints]
     world = SimWorld(robot, height=height, width=width, seed=seed, joints=names)
     babbling = Babbling(len(world.joint_names), seed=seed)
     rgb, times, positions, tips = [], [], [], []
