@@ -75,8 +75,8 @@ class Actions:
         session = self._session
 
         def add() -> None:
-            frames, estimator = session.frames_since(frame), session.running_loop().estimator
-            point = session.points.add(place, frames, estimator, session.number)
+            frames, pipeline = session.frames_since(frame), session.running_loop().pipeline
+            point = session.points.add(place, frames, pipeline, session.number)
             session.board.log(f"point {point.number} at {place[0]:.0f}, {place[1]:.0f}")
 
         self._later(add)

@@ -55,11 +55,12 @@ class BodyProcess:
     Attributes:
         state: what is known of the body.
         images: that it has or will get, and can learn from.
+        sought_in_vain: whether enough of them showed no body that is believed, and none is known since.
     """
 
     def __init__(self, size: tuple[int, int], group: JointGroup, learned: Callable[[BodyModel | None, str], None]):
         self._learned = learned
-        self.state, self.images = BodyState.UNKNOWN, 0
+        self.state, self.images, self.sought_in_vain = BodyState.UNKNOWN, 0, False
         self._kept: np.ndarray | None = None  # joints of the last image that it can learn from
         self._news = threading.Condition()
         self._waiting: deque[tuple[Any, ...]] = deque([(size, group)])
@@ -121,7 +122,7 @@ class BodyProcess:
         """Let the process take a model that is known already."""
         path = str(Path(self._folder.name) / "known.npz")
         model.save(path)
-        self.state = BodyState.KNOWN
+        self.state, self.sought_in_vain = BodyState.KNOWN, False
         self._ask("use", path)
 
     def follow(self, point: int, place: np.ndarray, number: int, frame: ProcessedFrame, J: np.ndarray) -> None:
@@ -138,7 +139,7 @@ class BodyProcess:
 
     def forget(self) -> None:
         """Let it forget the body and all points."""
-        self.state = BodyState.UNKNOWN
+        self.state, self.sought_in_vain = BodyState.UNKNOWN, False
         self._forget_images("forget")
 
     def answers(self) -> list[tuple[int, dict[int, SeenPoint]]]:
@@ -203,12 +204,13 @@ class BodyProcess:
                     self._answers.append((values[0], values[1]))
         self._lost()
 
-    def _take_model(self, found: bool, path: str, told: str) -> None:
+    def _take_model(self, found: bool, path: str, told: str, in_vain: bool) -> None:
         model = None
         with suppress(DenseVSError):
             model = BodyModel.load(path) if found else None
         if self.state is BodyState.LEARNING:  # else it was forgotten meanwhile
             self.state = BodyState.NOT_FOUND if model is None else BodyState.KNOWN
+            self.sought_in_vain = in_vain
             self._learned(model, told)
 
     def _lost(self) -> None:

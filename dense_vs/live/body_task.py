@@ -83,7 +83,7 @@ class BodyTask:
         loop = self._session.running_loop()
         if self.process is not None:
             self.process.forget()
-        self._session.points.follow_by_patches(loop.frame, loop.estimator)
+        self._session.points.follow_by_patches(loop.frame, loop.pipeline)
 
     def end(self) -> None:
         """End its process."""
@@ -107,6 +107,6 @@ class BodyTask:
                 session.board.log("the body was not found in these images; points go by their own look", "warning")
         elif process is not None and process.knows:
             loop.use_body(model)
-            session.points.seek_by_body(loop.frame, loop.estimator, session.number)
+            session.points.seek_by_body(loop.frame, loop.pipeline, session.number)
             learned = f"body learned: its tracks fit within {model.error:.2f} px; points go by their links"
             session.board.log(told or learned, "warning" if told else "info")

@@ -78,7 +78,9 @@ class BodyWorker:
         self._body.see(shown)
 
     def learn(self, positions: np.ndarray, path: str, agrees: bool) -> None:
-        """Learn from the images so far; the answer is whether a model is in the file, and what has changed in it.
+        """Learn from the images so far.
+
+        The answer is whether a model is in the file, what has changed in it, and whether one was sought in vain.
 
         Args:
             positions: present ones ``(N,)`` [rad].
@@ -90,7 +92,7 @@ class BodyWorker:
             self._body.model.save(path)
         change = self._body.change
         told = "" if change is None or not change.found else change.describe(self._group.names)
-        self._say(("learned", found, path, told))
+        self._say(("learned", found, path, told, self._body.sought_in_vain))
 
     def use(self, path: str) -> None:
         """Take a model from a file."""

@@ -10,12 +10,11 @@ from typing import Protocol
 import numpy as np
 
 from dense_vs.flow.estimator import FlowEstimator
-from dense_vs.jacobian.estimator import DenseJacobian
 from dense_vs.live.body_process import BodyProcess
 from dense_vs.live.seen_point import SeenPoint
-from dense_vs.pipeline.frame_pipeline import ProcessedFrame
+from dense_vs.pipeline.frame_pipeline import FramePipeline, ProcessedFrame
 from dense_vs.point_servo.following import certain, given_up
-from dense_vs.point_servo.same_surface import same_surface
+from dense_vs.point_servo.same_surface import patch_weights
 from dense_vs.point_servo.tracker import PointTracker
 
 RENEW_PATCH = 0.93  # correlation below which a patch is taken anew, as the surface turns
@@ -59,6 +58,9 @@ class PatchFollower:
 
     Args:
         tracker: of the point alone.
+
+    Attributes:
+        doubted: whether the body was sought in vain: what hides the arm, or is wrong with J, misleads a patch as well.
     """
 
     fresh = True
@@ -66,11 +68,12 @@ class PatchFollower:
     def __init__(self, tracker: PointTracker):
         self.tracker = tracker
         self.place = tracker.points[0]
+        self.doubted = False
 
     @property
     def certain(self) -> bool:
         """As of the loop."""
-        return certain(self.tracker)
+        return certain(self.tracker) and not self.doubted
 
     @property
     def lost(self) -> bool:
@@ -79,16 +82,19 @@ class PatchFollower:
 
     @property
     def why(self) -> str:
-        """Why it is lost."""
-        return "its surroundings look otherwise now" if self.lost else ""
+        """Why it is lost, or not believed."""
+        if self.lost:
+            return "its surroundings look otherwise now"
+        return "followed by its surroundings alone, as the body was not found" if self.doubted else ""
 
-    def update(self, flow: np.ndarray, now: ProcessedFrame, estimator: DenseJacobian) -> None:
+    def update(self, flow: np.ndarray, now: ProcessedFrame, pipeline: FramePipeline) -> None:
         """Take the point into a frame by the flow since the last."""
         tracker = self.tracker
         tracker.update(flow, now.gray)
         # Not where it does not align: something else may cover it.
         if not self.lost and tracker.options.min_correlation <= float(tracker.correlation[0]) < RENEW_PATCH:
-            tracker.redefine(tracker.points, now.gray, same_surface(estimator, tracker.points[0]))
+            weights = patch_weights(pipeline, tracker.points[0], tracker.options.window)
+            tracker.redefine(tracker.points, now.gray, weights)
         self.place = tracker.points[0]
 
 
@@ -168,29 +174,28 @@ class Following:
         before: ProcessedFrame,
         now: ProcessedFrame,
         number: int,
-        estimator: DenseJacobian,
+        pipeline: FramePipeline,
     ) -> None:
         """Take all followers, by point, into a frame; one whose body is found is replaced."""
         patches = [one for one in followers.values() if isinstance(one, PatchFollower)]
         flow = self._flow(before.gray, now.gray) if patches else None
         for follower in patches:
             assert flow is not None
-            follower.update(flow, now, estimator)
+            follower.update(flow, now, pipeline)
+            follower.doubted = self.body is not None and self.body.sought_in_vain
         by_body = [one for one in followers.values() if isinstance(one, BodyFollower)]
         if by_body:
-            J = np.asarray(estimator.at(np.array([one.place for one in by_body])), np.float64)
+            J = np.asarray(pipeline.estimator.at(np.array([one.place for one in by_body])), np.float64)
             for follower, own in zip(by_body, J, strict=True):
                 follower.carry(number, own @ (now.positions - before.positions))
         if self.body is not None:
             self._hear(self.body, followers)
 
-    def seek(
-        self, point: int, follower: Follower, number: int, frame: ProcessedFrame, estimator: DenseJacobian
-    ) -> None:
+    def seek(self, point: int, follower: Follower, number: int, frame: ProcessedFrame, pipeline: FramePipeline) -> None:
         """Ask the body's process to follow a point that is known now, where it knows the body."""
         body = self.body
         if body is not None and body.knows and not follower.lost:
-            body.follow(point, follower.place, number, frame, estimator.to_numpy().copy())
+            body.follow(point, follower.place, number, frame, pipeline.estimator.to_numpy().copy())
 
     def _hear(self, body: BodyProcess, followers: dict[int, Follower]) -> None:
         for number, seen in body.answers():

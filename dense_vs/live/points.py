@@ -12,16 +12,15 @@ from dense_vs.arrays import point_array
 from dense_vs.checks import check_number, check_whole
 from dense_vs.errors import DenseVSError
 from dense_vs.flow.estimator import FlowEstimator
-from dense_vs.jacobian.estimator import DenseJacobian
 from dense_vs.live.body_process import BodyProcess
 from dense_vs.live.followers import BodyFollower, Follower, Following, PatchFollower
 from dense_vs.live.reachability import Reachability
-from dense_vs.pipeline.frame_pipeline import BODY_FLOW, ProcessedFrame
+from dense_vs.pipeline.frame_pipeline import BODY_FLOW, FramePipeline, ProcessedFrame
 from dense_vs.point_servo.law import VisualServo
 from dense_vs.point_servo.loop import ServoLoop
 from dense_vs.point_servo.reach import Arrival
-from dense_vs.point_servo.same_surface import same_surface
-from dense_vs.point_servo.tracker import PointTracker
+from dense_vs.point_servo.same_surface import patch_weights
+from dense_vs.point_servo.tracker import PointTracker, TrackerOptions
 
 MOST_POINTS = 8
 TOLERANCE, LEAVE = 1.0, 2.0  # px; a point that has arrived is left alone until it is farther than the second
@@ -116,7 +115,7 @@ class LivePoints:
     def __contains__(self, number: int) -> bool:
         return number in self._points
 
-    def add(self, place: Any, frames: Sequence[ProcessedFrame], estimator: DenseJacobian, number: int = 0) -> LivePoint:
+    def add(self, place: Any, frames: Sequence[ProcessedFrame], pipeline: FramePipeline, number: int = 0) -> LivePoint:
         """Follow the point that is at ``place`` ``(2,)`` [px] in the first of ``frames``.
 
         The frames after it, up to the present one, carry the point along: what is seen in a browser is a little old.
@@ -129,15 +128,15 @@ class LivePoints:
         if len(self._points) >= MOST_POINTS:
             raise DenseVSError(f"there are {MOST_POINTS} points already; expected one to be removed first")
         place = self._inside(place)
-        seen = same_surface(estimator, place) if len(frames) == 1 else None  # J is the present frame's
+        seen = _weights(pipeline, place) if len(frames) == 1 else None  # J is the present frame's
         tracker = PointTracker(place, frames[0].gray, weights=seen)
         for before, after in pairwise(frames):
             tracker.update(self._flow(before.gray, after.gray), after.gray)
         if seen is None and not tracker.lost[0] and len(frames) > 1:
             now = np.clip(tracker.points, 0, np.array(self._size[::-1]) - 1)
-            tracker.redefine(now, frames[-1].gray, same_surface(estimator, now[0]))
+            tracker.redefine(now, frames[-1].gray, _weights(pipeline, now[0]))
         point = LivePoint(self._next, PatchFollower(tracker))
-        self._following.seek(point.number, point.follower, number, frames[-1], estimator)
+        self._following.seek(point.number, point.follower, number, frames[-1], pipeline)
         self._points[point.number] = point
         self._next += 1
         return point
@@ -174,30 +173,30 @@ class LivePoints:
         """
         self._at(number).weight = check_number("weight", weight, above=0, most=100)
 
-    def follow(self, before: ProcessedFrame, now: ProcessedFrame, estimator: DenseJacobian, number: int = 0) -> None:
+    def follow(self, before: ProcessedFrame, now: ProcessedFrame, pipeline: FramePipeline, number: int = 0) -> None:
         """Carry all points into a new frame of that number."""
         if not self._points or before is now:
             return
         followers = {point.number: point.follower for point in self}
-        self._following.carry(followers, before, now, number, estimator)
+        self._following.carry(followers, before, now, number, pipeline)
         blind = any(fault.stops for fault in now.faults)
         for point in self:
             point.follower = followers[point.number]
             if point.target is not None and (point.follower.fresh or point.error > LEAVE):
                 point.arrival.observe(point.error, blind=blind or point.lost)
 
-    def seek_by_body(self, now: ProcessedFrame, estimator: DenseJacobian, number: int) -> None:
+    def seek_by_body(self, now: ProcessedFrame, pipeline: FramePipeline, number: int) -> None:
         """The body is known now: let all points be followed by it."""
         for point in self:
-            self._following.seek(point.number, point.follower, number, now, estimator)
+            self._following.seek(point.number, point.follower, number, now, pipeline)
 
-    def follow_by_patches(self, now: ProcessedFrame, estimator: DenseJacobian) -> None:
+    def follow_by_patches(self, now: ProcessedFrame, pipeline: FramePipeline) -> None:
         """The body was forgotten: let all points be followed by how they look now."""
         highest = np.array(self._size[::-1]) - 1
         for point in self:
             if isinstance(point.follower, BodyFollower):
                 place = np.clip(point.place, 0, highest)
-                point.follower = PatchFollower(PointTracker(place, now.gray, weights=same_surface(estimator, place)))
+                point.follower = PatchFollower(PointTracker(place, now.gray, weights=_weights(pipeline, place)))
 
     def step(self, servo: VisualServo, loop: ServoLoop) -> np.ndarray:
         """The joint step ``(N,)`` [rad] towards the targets; zero where no point has one. Lost points do not count."""
@@ -232,3 +231,8 @@ class LivePoints:
             present = ", ".join(map(str, self._points)) or "none"
             raise DenseVSError(f"point is {number!r}; expected one of {present}")
         return self._points[number]
+
+
+def _weights(pipeline: FramePipeline, place: np.ndarray) -> np.ndarray | None:
+    """Which pixels count in the patch of a new tracker."""
+    return patch_weights(pipeline, place, TrackerOptions().window)

@@ -282,7 +282,7 @@ class LiveSession:
                 self._frames.append((self.number, frame))
                 if self.body is not None:
                     self.body.frame(self.number, frame)
-                self.points.follow(self._followed or before, frame, loop.estimator, self.number)
+                self.points.follow(self._followed or before, frame, loop.pipeline, self.number)
                 self._followed = frame
         if self.recorder is not None and self.camera.picture is not None:
             self.recorder.add(self.camera.picture, self.camera.time, *self.robot.joints())

@@ -9,7 +9,7 @@ from dense_vs.point_servo.body_tracker import BodyTracker
 from dense_vs.point_servo.learned_body import LearnedBody
 from dense_vs.point_servo.point_memory import PointMemory
 from dense_vs.point_servo.point_on_link import POINT
-from dense_vs.point_servo.same_surface import same_surface
+from dense_vs.point_servo.same_surface import patch_weights
 from dense_vs.point_servo.tracker import PointTracker
 
 AROUND = 160  # px, side of a point's surroundings that flow is found in; coarse levels bridge a quarter of it
@@ -90,7 +90,8 @@ def follow(
     correlation, least = float(tracker.correlation[0]), tracker.options.min_correlation
     # Not renewed where it does not align: something else may cover it.
     if renew_patch is not None and not tracker.lost[0] and least <= correlation < renew_patch:
-        tracker.redefine(tracker.points, frame.gray, same_surface(estimator, tracker.points[0]))
+        weights = patch_weights(pipeline, tracker.points[0], tracker.options.window)
+        tracker.redefine(tracker.points, frame.gray, weights)
     return f"its surroundings correlate by {correlation:.2f} with how they were" if correlation < least else ""
 
 

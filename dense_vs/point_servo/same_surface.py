@@ -41,7 +41,7 @@ def patch_weights(pipeline: FramePipeline, point: np.ndarray, window: int) -> np
     same = same_surface(pipeline.estimator, point)
     if same is None or pipeline.body is None:
         return same
-    x, y = np.rint(point).astype(int)
+    x, y = np.clip(np.rint(point), 0, (same.shape[1] - 1, same.shape[0] - 1)).astype(int)
     half = window // 2
     patch = np.s_[max(y - half, 0) : y + half + 1, max(x - half, 0) : x + half + 1]
     both = same & pipeline.labels()

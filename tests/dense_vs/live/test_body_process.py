@@ -105,6 +105,28 @@ def test_too_few_images_are_no_body(process):
     assert wait_for(lambda: process.found == [(None, "")], 60)
     assert process.state is BodyState.NOT_FOUND
     assert process.alive
+    assert not process.sought_in_vain  # nobody knows what enough of them would have shown
+
+
+def test_a_body_that_enough_images_do_not_show_was_sought_in_vain_until_one_is_known(process):
+    for known in (lambda: process.use(model()), process.forget):
+        process.state = BodyState.LEARNING
+        process._take_model(False, "", "", True)
+        assert process.sought_in_vain
+        known()
+        assert not process.sought_in_vain
+    process._take_model(False, "", "", True)  # of a fit that was forgotten meanwhile
+    assert not process.sought_in_vain
+
+
+@pytest.mark.parametrize("in_vain", [False, True])
+def test_the_answer_says_whether_a_body_was_sought_in_vain(in_vain, monkeypatch):
+    said = []
+    worker = BodyWorker(SIZE, GROUP, said.append)
+    worker._body.sought_in_vain = in_vain
+    monkeypatch.setattr(worker._body, "learn", lambda positions, agrees: False)
+    worker.learn(np.zeros(1), "body.npz", False)
+    assert said == [("learned", False, "body.npz", "", in_vain)]
 
 
 def test_a_fit_that_is_forgotten_meanwhile_is_not_used(process):

@@ -57,15 +57,15 @@ def test_a_patch_is_renewed_where_it_aligns_and_has_turned(monkeypatch, correlat
     events = []
     tracker = SimpleNamespace(
         points=np.array([[3.0, 4.0]]), lost=np.array([False]), correlation=np.array([correlation]),
-        options=SimpleNamespace(min_correlation=0.85), update=lambda flow, gray: events.append("update"),
-        redefine=lambda points, gray, weights: events.append("renewed"),
+        options=SimpleNamespace(min_correlation=0.85, window=25), update=lambda flow, gray: events.append("update"),
+        redefine=lambda points, gray, weights: events.append(weights),
     )  # fmt: skip
-    monkeypatch.setattr("dense_vs.live.followers.same_surface", lambda *_: None)
+    monkeypatch.setattr("dense_vs.live.followers.patch_weights", lambda pipeline, place, window: (pipeline, window))
     monkeypatch.setattr("dense_vs.live.followers.given_up", lambda tracker: bool(tracker.lost[0]))
     monkeypatch.setattr("dense_vs.live.followers.certain", lambda tracker: not tracker.lost[0])
     one = PatchFollower(tracker)
-    one.update(None, SimpleNamespace(gray=None), None)
-    assert events == ["update", "renewed"][: 1 + renewed]
+    one.update(None, SimpleNamespace(gray=None), "J and labels")
+    assert events == ["update", ("J and labels", 25)][: 1 + renewed]
     assert one.certain
     assert one.why == ""
     tracker.lost = np.array([True])
@@ -74,19 +74,39 @@ def test_a_patch_is_renewed_where_it_aligns_and_has_turned(monkeypatch, correlat
     assert (one.lost, one.why) == (True, "its surroundings look otherwise now")
 
 
+@pytest.mark.parametrize(("body", "doubted"), [(None, False), (False, False), (True, True)])
+def test_a_patch_alone_is_not_certain_where_the_body_was_sought_in_vain(body, doubted, monkeypatch):
+    monkeypatch.setattr("dense_vs.live.followers.given_up", lambda _: False)
+    monkeypatch.setattr("dense_vs.live.followers.certain", lambda _: True)
+    tracker = SimpleNamespace(
+        points=np.ones((1, 2)), correlation=np.ones(1), options=SimpleNamespace(min_correlation=0.85, window=25),
+        update=lambda flow, gray: None,
+    )  # fmt: skip
+    one, process = PatchFollower(tracker), SimpleNamespace(sought_in_vain=body, answers=list, knows=False)
+    assert one.certain
+    following = Following(lambda before, now: np.zeros((4, 4, 2)), None if body is None else process)
+    frame = SimpleNamespace(gray=None)
+    following.carry({1: one}, frame, frame, 5, None)
+    assert one.certain != doubted
+    assert ("the body was not found" in one.why) == doubted
+    process.sought_in_vain = False  # it is known now, and will follow the point
+    following.carry({1: one}, frame, frame, 6, None)
+    assert (one.certain, one.why) == (True, "")
+
+
 def test_what_goes_by_the_body_moves_by_j_and_is_corrected():
     answers = [(102, {7: seen(place=(60.0, 45.0)), 9: seen()})]
-    body = SimpleNamespace(answers=lambda: answers, alive=True)
+    body = SimpleNamespace(answers=lambda: answers, alive=True, sought_in_vain=False)
     flows = []
     following = Following(lambda before, now: flows.append((before, now)), body)
     J = np.array([[10.0, 0.0], [0.0, 20.0]])
-    estimator = SimpleNamespace(at=lambda places: np.stack([J] * len(places)))
+    pipeline = SimpleNamespace(estimator=SimpleNamespace(at=lambda places: np.stack([J] * len(places))))
     followers = {7: BodyFollower(body, np.array([50.0, 40.0]), 101, seen())}
     before, now = SimpleNamespace(positions=np.array([0.1, 0.1])), SimpleNamespace(positions=np.array([0.3, 0.2]))
-    following.carry(followers, before, now, 102, estimator)
+    following.carry(followers, before, now, 102, pipeline)
     np.testing.assert_allclose(followers[7].place, [60.0, 45.0])
     answers.clear()
-    following.carry(followers, before, now, 103, estimator)
+    following.carry(followers, before, now, 103, pipeline)
     np.testing.assert_allclose(followers[7].place, [62.0, 47.0])
     assert flows == []  # no patch needs any
 
@@ -159,7 +179,7 @@ def test_a_point_whose_body_is_forgotten_is_followed_by_its_look_inside_the_imag
         return SimpleNamespace(points=place[None])
 
     monkeypatch.setattr(live_points, "PointTracker", tracker)
-    monkeypatch.setattr(live_points, "same_surface", lambda *_: None)
+    monkeypatch.setattr(live_points, "patch_weights", lambda *_: None)
     body = BodyFollower(SimpleNamespace(alive=True), np.array([70.0, -3.0]), 1, seen())
     ones = [LivePoint(1, body), LivePoint(2, Placed())]
     all_points(*ones).follow_by_patches(SimpleNamespace(gray=None), None)
@@ -263,7 +283,7 @@ class Followed:
 def test_a_click_on_an_old_frame_is_carried_to_the_present_one(monkeypatch, flow, lost, end):
     """Its surroundings are then learned anew, inside the image, by the present J."""
     monkeypatch.setattr(live_points, "PointTracker", Followed)
-    monkeypatch.setattr(live_points, "same_surface", lambda estimator, place: ("surface", place.tolist()))
+    monkeypatch.setattr(live_points, "patch_weights", lambda _, place, window: ("surface", place.tolist(), window))
     sought = []
     points = all_points()
     points._flow = lambda before, after: np.array(flow)
@@ -273,12 +293,12 @@ def test_a_click_on_an_old_frame_is_carried_to_the_present_one(monkeypatch, flow
     one = points.add((10.0, 20.0), frames, "J", number=7)
     events = [("made", 0, None), ("update", 1), ("update", 2)]
     if end is not None:
-        events.append(("redefine", end, 2, ("surface", end[0])))
+        events.append(("redefine", end, 2, ("surface", end[0], 25)))
     assert Followed.made.events == events
     assert sought == [(1, one.follower, 7, frames[-1], "J")]
     assert (one.number, one in list(points)) == (1, True)
     second = points.add((5.0, 6.0), frames[-1:], "J")
-    assert Followed.made.events == [("made", 2, ("surface", [5.0, 6.0]))]
+    assert Followed.made.events == [("made", 2, ("surface", [5.0, 6.0], 25))]
     assert (second.number, len(points)) == (2, 2)
 
 
@@ -289,13 +309,13 @@ def test_a_body_is_asked_where_it_and_the_point_are_known(knows, lost, asked):
     told = []
     body = SimpleNamespace(knows=knows, follow=lambda *given: told.append(given))
     J = np.ones((2, 2))
-    estimator = SimpleNamespace(to_numpy=lambda: J)
+    pipeline = SimpleNamespace(estimator=SimpleNamespace(to_numpy=lambda: J))
     point = Placed(lost=lost)
-    Following(None, body).seek(3, point, 11, "frame", estimator)
+    Following(None, body).seek(3, point, 11, "frame", pipeline)
     assert len(told) == asked
     for given in told:
         assert (given[0], given[2], given[3]) == (3, 11, "frame")
         assert given[1] is point.place
         np.testing.assert_array_equal(given[4], J)
         assert given[4] is not J  # the estimator goes on
-    Following(None, None).seek(3, point, 11, "frame", estimator)
+    Following(None, None).seek(3, point, 11, "frame", pipeline)

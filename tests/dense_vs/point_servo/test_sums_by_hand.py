@@ -49,10 +49,10 @@ def test_a_point_is_taken_along_by_flow_or_by_j(monkeypatch, correlation, lost, 
     events = []
     tracker = SimpleNamespace(
         correlation=np.array([correlation]), lost=np.array([lost]), points=np.zeros((1, 2)),
-        options=SimpleNamespace(min_correlation=0.85), update=lambda flow, gray: events.append(flow),
-        redefine=lambda *_: events.append("renewed"),
+        options=SimpleNamespace(min_correlation=0.85, window=25), update=lambda flow, gray: events.append(flow),
+        redefine=lambda points, gray, weights: events.append((gray, *weights)),
     )  # fmt: skip
-    monkeypatch.setattr(following, "same_surface", lambda *_: None)
+    monkeypatch.setattr(following, "patch_weights", lambda pipeline, point, window: (pipeline, point.tolist(), window))
     most = following.MOST_BRIDGED
     line = SimpleNamespace(
         estimator=SimpleNamespace(predicted_flow=lambda dq: ("by J", float(dq[0]))),
@@ -64,5 +64,5 @@ def test_a_point_is_taken_along_by_flow_or_by_j(monkeypatch, correlation, lost, 
     )
     said = following.follow(tracker, line, lambda a, b, at: (a, b, at.tolist()), before, now, renew)
     assert events[0] == (("by J", pytest.approx(0.2)) if far else ("g0", "g1", [0.0, 0.0]))
-    assert events[1:] == (["renewed"] if renewed else [])
+    assert events[1:] == ([("g1", line, [0.0, 0.0], 25)] if renewed else [])
     assert said == why
