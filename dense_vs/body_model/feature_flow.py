@@ -57,18 +57,16 @@ def keep_apart(mask: np.ndarray, places: Iterable[np.ndarray], apart: int) -> No
         cv2.circle(mask, (round(float(x)), round(float(y))), apart, (0,), -1)
 
 
-def new_features(gray: np.ndarray, where: np.ndarray, taken: Iterable[np.ndarray], count: int, apart: int) -> Any:
-    """Up to ``count`` corners ``(K, 2)`` [px] where a mask allows, ``apart`` px from each other and from those taken.
+def new_features(gray: np.ndarray, where: np.ndarray, count: int, apart: int) -> Any:
+    """Up to ``count`` corners ``(K, 2)`` [px] where a mask allows, ``apart`` px from each other.
 
     Args:
         gray: uint8 ``(H, W)``.
         where: bool or uint8 ``(H, W)``.
-        taken: places of features there are already [px].
         count: most of them.
         apart: [px].
     """
     mask = where.astype(np.uint8)
-    keep_apart(mask, taken, apart)
     x, y, width, height = cv2.boundingRect(mask)
     left, top = max(0, x - _CORNER), max(0, y - _CORNER)  # what is farther away says nothing of a corner
     part = np.s_[top : y + height + _CORNER, left : x + width + _CORNER]

@@ -127,7 +127,7 @@ class _Looks:
         for x, y in np.rint(np.clip(places, -99, 9999)).astype(int):
             cv2.circle(near, (int(x), int(y)), int(NEAR), 1, -1)
         count = max(LEAST_IN_ONE, min(PER_REFERENCE, round(PER_REFERENCE * image.size / OF_PIXELS)))
-        corners = new_features(image, near > 0, [], count, APART).reshape(-1, 2)
+        corners = new_features(image, near > 0, count, APART).reshape(-1, 2)
         apart = np.linalg.norm(places[None] - corners[:, None], axis=2)
         around = np.argsort(apart, axis=1)[:, :AROUND]
         voted = np.array([np.bincount(links[some]).argmax() for some in around], int)

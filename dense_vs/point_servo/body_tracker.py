@@ -12,7 +12,7 @@ from collections.abc import Callable, Sequence
 import numpy as np
 
 from dense_vs.body_model.chain import Chain
-from dense_vs.body_model.feature_flow import carried, new_features
+from dense_vs.body_model.feature_flow import carried, keep_apart, new_features
 from dense_vs.body_model.image_directions import direction_weights
 from dense_vs.point_servo.body_features import NOISE, BodyFeatures, FeatureState, Keyframe
 from dense_vs.point_servo.feature_looks import FeatureLooks
@@ -378,7 +378,9 @@ class BodyTracker:
     ) -> None:
         """Features of the last image, followed back to the first one, and their links."""
         features, gray = self.features, self._gray
-        begun = np.vstack([self.point, new_features(gray, body, [self.point], FIRST_FEATURES, APART + 1)])
+        beside = body.astype(np.uint8)
+        keep_apart(beside, [self.point], APART + 1)
+        begun = np.vstack([self.point, new_features(gray, beside, FIRST_FEATURES, APART + 1)])
         self._first = numbers = features.added(len(begun))
         self._begun = begun
         self.on_link.begin(begun, direction_weights(gray, begun))

@@ -34,7 +34,7 @@ def more_features(
         if wanted <= 0 or (few and one != link):
             continue
         where = about(np.array(outline), FEW_MARGIN if few else MARGIN, gray.shape)
-        new = new_features(gray, where & free, [], wanted, APART)
+        new = new_features(gray, where & free, wanted, APART)
         keep_apart(free, new, APART)
         found += [*new]
     return np.array(found).reshape(-1, 2)

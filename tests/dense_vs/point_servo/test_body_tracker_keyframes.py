@@ -253,7 +253,7 @@ def test_new_features_are_sought_about_those_of_each_link_in_sight(monkeypatch):
     features = Features(at, np.zeros_like(at), links=[1, 1, 1, 0, 0, 0, 2, 2, 2])
     asked = []
 
-    def new_features(gray, where, taken, count, apart):
+    def new_features(gray, where, count, apart):
         asked.append((where.copy(), count, apart))
         return np.array([[1.0, 2.0], [64.0, 45.0]])[: len(asked)]
 
@@ -308,11 +308,11 @@ def test_no_new_features_on_another_link_where_too_few_are_in_sight_or_enough(mo
     tracker._look_for_more(
         GRAY
     )  # one and the point of its own link; one is wanted of the first and two are of no other
-    assert [given[3] for given in asked] == [69, 1]
+    assert [given[2] for given in asked] == [69, 1]
     features.links[26] = 0
     tracker._live, tracker._places = np.arange(1, 27), at[1:]
     tracker._look_for_more(GRAY)  # and now none is
-    assert [given[3] for given in asked] == [69, 1, 69]
+    assert [given[2] for given in asked] == [69, 1, 69]
     assert len(features) == 27
 
 
@@ -351,8 +351,8 @@ def test_a_point_that_is_on_no_link_by_itself_goes_to_that_of_most_around_it(mon
     around = np.column_stack([31.0 + np.arange(12), np.full(12, 40.0)])
     asked = []
 
-    def new_features(gray, where, taken, count, apart):
-        asked.append((where, np.array(taken), count, apart))
+    def new_features(gray, where, count, apart):
+        asked.append((where, count, apart))
         return around
 
     def assign(numbers):
@@ -367,9 +367,13 @@ def test_a_point_that_is_on_no_link_by_itself_goes_to_that_of_most_around_it(mon
     tracker = bare(features, point=np.array([30.0, 40.0]))
     body = np.ones(GRAY.shape, bool)
     tracker._look_back([], body, given, None)
-    ((where, taken, count, apart),) = asked
-    assert where is body
-    assert (taken.tolist(), count, apart) == ([[30.0, 40.0]], 180, 5)
+    ((where, count, apart),) = asked
+    y, x = np.mgrid[:60, :80]
+    away = np.hypot(x - 30, y - 40)
+    assert not where[away <= 5].any()
+    assert where[away > 6].all()
+    assert body.all()  # whose own it is
+    assert (count, apart) == (180, 5)
     # Of the seven that are nearest and known, features 1, 2, 3, 5, 6, 7, 8: three on link 0, four on link 1.
     assert features.links[0] == link
     assert features.keyframes is frames
