@@ -120,7 +120,7 @@ def servo(session: LiveSession) -> None:
 
     def begin() -> None:
         session.be_still("to begin with")
-        session.points.add(place, session.frames_since(1 << 40), session.running_loop().estimator)
+        session.points.add(place, session.frames_since(1 << 40), session.running_loop().pipeline)
         session.points.aim(1, place + 20)
         session.begin_mode(Mode.REACHING)
 

@@ -79,14 +79,17 @@ def live_targets() -> list[Target]:
     from dense_vs.live.live_object import checked_box, mask_of_box
     from dense_vs.live.options import LiveOptions, chosen_scale
     from dense_vs.live.points import LivePoints
-    from dense_vs.pipeline.frame_pipeline import ProcessedFrame
+    from dense_vs.pipeline.frame_pipeline import FramePipeline, ProcessedFrame
 
     frame = ProcessedFrame(0.0, rgb(), gray(), np.zeros(N), None)
 
     def points() -> Any:
         made = LivePoints(H, W)
-        made.add((10.0, 12.0), [frame], estimator())
+        made.add((10.0, 12.0), [frame], pipeline())
         return made
+
+    def pipeline() -> FramePipeline:
+        return FramePipeline(estimator())
 
     def of(read: Any) -> Any:
         return lambda value: read({"it": value}, "it")
@@ -105,7 +108,7 @@ def live_targets() -> list[Target]:
                weight=2.0),
         Target("mask_of_box", lambda box: mask_of_box(rgb(), checked_box(rgb(), box)).sum(),
                lambda: {"box": (4.0, 5.0, 20.0, 18.0)}),
-        Target("LivePoints.add", lambda self, place: self.add(place, [frame], estimator()).place,
+        Target("LivePoints.add", lambda self, place: self.add(place, [frame], pipeline()).place,
                lambda: {"self": points(), "place": [10.0, 12.0]}),
         Target("LivePoints.aim", lambda self, number, target: self.aim(number, target),
                lambda: {"self": points(), "number": 1, "target": [11.0, 12.0]}),
