@@ -58,17 +58,19 @@ class PatchFollower:
 
     Args:
         tracker: of the point alone.
-
-    Attributes:
-        doubted: whether the body was sought in vain: what hides the arm, or is wrong with J, misleads a patch as well.
+        body: the process that seeks the body; None where none is learned.
     """
 
     fresh = True
 
-    def __init__(self, tracker: PointTracker):
-        self.tracker = tracker
+    def __init__(self, tracker: PointTracker, body: BodyProcess | None):
+        self.tracker, self._body = tracker, body
         self.place = tracker.points[0]
-        self.doubted = False
+
+    @property
+    def doubted(self) -> bool:
+        """Whether the body was sought in vain: what hides the arm, or is wrong with J, misleads a patch as well."""
+        return self._body is not None and self._body.sought_in_vain
 
     @property
     def certain(self) -> bool:
@@ -182,7 +184,6 @@ class Following:
         for follower in patches:
             assert flow is not None
             follower.update(flow, now, pipeline)
-            follower.doubted = self.body is not None and self.body.sought_in_vain
         by_body = [one for one in followers.values() if isinstance(one, BodyFollower)]
         if by_body:
             J = np.asarray(pipeline.estimator.at(np.array([one.place for one in by_body])), np.float64)

@@ -135,7 +135,7 @@ class LivePoints:
         if seen is None and not tracker.lost[0] and len(frames) > 1:
             now = np.clip(tracker.points, 0, np.array(self._size[::-1]) - 1)
             tracker.redefine(now, frames[-1].gray, _weights(pipeline, now[0]))
-        point = LivePoint(self._next, PatchFollower(tracker))
+        point = LivePoint(self._next, PatchFollower(tracker, self._following.body))
         self._following.seek(point.number, point.follower, number, frames[-1], pipeline)
         self._points[point.number] = point
         self._next += 1
@@ -196,7 +196,8 @@ class LivePoints:
         for point in self:
             if isinstance(point.follower, BodyFollower):
                 place = np.clip(point.place, 0, highest)
-                point.follower = PatchFollower(PointTracker(place, now.gray, weights=_weights(pipeline, place)))
+                tracker = PointTracker(place, now.gray, weights=_weights(pipeline, place))
+                point.follower = PatchFollower(tracker, self._following.body)
 
     def step(self, servo: VisualServo, loop: ServoLoop) -> np.ndarray:
         """The joint step ``(N,)`` [rad] towards the targets; zero where no point has one. Lost points do not count."""

@@ -63,7 +63,7 @@ def test_a_patch_is_renewed_where_it_aligns_and_has_turned(monkeypatch, correlat
     monkeypatch.setattr("dense_vs.live.followers.patch_weights", lambda pipeline, place, window: (pipeline, window))
     monkeypatch.setattr("dense_vs.live.followers.given_up", lambda tracker: bool(tracker.lost[0]))
     monkeypatch.setattr("dense_vs.live.followers.certain", lambda tracker: not tracker.lost[0])
-    one = PatchFollower(tracker)
+    one = PatchFollower(tracker, None)
     one.update(None, SimpleNamespace(gray=None), "J and labels")
     assert events == ["update", ("J and labels", 25)][: 1 + renewed]
     assert one.certain
@@ -78,19 +78,13 @@ def test_a_patch_is_renewed_where_it_aligns_and_has_turned(monkeypatch, correlat
 def test_a_patch_alone_is_not_certain_where_the_body_was_sought_in_vain(body, doubted, monkeypatch):
     monkeypatch.setattr("dense_vs.live.followers.given_up", lambda _: False)
     monkeypatch.setattr("dense_vs.live.followers.certain", lambda _: True)
-    tracker = SimpleNamespace(
-        points=np.ones((1, 2)), correlation=np.ones(1), options=SimpleNamespace(min_correlation=0.85, window=25),
-        update=lambda flow, gray: None,
-    )  # fmt: skip
-    one, process = PatchFollower(tracker), SimpleNamespace(sought_in_vain=body, answers=list, knows=False)
-    assert one.certain
-    following = Following(lambda before, now: np.zeros((4, 4, 2)), None if body is None else process)
-    frame = SimpleNamespace(gray=None)
-    following.carry({1: one}, frame, frame, 5, None)
+    tracker = SimpleNamespace(points=np.ones((1, 2)))
+    process = None if body is None else SimpleNamespace(sought_in_vain=body)
+    one = PatchFollower(tracker, process)
     assert one.certain != doubted
     assert ("the body was not found" in one.why) == doubted
-    process.sought_in_vain = False  # it is known now, and will follow the point
-    following.carry({1: one}, frame, frame, 6, None)
+    if process is not None:
+        process.sought_in_vain = False  # it is known now, and will follow the point
     assert (one.certain, one.why) == (True, "")
 
 
