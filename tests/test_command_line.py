@@ -222,6 +222,53 @@ def test_an_interrupt_leaves_no_traceback(delay, tmp_path):
     assert "Traceback" not in said
 
 
+@pytest.mark.parametrize(("name", "code"), [("SIGINT", 130), ("SIGTERM", 143)])
+def test_an_interrupt_that_python_ignores_ends_the_program_all_the_same(name, code):
+    """As in the callback of a weak reference, of which the locks of imports have one each."""
+    program = f"""
+import signal, sys, time, weakref
+import dense_vs.__main__ as program
+
+class Lock:
+    pass
+
+def main(imported):
+    imported()
+    lock = Lock()
+    reference = weakref.ref(lock, lambda _: signal.raise_signal(signal.{name}))
+    del lock
+    for _ in range(600):
+        time.sleep(0.1)
+    return 0
+
+program.main = main
+sys.exit(program.program())
+"""
+    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, timeout=50, check=False)
+    assert (done.returncode, done.stderr) == (code, "")
+
+
+def test_an_interrupt_during_imports_is_left_to_the_system():
+    """Compiled modules ignore what is raised while they are imported."""
+    program = """
+import signal, sys
+import dense_vs.__main__ as program
+import dense_vs.cli.main as command_line
+
+def imported(home):
+    try:
+        signal.raise_signal(signal.SIGINT)
+    except BaseException:
+        return sys  # as such a module
+
+command_line.import_module = imported
+sys.argv[1:] = ["info"]
+sys.exit(program.program())
+"""
+    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, timeout=50, check=False)
+    assert (done.returncode, done.stderr) == (-signal.SIGINT, "")
+
+
 def test_an_interrupt_that_python_wrapped_is_one():
     """As happens while a module with dataclasses is imported."""
     wrapped = RuntimeError("Error calling __set_name__")

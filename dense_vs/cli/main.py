@@ -4,7 +4,7 @@ import errno
 import os
 import sys
 import tempfile
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from contextlib import suppress
 from importlib import import_module
 from pathlib import Path
@@ -61,12 +61,20 @@ def build_parser() -> LazyParser:
     return parser
 
 
-def main(arguments: Sequence[str] | None = None) -> int:
-    """Run ``dense-vs`` with ``arguments`` (the process's own unless given); the exit code."""
+def main(arguments: Sequence[str] | None = None, *, imported: Callable[[], None] = lambda: None) -> int:
+    """Run ``dense-vs``.
+
+    Args:
+        arguments: of the command line, the process's own unless given.
+        imported: called once all that the command needs is imported.
+
+    Returns:
+        The exit code.
+    """
     _open_missing_streams()
     try:
         try:
-            return _run(arguments)
+            return _run(arguments, imported)
         finally:
             sys.stdout.flush()  # a full disk or a reader that left is answered below, not by the interpreter's exit
     except DenseVSError as error:
@@ -103,11 +111,13 @@ def main(arguments: Sequence[str] | None = None) -> int:
     return USER_ERROR
 
 
-def _run(arguments: Sequence[str] | None) -> int:
+def _run(arguments: Sequence[str] | None, imported: Callable[[], None]) -> int:
     parsed = build_parser().parse_args(arguments)
     _quiet_warp()
     _note_first_run()
-    import_module(parsed.home).run(parsed)
+    command = import_module(parsed.home)
+    imported()
+    command.run(parsed)
     return 0
 
 
