@@ -262,7 +262,7 @@ def imported(home):
         return sys  # as such a module
 
 command_line.import_module = imported
-sys.argv[1:] = ["info"]
+sys.argv[1:] = ["reach"]
 sys.exit(program.program())
 """
     done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, timeout=50, check=False)
