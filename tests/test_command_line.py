@@ -253,7 +253,6 @@ def test_an_interrupt_during_imports_is_left_to_the_system():
     program = """
 import signal, sys
 import dense_vs.__main__ as program
-import dense_vs.cli.main as command_line
 
 def imported(home):
     try:
@@ -261,8 +260,8 @@ def imported(home):
     except BaseException:
         return sys  # as such a module
 
-command_line.import_module = imported
-sys.argv[1:] = ["reach"]
+sys.modules["dense_vs.cli.main"].import_module = imported
+sys.argv[1:] = ["reach", "--out", "out"]
 sys.exit(program.program())
 """
     done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, timeout=50, check=False)
