@@ -13,8 +13,7 @@ from dense_vs.flow.estimator import FlowEstimator
 from dense_vs.live.body_process import BodyProcess
 from dense_vs.live.seen_point import SeenPoint
 from dense_vs.pipeline.frame_pipeline import FramePipeline, ProcessedFrame
-from dense_vs.point_servo.following import certain, given_up
-from dense_vs.point_servo.same_surface import patch_weights
+from dense_vs.point_servo.following import certain, given_up, renew
 from dense_vs.point_servo.tracker import PointTracker
 
 RENEW_PATCH = 0.93  # correlation below which a patch is taken anew, as the surface turns
@@ -93,10 +92,7 @@ class PatchFollower:
         """Take the point into a frame by the flow since the last."""
         tracker = self.tracker
         tracker.update(flow, now.gray)
-        # Not where it does not align: something else may cover it.
-        if not self.lost and tracker.options.min_correlation <= float(tracker.correlation[0]) < RENEW_PATCH:
-            weights = patch_weights(pipeline, tracker.points[0], tracker.options.window)
-            tracker.redefine(tracker.points, now.gray, weights)
+        renew(tracker, pipeline, now.gray, RENEW_PATCH)
         self.place = tracker.points[0]
 
 

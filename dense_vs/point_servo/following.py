@@ -88,11 +88,23 @@ def follow(
         flow = point_flow(last.gray, frame.gray, tracker.points[0])
     tracker.update(flow, frame.gray)
     correlation, least = float(tracker.correlation[0]), tracker.options.min_correlation
-    # Not renewed where it does not align: something else may cover it.
-    if renew_patch is not None and not tracker.lost[0] and least <= correlation < renew_patch:
-        weights = patch_weights(pipeline, tracker.points[0], tracker.options.window)
-        tracker.redefine(tracker.points, frame.gray, weights)
+    if renew_patch is not None:
+        renew(tracker, pipeline, frame.gray, renew_patch)
     return f"its surroundings correlate by {correlation:.2f} with how they were" if correlation < least else ""
+
+
+def renew(tracker: PointTracker, pipeline: FramePipeline, gray: np.ndarray, below: float) -> None:
+    """Take a point's patch anew as its surface turns, but not where it does not align: something else may cover it.
+
+    Args:
+        tracker: of the point.
+        pipeline: that tells which pixels move as the point does.
+        gray: uint8 ``(H, W)``, the present image.
+        below: correlation below which the patch is taken anew.
+    """
+    options = tracker.options
+    if not tracker.lost[0] and options.min_correlation <= float(tracker.correlation[0]) < below:
+        tracker.redefine(tracker.points, gray, patch_weights(pipeline, tracker.points[0], options.window))
 
 
 def _why_unseen(tracker: BodyTracker, pipeline: FramePipeline) -> str:

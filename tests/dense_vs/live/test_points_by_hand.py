@@ -60,7 +60,9 @@ def test_a_patch_is_renewed_where_it_aligns_and_has_turned(monkeypatch, correlat
         options=SimpleNamespace(min_correlation=0.85, window=25), update=lambda flow, gray: events.append("update"),
         redefine=lambda points, gray, weights: events.append(weights),
     )  # fmt: skip
-    monkeypatch.setattr("dense_vs.live.followers.patch_weights", lambda pipeline, place, window: (pipeline, window))
+    monkeypatch.setattr(
+        "dense_vs.point_servo.following.patch_weights", lambda pipeline, place, window: (pipeline, window)
+    )
     monkeypatch.setattr("dense_vs.live.followers.given_up", lambda tracker: bool(tracker.lost[0]))
     monkeypatch.setattr("dense_vs.live.followers.certain", lambda tracker: not tracker.lost[0])
     one = PatchFollower(tracker, None)
