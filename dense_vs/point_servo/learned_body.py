@@ -40,6 +40,7 @@ JUDGED, MOVING = 12, 0.5  # pairs of images by which a model is judged, and px o
 STILL_EXPLAINED = 0.7  # of the share that it explained first, below which a model has no say any more
 LEAST_EXPLAINED = 0.25  # of the motion, by a model that is believed; right ones explain 0.4 of what noisy images show
 LEAST_ALIKE = 0.7  # mean correlation of its patches with its images, by which it is believed
+NEAR = 0.45  # rad, m, of a joint from the middle of the motion, where images have to look as it says
 WELL_EXPLAINED, SHOWN = 0.6, 24  # share of the motion by which it is believed whatever it looks like; patches that tell
 ALIKE = 0.84  # correlation below which it is fitted anew, and else doubted; right ones have more
 TRIES, DOUBT = 3, 2.0  # fits then, the later ones with twice the starts; times that places are not known
@@ -350,13 +351,17 @@ def explained_share(model: BodyModel, flow: FlowEstimator, history: Sequence[tup
 def likeness(model: BodyModel, history: Sequence[tuple[np.ndarray, np.ndarray]]) -> float:
     """Mean correlation of a model's patches with images; 1 where too few are seen to tell.
 
-    Tracks of a chain that is known badly may agree with it, and of noisy images right ones explain no more.
+    Tracks of a chain that is known badly may agree with it, and of noisy images right ones explain no more. Far from
+    the middle of the motion patches are turned, so that they look otherwise however right the model is.
 
     Args:
         model: to be judged.
         history: as of :func:`explained_share`.
     """
-    found = [correlations(model, q, smooth(gray)) for gray, q in thinned(history, JUDGED)]
+    postures = np.array([q for _, q in history])
+    far = np.abs(postures - np.median(postures, axis=0)).max(axis=1)
+    near = [history[k] for k in np.flatnonzero(far <= max(NEAR, float(np.median(far))))]
+    found = [correlations(model, q, smooth(gray)) for gray, q in thinned(near, JUDGED)]
     alike = np.concatenate(found) if found else np.zeros(0)
     return float(alike.mean()) if len(alike) >= SHOWN else 1.0
 

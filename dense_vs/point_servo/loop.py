@@ -26,7 +26,7 @@ from dense_vs.point_servo.following import PointFlow, follow, found_again, new_t
 from dense_vs.point_servo.joint_stream import JointStream
 from dense_vs.point_servo.law import VisualServo
 from dense_vs.point_servo.learned_body import LearnedBody, check_body
-from dense_vs.point_servo.loop_parts import check_parts, loop_estimator, read_camera, read_depth
+from dense_vs.point_servo.loop_parts import check_parts, loop_babbling, loop_estimator, read_camera, read_depth
 from dense_vs.point_servo.point_memory import PointMemory
 from dense_vs.point_servo.reach import Arrival, Reach
 from dense_vs.point_servo.reaching import Reaching
@@ -52,7 +52,7 @@ class ServoLoop:
         estimator: for the camera's images once scaled and the N joints; made to fit unless given.
         servo: the control law; made with the joints' limits unless given.
         flow: of the estimator's size; the default method unless given.
-        babbling: the motion before J is known; the default unless given.
+        babbling: the motion before J is known; the default unless given, wider at times where a body is learned.
         scale: factor on the image size.
         threads, device, depth: of an estimator made here; with depth the camera is a :class:`DepthCamera`.
         seed: of babbling and of the servo's dither.
@@ -114,18 +114,17 @@ class ServoLoop:
         self.servo = servo or VisualServo(count, joint_limits=self.group.limits, seed=seed)
         self.renew_patch = None if renew_patch is None else check_number("renew_patch", renew_patch, above=0, below=1)
         self._pace = CommandPace(command_period, time)
-        pace = {} if command_period is None else {"frame_time": command_period}
-        self.babbling = babbling or Babbling(count, seed=seed, **pace)
+        self.pipeline = FramePipeline(estimator, flow, scale=scale, body=body, watched=True, sway=sway)
+        self.learned_body = LearnedBody(self.pipeline, self.group, body_model)
+        self._learns_body = bool(body_model)
+        self.babbling = babbling or loop_babbling(count, seed, command_period, self.learned_body.wanted)
         steps = self.babbling.largest_step, self.servo.options.max_step + 4 * self.servo.options.dither
         self.gate = CommandGate(robot, self.group, max_step=max(steps) if max_step is None else max_step)
         watch = JointWatch(self.group.names, self.gate.max_step, max_speed)
-        self.pipeline = FramePipeline(estimator, flow, scale=scale, body=body, watched=True, sway=sway)
         self._point_flow = PointFlow(estimator.options.height, estimator.options.width)
         self.tracker: PointTracker | BodyTracker | None = None
         self.memory: PointMemory | None = None
         self.aim = Aim(estimator)
-        self.learned_body = LearnedBody(self.pipeline, self.group, body_model)
-        self._learns_body = bool(body_model)
         self.on_frame = on_frame
         delay = None if joint_delay is None else check_number("joint_delay", joint_delay)
         self.joints = JointStream(robot, self.group, watch, delay)

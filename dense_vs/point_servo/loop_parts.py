@@ -12,7 +12,7 @@ from dense_vs.flow.estimator import FlowEstimator
 from dense_vs.jacobian.estimator import DenseJacobian
 from dense_vs.pipeline.scaled_size import scaled_size
 from dense_vs.point_servo.law import VisualServo
-from dense_vs.robot.babbling import Babbling
+from dense_vs.robot.babbling import WIDE_AMPLITUDE, Babbling
 from dense_vs.robot.joint_group import JointGroup
 from dense_vs.robot.protocols import Camera, DepthCamera
 from dense_vs.robot.stamped import read_image
@@ -51,6 +51,19 @@ def loop_estimator(
     if estimator.options.depth and not isinstance(camera, DepthCamera):
         raise DenseVSError(f"camera is a {type(camera).__name__} without depth(); expected a DepthCamera, or no depth")
     return estimator
+
+
+def loop_babbling(joints: int, seed: int, command_period: float | None, learns_body: bool) -> Babbling:
+    """The motion before J is known, where a user gives none.
+
+    Args:
+        joints: number of them.
+        seed: of the motion.
+        command_period: between commands [s]; None for one in every frame.
+        learns_body: whether a body is learned from it, whose axes wider motion tells better.
+    """
+    pace = {} if command_period is None else {"frame_time": command_period}
+    return Babbling(joints, seed=seed, wide_amplitude=WIDE_AMPLITUDE if learns_body else None, **pace)
 
 
 def check_parts(

@@ -5,6 +5,9 @@ rank N. Sinusoids of one frequency span two dimensions whatever their phases. Ea
 its own Ornstein-Uhlenbeck process, smoothed once, which spans all of them within a few seconds. In ten seconds chance
 would still leave some combination of joints with a tenth of the motion of another, so directions that have moved less
 so far are kicked harder.
+
+Wider motion tells more of the body's axes and depths; near where it ends, J is known best. So a loop that learns the
+body swings wider in the middle of every ten seconds (beyond DIJE; measured in docs/body_model_history.md).
 """
 
 from dataclasses import dataclass, fields
@@ -18,6 +21,8 @@ from dense_vs.checks import check_number, check_seed, check_whole
 SPEEDS_UP = 1.05  # by which the pace grows in a frame that allows it; by the flow it falls at once
 
 MOST_AMPLITUDE = 1e6  # rad, m; steps and postures stay finite
+WIDE_AMPLITUDE = 0.35  # rad, m, of a loop that learns the body
+PERIOD, WIDENING = 10.0, (3.3, 5.0, 7.2, 8.7)  # s: joints swing wider from the 1st to the 4th, most between the others
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -30,17 +35,22 @@ class BabblingOptions:
         max_flow: image motion that the babbling slows down to, 99th percentile [px per frame]. Optical flow
             gets unreliable above about 5.
         frame_time: time between frames [s].
+        wide_amplitude: what ``amplitude`` grows to, and shrinks from, in the middle of every ten seconds [rad]; it does
+            not unless given.
     """
 
     amplitude: float = 0.15
     time_constant: float = 0.4
     max_flow: float = 4.0
     frame_time: float = 1 / 30
+    wide_amplitude: float | None = None
 
     def __post_init__(self):
         for field in fields(self):
-            most = {"most": MOST_AMPLITUDE} if field.name == "amplitude" else {}
-            object.__setattr__(self, field.name, check_number(field.name, getattr(self, field.name), above=0, **most))
+            most = {"most": MOST_AMPLITUDE} if "amplitude" in field.name else {}
+            value = getattr(self, field.name)
+            if value is not None or field.name != "wide_amplitude":
+                object.__setattr__(self, field.name, check_number(field.name, value, above=0, **most))
 
 
 class Babbling:
@@ -53,6 +63,7 @@ class Babbling:
         time_constant: of the random process [s]; smaller is livelier.
         max_flow: image motion that the babbling slows down to, 99th percentile [px per frame].
         frame_time: time between frames [s].
+        wide_amplitude: of excursions in the middle of every ten seconds [rad]; as at other times unless given.
 
     Attributes:
         joints: N.
@@ -70,12 +81,15 @@ class Babbling:
         time_constant: float = 0.4,
         max_flow: float = 4.0,
         frame_time: float = 1 / 30,
+        wide_amplitude: float | None = None,
     ):
         self.joints = joints = check_whole("joints", joints, least=1, most=4096)
         self.options = BabblingOptions(
-            amplitude=amplitude, time_constant=time_constant, max_flow=max_flow, frame_time=frame_time
-        )
+            amplitude=amplitude, time_constant=time_constant, max_flow=max_flow, frame_time=frame_time,
+            wide_amplitude=wide_amplitude,
+        )  # fmt: skip
         self.rate = 0.5
+        self._seconds = 0.0
         self._random = np.random.default_rng(check_seed(seed))
         self._noise = np.zeros(joints)
         self._offset = np.zeros(joints)
@@ -86,6 +100,15 @@ class Babbling:
         """What no step of a joint exceeds [rad]: six standard deviations of the process at full speed."""
         options = self.options
         return 6 * options.amplitude * min(options.frame_time / options.time_constant, 0.5)
+
+    @property
+    def amplitude(self) -> float:
+        """Standard deviation of a joint's excursion at present [rad]."""
+        options = self.options
+        if options.wide_amplitude is None:
+            return options.amplitude
+        usual, wide = options.amplitude, options.wide_amplitude
+        return float(np.interp(self._seconds % PERIOD, WIDENING, (usual, wide, wide, usual)))
 
     @property
     def excitation(self) -> float:
@@ -103,7 +126,8 @@ class Babbling:
         """
         if flow is not None:
             self._adapt(number_array(flow, "flow", (-1, -1, 2), finite=False))
-        amplitude = self.options.amplitude
+        amplitude = self.amplitude
+        self._seconds += self.options.frame_time
         dt = min(self.rate * self.options.frame_time / self.options.time_constant, 0.5)
         kick = self._balanced(self._random.normal(size=self._noise.shape))
         self._noise += -dt * self._noise + np.sqrt(2 * dt) * kick

@@ -15,13 +15,12 @@ from dense_vs.jacobian.error import JacobianError, jacobian_error
 from dense_vs.point_servo.loop import ServoLoop
 from dense_vs.point_servo.reach import Reach
 from dense_vs.point_servo.tracker import sample
-from dense_vs.robot.babbling import Babbling
 from dense_vs.robot.protocols import Camera
 from dense_vs.sims.engine.adapters import SimCamera, SimRobot
 from dense_vs.sims.engine.faults import FaultInjector
 from dense_vs.sims.engine.surface_points import SurfacePoint
 from dense_vs.sims.engine.targets import reachable_targets
-from dense_vs.sims.engine.world import FRAME_SECONDS, SimWorld
+from dense_vs.sims.engine.world import SimWorld
 
 STILL = 1e-3  # rad, m, of a joint in a frame: less is noise of its reading
 RESTED, MOST_RESTING = 3, 45  # frames that it stands still, and that it is waited for
@@ -106,9 +105,6 @@ class ReachingExperiment:
         self._on_frame = on_frame
         self._traced = traced
         self._injector = injector
-        joints = len(world.joint_names)
-        pace = loop.get("command_period") or FRAME_SECONDS
-        loop.setdefault("babbling", Babbling(joints, seed=seed, frame_time=pace))
         camera = camera or (SimCamera(world) if injector is None else injector)
         robot = SimRobot(world, command_seconds=command_seconds) if injector is None else injector
         self.loop = ServoLoop(camera, robot, seed=seed, scale=scale, on_frame=self._after_frame, **loop)
