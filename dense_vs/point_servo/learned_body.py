@@ -358,11 +358,12 @@ def likeness(model: BodyModel, history: Sequence[tuple[np.ndarray, np.ndarray]])
         model: to be judged.
         history: as of :func:`explained_share`.
     """
+    if not history:
+        return 1.0
     postures = np.array([q for _, q in history])
     far = np.abs(postures - np.median(postures, axis=0)).max(axis=1)
     near = [history[k] for k in np.flatnonzero(far <= max(NEAR, float(np.median(far))))]
-    found = [correlations(model, q, smooth(gray)) for gray, q in thinned(near, JUDGED)]
-    alike = np.concatenate(found) if found else np.zeros(0)
+    alike = np.concatenate([correlations(model, q, smooth(gray)) for gray, q in thinned(near, JUDGED)])
     return float(alike.mean()) if len(alike) >= SHOWN else 1.0
 
 

@@ -122,8 +122,9 @@ def servo_targets() -> list[Target]:
         return [one.step(flow) for _ in range(3)]
 
     return [
-        Target("Babbling", babble, lambda: {"joints": N, "seed": 0, "amplitude": 0.15, "time_constant": 0.4,
-                                            "max_flow": 4.0, "frame_time": 1 / 30, "flow": flow()}),
+        Target("Babbling", babble, lambda: {"joints": N, "seed": 0, "amplitude": 0.15, "wide_amplitude": 0.3,
+                                            "time_constant": 0.4, "max_flow": 4.0, "frame_time": 1 / 30,
+                                            "flow": flow()}),
         Target("VisualServo", lambda **o: VisualServo(**o).joint_limits,
                lambda: {"joints": N, "joint_limits": limits, "seed": 0, "gain": 0.2, "damping": 15.0,
                         "max_step": 0.03, "dither": 0.002}, may_be_nan=True),

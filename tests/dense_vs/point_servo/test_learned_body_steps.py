@@ -339,11 +339,27 @@ def test_likeness_is_the_mean_of_all_patches_where_there_are_enough(monkeypatch,
         return np.array(each)
 
     monkeypatch.setattr(learned_body, "correlations", correlations)
-    history = [(np.full((9, 9), k, np.uint8), k) for k in range(34)]
+    history = [(np.full((9, 9), k, np.uint8), np.array([0.01 * k, 1.0])) for k in range(34)]
     assert likeness("model", history) == pytest.approx(alike)
-    assert [q for _, q, _ in asked] == [3 * k for k in range(12)]
-    assert all(model == "model" and shown == pytest.approx(q) for model, q, shown in asked)
+    np.testing.assert_allclose([q for _, q, _ in asked], [[0.03 * k, 1.0] for k in range(12)])
+    assert all(model == "model" and shown == pytest.approx(100 * q[0]) for model, q, shown in asked)
     assert likeness("model", []) == 1
+
+
+@pytest.mark.parametrize(
+    ("turns", "judged"),
+    [
+        ([0.0, 0.1, 0.2, 0.54, 0.56, -0.34, -0.36], [0.0, 0.1, 0.2, 0.54, -0.34]),  # 0.45 rad about the median, 0.1
+        ([0.0, 2.0, 4.0, 6.0, 8.0], [2.0, 4.0, 6.0]),  # a half at least
+    ],
+)
+@pytest.mark.parametrize("joint", [0, 1])
+def test_a_model_is_judged_by_images_from_the_middle_of_the_motion(monkeypatch, turns, judged, joint):
+    asked = []
+    monkeypatch.setattr(learned_body, "correlations", lambda model, q, image: asked.append(q) or np.ones(9))
+    history = [(np.zeros((9, 9), np.uint8), turn * np.eye(2)[joint]) for turn in turns]
+    likeness("model", history)
+    np.testing.assert_array_equal([q[joint] for q in asked], judged)
 
 
 @pytest.mark.parametrize(("count", "most", "kept"), [(5, 9, [0, 1, 2, 3, 4]), (9, 3, [0, 4, 8])])

@@ -154,3 +154,12 @@ def test_a_command_may_be_as_large_as_babbling_and_servo_together_need(scene, sw
     np.testing.assert_allclose(loop.gate.max_step, max(babbling.largest_step, 0.024))
     _, told = make(scene, babbling=babbling, servo=servo, max_step=0.005)
     np.testing.assert_allclose(told.gate.max_step, 0.005)
+
+
+def test_a_loop_that_learns_the_body_babbles_wider_at_times(scene):
+    assert make(scene, body_model=True)[1].babbling.options.wide_amplitude == 0.35
+    assert make(scene, body_model=False)[1].babbling.options.wide_amplitude is None
+    _, slow = make(scene, body_model=True, command_period=0.1)
+    assert (slow.babbling.options.wide_amplitude, slow.babbling.options.frame_time) == (0.35, 0.1)
+    given = Babbling(4)
+    assert make(scene, body_model=True, babbling=given)[1].babbling is given

@@ -61,6 +61,8 @@ def test_slows_down_where_the_image_moves_too_fast_and_recovers():
         ({"joints": "four"}, "joints is 'four'; expected a whole number"),
         ({"amplitude": 0}, "amplitude is 0; expected a finite number above 0"),
         ({"amplitude": "wide"}, "amplitude is 'wide'; expected a finite number above 0"),
+        ({"wide_amplitude": -0.1}, "wide_amplitude is -0.1; expected a finite number above 0"),
+        ({"wide_amplitude": 1e7}, "wide_amplitude is 10000000.0; expected"),
         ({"time_constant": -1}, "time_constant is -1; expected"),
         ({"max_flow": float("nan")}, "max_flow is nan; expected"),
         ({"frame_time": float("inf")}, "frame_time is inf; expected"),

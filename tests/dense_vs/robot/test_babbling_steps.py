@@ -41,6 +41,33 @@ def test_steps_are_those_of_the_process(options):
     assert babbling.excitation == pytest.approx(np.linalg.eigvalsh(steps.T @ steps)[0])
 
 
+def test_excursions_are_wider_in_the_middle_of_every_ten_seconds():
+    babbling = Babbling(2, amplitude=0.1, wide_amplitude=0.3, frame_time=0.05)
+    amplitudes = []
+    for _ in range(420):
+        amplitudes.append(babbling.amplitude)
+        babbling.step()
+    seconds = np.array([0.0, 3.25, 4.15, 5.0, 7.2, 7.95, 8.7, 9.95, 10.0, 15.0])
+    found = np.array(amplitudes)[np.rint(seconds / 0.05).astype(int)]
+    np.testing.assert_allclose(found, [0.1, 0.1, 0.2, 0.3, 0.3, 0.2, 0.1, 0.1, 0.1, 0.3], atol=1e-6)
+
+
+def test_wider_excursions_go_farther_by_steps_that_are_no_longer():
+    paths = {}
+    for wide in (None, 0.15, 0.45):
+        babbling = Babbling(40, seed=3, wide_amplitude=wide)
+        steps = np.array([babbling.step() for _ in range(300)])
+        assert np.abs(steps).max() <= babbling.largest_step == Babbling(1).largest_step
+        paths[wide] = np.cumsum(steps, axis=0)
+    np.testing.assert_array_equal(paths[None], paths[0.15])
+    np.testing.assert_array_equal(paths[None][:99], paths[0.45][:99])
+    assert np.abs(paths[0.45]).max() < 3 * 0.45
+    spread = {wide: path[165:216].std() for wide, path in paths.items() if wide}
+    assert 2.0 < spread[0.45] / spread[0.15] < 3.5
+    ends = {wide: path[-1].std() for wide, path in paths.items() if wide}
+    assert ends[0.45] < 1.5 * ends[0.15]
+
+
 def test_the_largest_step_is_six_deviations_at_full_speed():
     assert Babbling(1).largest_step == pytest.approx(6 * 0.15 * (1 / 30) / 0.4)
     assert Babbling(1, time_constant=0.01).largest_step == pytest.approx(6 * 0.15 * 0.5)

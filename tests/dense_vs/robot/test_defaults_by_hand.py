@@ -34,6 +34,7 @@ def test_the_defaults_of_babbling_and_of_recordings():
     babbling = defaults(BabblingOptions)
     assert (babbling["amplitude"], babbling["time_constant"], babbling["max_flow"]) == (0.15, 0.4, 4.0)
     assert babbling["frame_time"] == pytest.approx(1 / 30)
+    assert babbling["wide_amplitude"] is None
     assert defaults(RecordedEstimate)["smoothing"] == 0.065
 
 
