@@ -362,7 +362,8 @@ def likeness(model: BodyModel, history: Sequence[tuple[np.ndarray, np.ndarray]])
         return 1.0
     postures = np.array([q for _, q in history])
     far = np.abs(postures - np.median(postures, axis=0)).max(axis=1)
-    near = [history[k] for k in np.flatnonzero(far <= max(NEAR, float(np.median(far))))]
+    farthest = max(NEAR, float(np.median(far)))
+    near = [image for image, off in zip(history, far, strict=True) if off <= farthest]
     alike = np.concatenate([correlations(model, q, smooth(gray)) for gray, q in thinned(near, JUDGED)])
     return float(alike.mean()) if len(alike) >= SHOWN else 1.0
 
