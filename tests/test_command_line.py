@@ -40,7 +40,7 @@ OPTIONS = {
     "learn-model": "recording --out --json --state --controller --kinematics --method --noise --distortion --held-out "
     "--seed",
     "live": f"--driver --lerobot --camera-index --replay --robot {IMAGES} --joints --camera --seed --host --port "
-    f"--token --max-speed --dead-man --scale --no-labels --no-body --out --checkpoint --format {DEVICE}",
+    f"--token --max-speed --amplitude --dead-man --scale --no-labels --no-body --out --checkpoint --format {DEVICE}",
     "reach": "--out --targets --babble --point --max-frames --gain --flow --tracker --window --min-correlation "
     f"--lost-after --scale --range --depth --no-video --checkpoint {WORLD}",
     "record": f"--out --format --seconds --log-rate --jitter --time-offset --truth-every {WORLD}",

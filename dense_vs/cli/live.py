@@ -69,6 +69,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="R",
         help="of a turning joint [rad/s]; a sliding joint may go at a quarter of the number [m/s] (default: 1)",
     )
+    safe.add_argument(
+        "--amplitude",
+        type=float,
+        metavar="R",
+        help="how far joints babble from where they began, one standard deviation and three at most [rad, m] (default: "
+        "0.15, at times 0.35 where a body is learned)",
+    )
     safe.add_argument("--dead-man", action="store_true", help="move only while a key or button is held")
     safe.add_argument("--scale", type=float, metavar="X", help="factor on the image size (default: by its width)")
     safe.add_argument("--no-labels", action="store_true", help="do not tell the robot's own pixels")
@@ -104,6 +111,7 @@ def run(arguments: argparse.Namespace) -> None:
         joints=tuple(arguments.joints.split(",")) if arguments.joints else None,
         scale=arguments.scale,
         max_speed=arguments.max_speed,
+        amplitude=arguments.amplitude,
         body=not arguments.no_body,
         labels=not arguments.no_labels,
         dead_man=arguments.dead_man,

@@ -6,6 +6,7 @@ from pathlib import Path
 from dense_vs.checks import check_number
 from dense_vs.live.gate import DEFAULT_SPEED
 from dense_vs.recording.writers import FORMATS
+from dense_vs.robot.babbling import MOST_AMPLITUDE
 
 FILTER_WIDTH = 480  # px; wider images are halved for the filter until they are not
 
@@ -18,6 +19,8 @@ class LiveOptions:
         joints: names of the joints to use; all unless given.
         scale: factor from the camera's image to the filter's, (0, 1]; chosen by the image's width unless given.
         max_speed: of a turning joint [rad/s]; a sliding one has a quarter of the number [m/s].
+        amplitude: standard deviation of a joint's excursion while babbling [rad, m]; it stays within three of them. As
+            of :class:`dense_vs.ServoLoop` unless given.
         body: whether a model of the robot's body is learned after babbling, where all joints turn; points are then
             followed by it.
         labels: whether the robot's own pixels are told from others; costs some milliseconds a frame.
@@ -35,6 +38,7 @@ class LiveOptions:
     joints: tuple[str, ...] | None = None
     scale: float | None = None
     max_speed: float = DEFAULT_SPEED
+    amplitude: float | None = None
     body: bool = True
     labels: bool = True
     dead_man: bool = False
@@ -50,6 +54,8 @@ class LiveOptions:
         if self.scale is not None:
             check_number("scale", self.scale, above=0, most=1)
         check_number("max_speed", self.max_speed, above=0)
+        if self.amplitude is not None:
+            check_number("amplitude", self.amplitude, above=0, most=MOST_AMPLITUDE)
         check_number("stall_seconds", self.stall_seconds, above=0)
 
 

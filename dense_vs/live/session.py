@@ -37,6 +37,8 @@ from dense_vs.pipeline.frame_pipeline import ProcessedFrame
 from dense_vs.point_servo.law import VisualServo
 from dense_vs.point_servo.loop import ServoLoop
 from dense_vs.point_servo.tracker import PointTracker
+from dense_vs.robot.babbling import Babbling
+from dense_vs.robot.joint_group import JointGroup
 
 KEPT_FRAMES = 24  # that a click on an older image is carried through
 SLOW_EVERY = 6  # frames between the slower figures
@@ -189,11 +191,16 @@ class LiveSession:
         delay = None if self.loop is None else self.loop.joint_delay
         width, options = self.camera.again().shape[1], self.options
         self.scale = chosen_scale(options, width)
+        babbling = None
+        if options.amplitude is not None:
+            joints = JointGroup.of_robot(self.robot, options.joints).names
+            babbling = Babbling(len(joints), seed=options.seed, amplitude=options.amplitude)
         loop = ServoLoop(
             self.camera,
             self.robot,
             joints=options.joints,
             estimator=estimator,
+            babbling=babbling,
             scale=self.scale,
             device=options.device,
             threads=options.threads,

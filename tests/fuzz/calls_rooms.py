@@ -96,7 +96,7 @@ def live_targets() -> list[Target]:
 
     return [
         Target("LiveOptions", lambda **o: chosen_scale(LiveOptions(**o), 640),
-               lambda: {"scale": 0.5, "max_speed": 1.0, "stall_seconds": 0.5}, weight=2.0),
+               lambda: {"scale": 0.5, "max_speed": 1.0, "amplitude": 0.1, "stall_seconds": 0.5}, weight=2.0),
         Target("number", of(number), lambda: {"value": 1.5}),
         Target("whole", of(whole), lambda: {"value": 3}),
         Target("flag", of(flag), lambda: {"value": True}),

@@ -85,6 +85,7 @@ def test_a_number_is_the_pages_port_and_a_path_the_robots():
         (["--token", "short"], "token"),
         (["--format", "gif"], "--format"),
         (["--max-speed", "0"], "max_speed"),
+        (["--amplitude", "-0.1"], "amplitude"),
     ],
 )
 def test_wrong_arguments_end_with_a_line(capsys, words, said):

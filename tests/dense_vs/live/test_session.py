@@ -16,6 +16,7 @@ from dense_vs.live.options import LiveOptions, chosen_scale
 from dense_vs.live.recording_thread import RecordingThread
 from dense_vs.live.session import LiveSession
 from dense_vs.live.source import LiveSource
+from dense_vs.robot.babbling import Babbling
 
 CENTER = (WIDTH / 2, HEIGHT / 2)
 
@@ -145,6 +146,19 @@ def test_the_loop_knows_how_slow_a_sliding_joint_is(robot, tmp_path):
         assert wait_for(lambda: session.mode is Mode.STILL and session.number > 2, 60), session.board.lines()
         frame = session.robot.frame_seconds
         np.testing.assert_allclose(session.running_loop().gate.max_step, [0.02 * frame, 0.08 * frame], rtol=1e-6)
+    finally:
+        session.end()
+
+
+@pytest.mark.parametrize("given", [None, 0.05])
+def test_joints_babble_as_far_as_asked(robot, tmp_path, given):
+    session = session_of(robot, folder=tmp_path, joints=("left",), amplitude=given, seed=3)
+    session.start()
+    try:
+        assert wait_for(lambda: session.mode is Mode.STILL and session.number > 2, 60), session.board.lines()
+        babbling = session.running_loop().babbling
+        assert (babbling.joints, babbling.options.amplitude) == (1, given or 0.15)
+        assert babbling.step() == Babbling(1, seed=3, amplitude=given or 0.15).step()
     finally:
         session.end()
 
