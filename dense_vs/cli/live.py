@@ -74,7 +74,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         type=float,
         metavar="R",
         help="how far joints babble from where they began, one standard deviation and three at most [rad, m] (default: "
-        "0.15, at times 0.35 where a body is learned)",
+        "0.15, for some seconds 0.35 where a body is learned)",
     )
     safe.add_argument("--dead-man", action="store_true", help="move only while a key or button is held")
     safe.add_argument("--scale", type=float, metavar="X", help="factor on the image size (default: by its width)")

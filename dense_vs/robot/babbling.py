@@ -6,8 +6,8 @@ its own Ornstein-Uhlenbeck process, smoothed once, which spans all of them withi
 would still leave some combination of joints with a tenth of the motion of another, so directions that have moved less
 so far are kicked harder.
 
-Wider motion tells more of the body's axes and depths; near where it ends, J is known best. So a loop that learns the
-body swings wider in the middle of every ten seconds (beyond DIJE; measured in docs/body_model_history.md).
+Wider motion tells more of the body's axes and depths; where it ends, J is known best. So a loop that learns the body
+swings wider for some seconds and then as before (beyond DIJE; measured in docs/body_model_history.md).
 """
 
 from dataclasses import dataclass, fields
@@ -22,7 +22,7 @@ SPEEDS_UP = 1.05  # by which the pace grows in a frame that allows it; by the fl
 
 MOST_AMPLITUDE = 1e6  # rad, m; steps and postures stay finite
 WIDE_AMPLITUDE = 0.35  # rad, m, of a loop that learns the body
-PERIOD, WIDENING = 10.0, (3.3, 5.0, 7.2, 8.7)  # s: joints swing wider from the 1st to the 4th, most between the others
+WIDENING = 3.3, 5.0, 7.2, 8.7  # s: joints swing wider from the first to the last, most between the others
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -35,8 +35,8 @@ class BabblingOptions:
         max_flow: image motion that the babbling slows down to, 99th percentile [px per frame]. Optical flow
             gets unreliable above about 5.
         frame_time: time between frames [s].
-        wide_amplitude: what ``amplitude`` grows to, and shrinks from, in the middle of every ten seconds [rad]; it does
-            not unless given.
+        wide_amplitude: what ``amplitude`` grows to and shrinks from in the middle of the first ten seconds [rad]; it
+            does not unless given.
     """
 
     amplitude: float = 0.15
@@ -63,7 +63,7 @@ class Babbling:
         time_constant: of the random process [s]; smaller is livelier.
         max_flow: image motion that the babbling slows down to, 99th percentile [px per frame].
         frame_time: time between frames [s].
-        wide_amplitude: of excursions in the middle of every ten seconds [rad]; as at other times unless given.
+        wide_amplitude: of excursions in the middle of the first ten seconds [rad]; as at other times unless given.
 
     Attributes:
         joints: N.
@@ -108,7 +108,7 @@ class Babbling:
         if options.wide_amplitude is None:
             return options.amplitude
         usual, wide = options.amplitude, options.wide_amplitude
-        return float(np.interp(self._seconds % PERIOD, WIDENING, (usual, wide, wide, usual)))
+        return float(np.interp(self._seconds, WIDENING, (usual, wide, wide, usual)))
 
     @property
     def excitation(self) -> float:
