@@ -52,7 +52,7 @@ class ServoLoop:
         estimator: for the camera's images once scaled and the N joints; made to fit unless given.
         servo: the control law; made with the joints' limits unless given.
         flow: of the estimator's size; the default method unless given.
-        babbling: the motion before J is known; the default unless given, wider for some seconds where a body is learned.
+        babbling: the motion before J is known; by default wider for some seconds where a body is learned.
         scale: factor on the image size.
         threads, device, depth: of an estimator made here; with depth the camera is a :class:`DepthCamera`.
         seed: of babbling and of the servo's dither.
