@@ -38,7 +38,6 @@ from dense_vs.point_servo.law import VisualServo
 from dense_vs.point_servo.loop import ServoLoop
 from dense_vs.point_servo.tracker import PointTracker
 from dense_vs.robot.babbling import Babbling
-from dense_vs.robot.joint_group import JointGroup
 
 KEPT_FRAMES = 24  # that a click on an older image is carried through
 SLOW_EVERY = 6  # frames between the slower figures
@@ -193,7 +192,7 @@ class LiveSession:
         self.scale = chosen_scale(options, width)
         babbling = None
         if options.amplitude is not None:
-            joints = JointGroup.of_robot(self.robot, options.joints).names
+            joints = options.joints or self.robot.joint_names
             babbling = Babbling(len(joints), seed=options.seed, amplitude=options.amplitude)
         loop = ServoLoop(
             self.camera,
