@@ -99,6 +99,8 @@ class BatchServo:
         self._babbling_options = babbling or BabblingOptions(frame_time=FRAME_SECONDS)
         self._tracker_options = tracker or TrackerOptions()
         self._episode_options = episode or EpisodeOptions()
+        if (wide := self._babbling_options.wide_amplitude) is not None:
+            raise DenseVSError(f"babbling has wide_amplitude {wide!r}; expected None, as a batch learns no bodies")
         worlds, height, width = world.shape
         joints = len(world.joint_names)
         # "nearest" samples the state twice where the model does not fit, and moving the state is what a GPU spends.

@@ -10,6 +10,7 @@ from dense_vs import DenseVSError
 from dense_vs.jacobian.filter import JacobianFilter
 from dense_vs.kernels.simulation.servo_episode import EpisodeState
 from dense_vs.point_servo import ReachEnd
+from dense_vs.robot import BabblingOptions
 from dense_vs.sims import BatchServo, DomainRandomization, SimWorld
 from dense_vs.sims.batch.episode import EpisodeOptions
 
@@ -200,6 +201,12 @@ def test_refuses_a_world_with_realism():
     world = SimWorld("planar", device="cpu", physics_on_device=True, realism="sensor", **SIZE)
     with pytest.raises(DenseVSError, match="expected one without"):
         BatchServo(world)
+
+
+def test_refuses_babbling_that_is_wider_at_times():
+    world = SimWorld("planar", device="cpu", physics_on_device=True, **SIZE)
+    with pytest.raises(DenseVSError, match=r"wide_amplitude 0\.3; expected None"):
+        BatchServo(world, babbling=BabblingOptions(wide_amplitude=0.3))
 
 
 @pytest.mark.parametrize(
