@@ -1,9 +1,9 @@
 """The program ``dense-vs``, also ``python -m dense_vs``: the command line in a process of its own.
 
 An interrupt while modules are still imported, or while the interpreter ends, ends the process as it does any other
-program, without a traceback; in between ``dense_vs.cli.main`` answers it. (Compiled modules ignore what is raised while
-they are imported.) A request to terminate is answered as an
-interrupt is, so that no unfinished file and no worker stays; only the exit code tells them apart.
+program, without a traceback: compiled modules ignore what is raised while they are imported. In between
+``dense_vs.cli.main`` answers it. A request to terminate is answered as an interrupt is, so that no unfinished file and
+no worker stays; only the exit code tells them apart.
 """
 
 import _thread

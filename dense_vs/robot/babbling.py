@@ -35,8 +35,8 @@ class BabblingOptions:
         max_flow: image motion that the babbling slows down to, 99th percentile [px per frame]. Optical flow
             gets unreliable above about 5.
         frame_time: time between frames [s].
-        wide_amplitude: what ``amplitude`` grows to and shrinks from in the middle of the first ten seconds [rad]; it
-            does not unless given.
+        wide_amplitude: what ``amplitude`` grows to and shrinks from in the middle of the first ten seconds, by the
+            number of steps and ``frame_time`` [rad]; it does not unless given.
     """
 
     amplitude: float = 0.15
