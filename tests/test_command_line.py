@@ -41,8 +41,8 @@ OPTIONS = {
     "--seed",
     "live": f"--driver --lerobot --camera-index --replay --robot {IMAGES} --joints --camera --seed --host --port "
     f"--token --max-speed --amplitude --dead-man --scale --no-labels --no-body --out --checkpoint --format {DEVICE}",
-    "reach": "--out --targets --babble --point --max-frames --gain --flow --tracker --window --min-correlation "
-    f"--lost-after --scale --range --depth --no-video --checkpoint {WORLD}",
+    "reach": "--out --targets --babble --point --max-frames --tolerance --gain --flow --tracker --window "
+    f"--min-correlation --lost-after --scale --range --depth --no-video --checkpoint {WORLD}",
     "record": f"--out --format --seconds --log-rate --jitter --time-offset --truth-every {WORLD}",
     "reproduce": "",
     "reproduce dije": "",

@@ -117,7 +117,7 @@ class BodyWorker:
 
     def _tell(self, number: int, only: int | None = None) -> None:
         seen = {
-            point: SeenPoint(tracker.points[0], tracker.certain, bool(tracker.lost[0]), tracker.usual_uncertainty)
+            point: SeenPoint(tracker.points[0], tracker.certain(), bool(tracker.lost[0]), tracker.usual_uncertainty)
             for point, tracker in self._points.items()
             if only is None or point == only
         }

@@ -36,10 +36,10 @@ class Aim:
         """Depth of the point [m]; NaN where it is not known."""
         return float("nan") if self._followed is None else self._followed.depth
 
-    def certain(self, tracker: PointTracker | BodyTracker) -> bool:
-        """Whether it is known where the point is, in depth too where the target has one."""
+    def certain(self, tracker: PointTracker | BodyTracker, tolerance: float) -> bool:
+        """Whether it is known where the point is, to a tolerance [px], in depth too where the target has one."""
         lost = self._pixels_per_meter is not None and self._followed is not None and self._followed.lost
-        return certain(tracker) and not lost
+        return certain(tracker, tolerance) and not lost
 
     def follow(self, point: np.ndarray) -> None:
         """Begin with a point ``(2,)`` [px]."""

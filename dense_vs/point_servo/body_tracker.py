@@ -38,7 +38,7 @@ ROUNDS = 3  # of looking back for the point itself, each with the depth that the
 AGAIN = 4  # keyframes in which it is sought again whenever there is a new one, as the chain is known better by then
 BELIEVED = 0.72  # correlation from which a place of the point's own look tells its depth
 LEAST_OPEN = 0.05  # of the logarithm of the depth, left open in a search: places that repeat a guess tell nothing
-MOST_UNCERTAIN = 0.7  # px, standard deviation of the place up to which it is certain, in the middle of LATELY images
+MOST_UNCERTAIN = 0.7  # of the tolerance: standard deviation by which a place is certain, the middle of LATELY images
 LATELY = 9  # images: what is seen of a look comes and goes, and a place is no better known for one lucky image
 DOUBT = 1.5  # times the depth's standard deviation: places of features around share their errors
 OWN_SHARE = 0.7  # of :meth:`PointLook.drift`, of a look that is seen; where no such feature is in sight, for SURE
@@ -137,10 +137,10 @@ class BodyTracker:
         """Bool ``(1,)``: whether its link has not been seen for ``lost_after`` images. It is still sought."""
         return np.array([self.unseen >= self._lost_after])
 
-    @property
-    def certain(self) -> bool:
-        """Whether it is known to 2 px where the point is, nearly 3 standard deviations, and seen no worse now."""
-        return self.unseen == 0 and max(self.usual_uncertainty, 0.5 * self.uncertainty) <= MOST_UNCERTAIN
+    def certain(self, tolerance: float = 1.0) -> bool:
+        """Whether it is known to twice a tolerance of at least 1 px where the point is, and seen no worse now."""
+        most = MOST_UNCERTAIN * max(tolerance, 1.0)
+        return self.unseen == 0 and max(self.usual_uncertainty, 0.5 * self.uncertainty) <= most
 
     @property
     def usual_uncertainty(self) -> float:

@@ -140,9 +140,9 @@ def point_jacobian(tracker: PointTracker | BodyTracker, pipeline: FramePipeline,
     return tracker.features.jacobian(POINT, positions)
 
 
-def certain(tracker: PointTracker | BodyTracker) -> bool:
-    """Whether it is known where the point is."""
-    return tracker.certain if isinstance(tracker, BodyTracker) else not given_up(tracker)
+def certain(tracker: PointTracker | BodyTracker, tolerance: float = 1.0) -> bool:
+    """Whether it is known where the point is, as well as a tolerance [px] asks for."""
+    return tracker.certain(tolerance) if isinstance(tracker, BodyTracker) else not given_up(tracker)
 
 
 def given_up(tracker: PointTracker | BodyTracker) -> bool:

@@ -315,7 +315,9 @@ class ServoLoop:
 
         Args:
             target: ``(2,)`` [px]; in a loop with depth also ``(3,)`` [px, px, m].
-            tolerance: distance that counts as there [px]; a meter of depth counts as one across the image there.
+            tolerance: distance that counts as there [px]; a meter of depth counts as one across the image there. Of a
+                point followed by its link the place has to be known as well, to about twice that or 2 px: a larger
+                one is reported as reached more often.
             settle_frames: frames it has to stay there; it may then come closer for 15 more.
             max_frames: frames after which it gives up.
 

@@ -31,10 +31,13 @@ class Arrival:
         tolerance: distance that counts as there [px].
         frames: that it has to be there, one after the other.
         leave: distance up to which it stays there once it has settled [px]; the tolerance unless given.
+
+    Attributes:
+        tolerance: as given.
     """
 
     def __init__(self, tolerance: float, frames: int, leave: float | None = None):
-        self._tolerance, self._frames = tolerance, frames
+        self.tolerance, self._frames = tolerance, frames
         self._leave = tolerance if leave is None else leave
         self._there, self._distance = 0, np.inf
 
@@ -45,7 +48,7 @@ class Arrival:
             distance: from the target [px].
             blind: whether something is wrong with the frame that stops the robot.
         """
-        within = distance <= (self._leave if self.settled else self._tolerance)
+        within = distance <= (self._leave if self.settled else self.tolerance)
         self._there, self._distance = self._there + 1 if within and not blind else 0, distance
 
     @property
@@ -56,7 +59,7 @@ class Arrival:
     @property
     def close(self) -> bool:
         """Whether hardly anything is left of the way by the last frame."""
-        return self._distance <= CLOSE * self._tolerance
+        return self._distance <= CLOSE * self.tolerance
 
 
 @dataclass(frozen=True)
@@ -71,7 +74,7 @@ class Reach:
         end: how it ended.
         faults: what was wrong with its frames, each kind as it was seen last.
         uncertainty_px: standard deviation of the point's place, the median of its last images, infinite where it is not
-            known at all; above 0.7 px the reach ends as lost. None where the point's tracker tells none.
+            known at all; above 0.7 of the tolerance, or of 1 px, the reach ends as lost. None where nothing tells it.
     """
 
     target: tuple[float, ...]

@@ -97,7 +97,7 @@ class Reaching:
         What is wrong with J there, or hides the arm, misleads the patch as well.
         """
         alone = isinstance(self._tracker, PointTracker) and self._loop.learned_body.sought_in_vain
-        return self._loop.aim.certain(self._tracker) and not alone
+        return self._loop.aim.certain(self._tracker, self._arrival.tolerance) and not alone
 
     def _is_far(self) -> bool:
         """Whether a move is to be planned, which is for places in the image: a chain has no meters."""

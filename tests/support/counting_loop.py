@@ -19,12 +19,17 @@ class Loop:
         self.target, self.point, self.steps, self.found = np.zeros(2), np.array([away, 0.0]), [], []
         self.speed, self.tracker, self.certain = speed, tracker or point_tracker(), True
         self.learned_body = SimpleNamespace(sought_in_vain=False)
-        self.aim = SimpleNamespace(distance=lambda point: float(np.hypot(*point)), certain=lambda tracker: self.certain)
+        self.aim = SimpleNamespace(distance=lambda point: float(np.hypot(*point)), certain=self._is_certain)
         self.joints = SimpleNamespace(newest=np.zeros(2), watch=SimpleNamespace(stuck=np.array([False, True])))
         self.group = SimpleNamespace(limits="limits", clip_step=lambda step, q: np.clip(step, -0.5, 0.5))
         self.group.step_toward = lambda *way: JointGroup.step_toward(self.group, *way)
         self.servo = SimpleNamespace(options=SimpleNamespace(max_step=0.03, gain=1.0))
         self.frame, self.faults, self.memory = SimpleNamespace(positions=np.zeros(2)), [], None
+
+    def _is_certain(self, tracker, tolerance):
+        """What ``certain`` says, of any tolerance where that is no number."""
+        assert tracker is self.tracker
+        return self.certain if isinstance(self.certain, bool) else tolerance >= self.certain
 
     def servo_step(self):
         return "servo"
@@ -48,12 +53,12 @@ class Arrival:
     """Settled after so many frames within a distance."""
 
     def __init__(self, within=2.0, frames=3, close_from=0):
-        self.within, self.frames, self.close_from, self.given = within, frames, close_from, []
+        self.tolerance, self.frames, self.close_from, self.given = within, frames, close_from, []
         self.seen, self.settled, self.close = 0, False, True
 
     def observe(self, distance, *, blind=False):
         self.given.append((distance, blind))
-        self.seen = self.seen + 1 if distance <= self.within and not blind else 0
+        self.seen = self.seen + 1 if distance <= self.tolerance and not blind else 0
         self.settled, self.close = self.seen >= self.frames, self.seen >= self.close_from
 
 

@@ -82,13 +82,13 @@ def test_targets_that_cannot_be_leave_the_last_one():
 @pytest.mark.parametrize("known", [True, False])
 @pytest.mark.parametrize("lost", [True, False])
 def test_where_a_point_is_has_to_be_known_in_depth_where_the_target_has_one(monkeypatch, known, lost):
-    monkeypatch.setattr(module, "certain", lambda tracker: known)
+    monkeypatch.setattr(module, "certain", lambda *asked: known and asked == ("tracker", 3.0))
     one = aim()
     one.at([1.0, 2.0, 1.0], POINT, None)
     one._followed.unseen = 15 if lost else 14
-    assert one.certain("tracker") == (known and not lost)
+    assert one.certain("tracker", 3.0) == (known and not lost)
     one.at([1.0, 2.0], POINT, None)
-    assert one.certain("tracker") == known
+    assert one.certain("tracker", 3.0) == known
 
 
 def test_the_depth_goes_along():

@@ -53,7 +53,7 @@ def test_it_follows_beyond_the_postures_it_has_seen(plate):
     assert tracker.known
     assert tracker.features.links[0] == 2
     assert np.max(follow(tracker, plate, 0.4 * END)) < 0.5
-    assert tracker.certain
+    assert tracker.certain()
     for share in np.linspace(0.4, 1.0, 20):
         tracker.update(plate.image(share * END), share * END)
     assert np.linalg.norm(tracker.point - plate.place(END)) < 1.0
@@ -126,7 +126,7 @@ def test_a_covered_point_is_predicted_flagged_and_found_again(plate):
         tracker.update(plate.image(q), q)
     for q in path[10:]:
         tracker.update(HIDDEN, q)
-        assert not tracker.certain
+        assert not tracker.certain()
     assert tracker.lost[0]
     assert np.linalg.norm(tracker.point - plate.place(path[-1])) < 1.5
 
@@ -136,7 +136,7 @@ def test_what_moves_otherwise_than_by_the_joints_is_on_no_link(plate):
     history = [(gray, rng.normal(0, 0.1, 3)) for gray, _ in babbled(plate)]
     tracker = make(plate, history)
     assert not tracker.known
-    assert not tracker.certain
+    assert not tracker.certain()
 
 
 def test_a_posture_that_the_chain_cannot_show_leaves_the_point_where_it_was(plate):
@@ -146,7 +146,7 @@ def test_a_posture_that_the_chain_cannot_show_leaves_the_point_where_it_was(plat
     tracker.update(HIDDEN, np.zeros(3))
     np.testing.assert_array_equal(tracker.point, before)
     assert tracker.unseen == 1
-    assert not tracker.certain
+    assert not tracker.certain()
 
 
 def test_it_is_less_certain_the_farther_it_turns_from_what_it_has_seen(plate):

@@ -264,9 +264,18 @@ def test_uncertainty_is_of_what_the_tracker_knows():
 def test_certain_and_lost(unseen, uncertainty, certain, lost):
     lately = [0.01] * 4 + [uncertainty] * 5  # images, of which the last few alone make no place certain
     tracker = bare(Features(np.zeros((1, 2)), np.zeros((1, 2))), unseen=unseen, uncertainty=0.02, lately=lately)
-    assert tracker.certain == certain
+    assert tracker.certain() == certain
     assert tracker.usual_uncertainty == uncertainty
     assert tracker.lost.tolist() == [lost]
+
+
+@pytest.mark.parametrize(("tolerance", "most"), [(0.2, 0.7), (1.0, 0.7), (2.0, 1.4), (10.0, 7.0)])
+def test_a_place_has_to_be_known_as_well_as_a_tolerance_of_at_least_a_pixel_asks_for(tolerance, most):
+    for uncertainty, certain in ((most - 1e-9, True), (most + 1e-9, False)):
+        tracker = bare(Features(np.zeros((1, 2)), np.zeros((1, 2))), uncertainty=0.02, lately=[uncertainty] * 9)
+        assert tracker.certain(tolerance) == certain
+        tracker.unseen = 1
+        assert not tracker.certain(tolerance)
 
 
 @pytest.mark.parametrize(("now", "certain"), [(1.4, True), (1.41, False), (np.inf, False)])
@@ -274,7 +283,7 @@ def test_a_place_that_an_image_shows_much_worse_than_usual_is_not_certain(now, c
     """In the same image, not once the middle of the last nine has followed."""
     lately = [0.5] * 8 + [now]
     tracker = bare(Features(np.zeros((1, 2)), np.zeros((1, 2))), uncertainty=now, lately=lately)
-    assert tracker.certain == certain
+    assert tracker.certain() == certain
 
 
 def test_what_is_known_of_a_place_is_kept_for_as_many_images_as_make_it_certain():

@@ -39,6 +39,13 @@ def test_a_place_that_is_not_certain_is_waited_for_and_then_called_lost():
     assert (reach.end, reach.frames) == (ReachEnd.LOST, 9 + 45)  # settled with the tenth, and then waited for
 
 
+@pytest.mark.parametrize(("tolerance", "end"), [(2.0, ReachEnd.LOST), (3.0, ReachEnd.REACHED)])
+def test_a_place_is_certain_by_the_tolerance_of_its_reach(tolerance, end):
+    loop = Loop(away=10.0)
+    loop.certain = 2.5  # from this tolerance on
+    assert Reaching(loop, Arrival(within=tolerance), 400).run().end is end
+
+
 def test_a_patch_alone_is_not_believed_where_a_body_was_sought_in_vain():
     loop = Loop(away=10.0)
     loop.learned_body.sought_in_vain = True
