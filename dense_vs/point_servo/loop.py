@@ -332,7 +332,8 @@ class ServoLoop:
         return reaching.run()
 
     def _babbling_step(self) -> np.ndarray:
-        return self.group.clip_step(self.babbling.step(pacing_flow(self.pipeline, self.frame)), self.frame.positions)
+        frame = self.frame
+        return self.group.clip_step(self.babbling.step(pacing_flow(self.pipeline, frame), frame.time), frame.positions)
 
     def servo_step(self) -> np.ndarray:
         """Joint step ``(N,)`` [rad] of DIJE (17) toward the target; DenseVSError without a point or a target."""

@@ -23,6 +23,7 @@ SPEEDS_UP = 1.05  # by which the pace grows in a frame that allows it; by the fl
 MOST_AMPLITUDE = 1e6  # rad, m; steps and postures stay finite
 WIDE_AMPLITUDE = 0.35  # rad, m, of a loop that learns the body
 WIDENING = 3.3, 5.0, 7.2, 8.7  # s: joints swing wider from the first to the last, most between the others
+PAUSE = 2.0  # s between two steps, beyond which there was no babbling meanwhile
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -35,8 +36,8 @@ class BabblingOptions:
         max_flow: image motion that the babbling slows down to, 99th percentile [px per frame]. Optical flow
             gets unreliable above about 5.
         frame_time: time between frames [s].
-        wide_amplitude: what ``amplitude`` grows to and shrinks from in the middle of the first ten seconds, by the
-            number of steps and ``frame_time`` [rad]; it does not unless given.
+        wide_amplitude: what ``amplitude`` grows to and shrinks from in the middle of the first ten seconds [rad]; it
+            does not unless given.
     """
 
     amplitude: float = 0.15
@@ -89,7 +90,8 @@ class Babbling:
             wide_amplitude=wide_amplitude,
         )  # fmt: skip
         self.rate = 0.5
-        self._seconds = 0.0
+        self._seconds = 0.0  # of babbling until the next step
+        self._last: float | None = None  # time of the last one [s]
         self._random = np.random.default_rng(check_seed(seed))
         self._noise = np.zeros(joints)
         self._offset = np.zeros(joints)
@@ -115,17 +117,22 @@ class Babbling:
         """Smallest eigenvalue of sum(dq dq^T) so far [rad^2]; J is known to about sqrt(r / excitation)."""
         return float(np.linalg.eigvalsh(self._moments)[0])
 
-    def step(self, flow: Any = None) -> np.ndarray:
+    def step(self, flow: Any = None, time: float | None = None) -> np.ndarray:
         """The next joint step ``(N,)`` [rad].
 
         Args:
             flow: ``(H, W, 2)`` [px], the last frame's flow; where given, it sets the pace.
+            time: present time on the camera's clock [s], which tells when to swing wider: images may be rarer than
+                ``frame_time``, or be dropped. Steps are that far apart unless given.
 
         Raises:
-            DenseVSError: a flow of another shape, or that holds no numbers; nothing has changed.
+            DenseVSError: a flow of another shape, or that holds no numbers, or a time that is no number; nothing has
+                changed.
         """
+        now = None if time is None else check_number("time", time)
         if flow is not None:
             self._adapt(number_array(flow, "flow", (-1, -1, 2), finite=False))
+        self._take_time(now)
         amplitude = self.amplitude
         self._seconds += self.options.frame_time
         dt = min(self.rate * self.options.frame_time / self.options.time_constant, 0.5)
@@ -139,6 +146,12 @@ class Babbling:
         self._offset = moved
         self._moments += np.outer(delta, delta)
         return delta
+
+    def _take_time(self, now: float | None) -> None:
+        """Count the time that has passed since the last step, in place of ``frame_time``; not that of a pause."""
+        if now is not None and self._last is not None and 0 <= now - self._last <= PAUSE:
+            self._seconds += now - self._last - self.options.frame_time
+        self._last = now
 
     def _adapt(self, flow: np.ndarray) -> None:
         """Slow down at once where the image moves too fast, speed up a little where it does not."""

@@ -269,6 +269,15 @@ def test_babbling_lasts_so_long_and_lets_what_waits_catch_up():
             loop.babble(wrong)
 
 
+def test_babbling_is_paced_by_the_last_frame_timed_by_its_stamp_and_kept_inside_the_limits(monkeypatch):
+    loop, asked = bare(), []
+    monkeypatch.setattr(module, "pacing_flow", lambda pipeline, frame: (pipeline, frame))
+    loop.babbling = SimpleNamespace(step=lambda *given: asked.append(given) or np.array([0.5, -0.5]))
+    loop.group = SimpleNamespace(clip_step=lambda step, q: (step.tolist(), q))
+    assert loop._babbling_step() == ([0.5, -0.5], loop.frame.positions)
+    assert asked == [((loop.pipeline, loop.frame), loop.frame.time)]
+
+
 @pytest.mark.parametrize("finding", [False, True])
 @pytest.mark.parametrize(
     ("frames", "forgotten"), [(0.0, None), (0.39, False), (-0.39, False), (0.41, True), (-1.0, True)]

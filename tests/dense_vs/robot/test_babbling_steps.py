@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from dense_vs import Babbling
+from dense_vs.errors import DenseVSError
 
 
 def reference(seed, joints, rates, amplitude=0.15, tau=0.4, frame=1 / 30):
@@ -50,6 +51,35 @@ def test_excursions_are_wider_in_the_middle_of_the_first_ten_seconds():
     seconds = np.array([0.0, 3.25, 4.15, 5.0, 7.2, 7.95, 8.7, 9.95, 10.0, 15.0])
     found = np.array(amplitudes)[np.rint(seconds / 0.05).astype(int)]
     np.testing.assert_allclose(found, [0.1, 0.1, 0.2, 0.3, 0.3, 0.2, 0.1, 0.1, 0.1, 0.1], atol=1e-6)
+
+
+def test_images_that_are_rare_or_dropped_widen_it_when_others_do_and_a_pause_does_not_count():
+    babbling = Babbling(2, amplitude=0.1, wide_amplitude=0.3)
+    rare, dropped = np.arange(0.0, 4.0, 0.1), np.array([4.5, 6.5])
+    after = 6.5 + 1 / 30 + np.arange(0.0, 4.0, 0.2)  # s of babbling, by a clock that went on for 2.01 s meanwhile
+    babbled = np.concatenate([rare, dropped, after])
+    amplitudes = []
+    for time in np.concatenate([rare, dropped, after - 1 / 30 + 2.01]):
+        babbling.step(time=time)
+        amplitudes.append(babbling.amplitude)  # of the step that follows, by frame_time
+    ends = 3.3, 5.0, 7.2, 8.7
+    np.testing.assert_allclose(amplitudes, np.interp(babbled + 1 / 30, ends, (0.1, 0.3, 0.3, 0.1)), atol=1e-9)
+    assert (max(amplitudes), amplitudes[-1]) == pytest.approx((0.3, 0.1))
+
+
+def test_times_that_go_back_count_as_one_step():
+    babbling, usual = (Babbling(2, wide_amplitude=0.3) for _ in range(2))
+    for time in (4.0, 3.0):
+        np.testing.assert_array_equal(babbling.step(time=time), usual.step())
+    assert babbling.amplitude == usual.amplitude
+
+
+@pytest.mark.parametrize("time", [np.nan, "soon", True])
+def test_a_time_that_is_none_changes_nothing(time):
+    babbling, usual = (Babbling(2, seed=3) for _ in range(2))
+    with pytest.raises(DenseVSError, match=r"time is .*; expected"):
+        babbling.step(np.full((16, 16, 2), 9.0, np.float32), time)
+    np.testing.assert_array_equal(babbling.step(), usual.step())
 
 
 def test_wider_excursions_go_farther_by_steps_that_are_no_longer():
