@@ -6,8 +6,9 @@ The loop that is timed is :class:`dense_vs.ServoLoop` itself, on frames of the s
 beforehand; its parts are wrapped by clocks, not written again. Times are means: J is corrected once the robot has moved
 by some pixels, so a median frame would have no flow in it. With ``--body`` the same is timed once more after a body
 model was learned from ten seconds of babbling: it is J's prior then, and the point is followed by its link; what is
-learned from a keyframe, every few pixels, makes those frames longer than others. With ``--budget FPS`` the command ends
-with status 1 where a size is slower, and names the slowest stage.
+learned from a keyframe, every few pixels, makes those frames longer than others. So frames are shorter the less the
+image moves in them: a camera of 60 images a second sees half of what one of 30 sees, ``--motion 2``. With ``--budget
+FPS`` the command ends with status 1 where a size is slower, and names the slowest stage.
 """
 
 import argparse
@@ -41,6 +42,7 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument("--body", action="store_true", help="also with a body model that was learned")
     parser.add_argument("--frames", type=int, default=60, help="frames that are timed, per seed")
     parser.add_argument("--seeds", default="0", help="by comma")
+    parser.add_argument("--motion", type=float, default=4.0, help="of the timed images at most [px/frame] (default: 4)")
     parser.add_argument("--flow", choices=METHODS, default="lucas-kanade")
     parser.add_argument("--device", default="cpu", help="of the estimator and of Warp's flow methods (default: cpu)")
     parser.add_argument("--threads", type=int)
@@ -57,7 +59,8 @@ def main(arguments: list[str] | None = None) -> int:
             runs = []
             for seed in map(int, options.seeds.split(",")):
                 frames = learning + WARMUP + options.frames + 1
-                recording = record(options.robot, height, width, frames=frames, seed=seed, joints=options.joints)
+                how = {"seed": seed, "joints": options.joints, "then": (learning, options.motion)}
+                recording = record(options.robot, height, width, frames=frames, **how)
                 loop = learned_loop(recording, options.flow, device, options.threads, learning, body)
                 runs.append(stage_times(loop, recording.tip[learning], device, options.frames))
             seconds = {stage: np.concatenate([run[stage] for run in runs]) for stage in runs[0]}

@@ -1,7 +1,7 @@
 """Frames of a simulated robot, rendered before anything is timed, and a camera and robot that play them again."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -30,14 +30,28 @@ class Recording:
     joint_limits: np.ndarray
 
 
-def record(robot: str, height: int, width: int, *, frames: int, seed: int, joints: int | None = None) -> Recording:
-    """Let a simulated robot babble at up to 4 px a frame; with its first ``joints``, all unless given."""
+def record(
+    robot: str,
+    height: int,
+    width: int,
+    *,
+    frames: int,
+    seed: int,
+    joints: int | None = None,
+    then: tuple[int, float] | None = None,
+) -> Recording:
+    """Let a simulated robot babble at up to 4 px a frame; with its first ``joints``, all unless given.
+
+    ``then`` is the frame from which on it moves at another pace, and that pace [px per frame].
+    """
     names = None if joints is None else SimWorld(robot, height=8, width=8).joint_names[:joints]
     world = SimWorld(robot, height=height, width=width, seed=seed, joints=names)
     babbling = Babbling(len(world.joint_names), seed=seed)
     rgb, times, positions, tips = [], [], [], []
     flow = None
-    for _ in range(frames):
+    for k in range(frames):
+        if then is not None and k == then[0]:
+            babbling.options = replace(babbling.options, max_flow=then[1])
         world.step(babbling.step(flow))
         image = world.frame()
         flow = world.true_flow()

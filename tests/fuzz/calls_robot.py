@@ -61,7 +61,7 @@ def explained_targets() -> list[Target]:
 
 def robot_targets() -> list[Target]:
     """What stands between a law and a robot, and judges what comes back."""
-    from dense_vs import ServoLoop
+    from dense_vs import Babbling, ServoLoop
     from dense_vs.health import ImageWatch, JointWatch
     from dense_vs.pipeline import FramePipeline
     from dense_vs.robot import CommandGate, JointGroup
@@ -93,7 +93,11 @@ def robot_targets() -> list[Target]:
         return one
 
     kept = loop()
+    babbling = Babbling(N, wide_amplitude=0.35)
     return [
+        Target("Babbling.step", lambda self, flow, time: self.step(flow, time),
+               lambda: {"self": babbling, "flow": np.ones((8, 8, 2), np.float32), "time": 0.1},
+               state=lambda one: [one.rate, one.amplitude, one.excitation]),
         Target("ServoLoop", looped,
                lambda: {"scale": 1.0, "max_step": np.full(N, 0.1), "max_speed": 3.0, "joint_delay": 0.0,
                         "renew_patch": 0.9, "command_period": 0.1, "seed": 0, "sway": False, "body_model": False},
