@@ -25,6 +25,7 @@ LARGEST_SIDE = 1 << 14  # px
 MEMORY = 0.9  # of the agreement, from one measured motion to the next
 EDGE_RADIUS, FLATNESS = 6, 1e-3  # of the smoothing by which the model's outline goes to the image's edges
 LABELED = 0.7  # share of the body around a pixel by then: the model's outline lies outside rather than inside
+BESIDE = 4  # px about the model's body in which what was seen counts: flow takes what is beside the robot along with it
 HIDDEN_SHARE = 0.5  # at least, by which J is drawn to the model's where something covers the body
 # At every measured motion: of a chain, found on simulated arms, and of J remembered by posture, found on three reaches
 # of a humanoid. What is remembered is coarser than what is measured now, so it has less say, but keeps it as long as it
@@ -170,7 +171,8 @@ class BodyPrior:
     def labels(self, own: Any, positions: Any, image: Any) -> np.ndarray:
         """Labels ``(H, W)`` of the body: what was seen, what the model has to the image's edges, and what is hidden.
 
-        Motion says little of plain surfaces, which the model knows from where their edges were seen.
+        Motion says little of plain surfaces, which the model knows from where their edges were seen. What was seen
+        counts on the model's body and up to :data:`BESIDE` px beside it, where its outline may be off.
 
         Args:
             own: bool ``(H, W)``, labels by what was seen.
@@ -196,7 +198,8 @@ class BodyPrior:
         if body.shape != own.shape:
             raise DenseVSError(f"own has shape {own.shape}; expected the body's, {body.shape}")
         smooth = guided_filter(image, body.astype(np.float32), EDGE_RADIUS, FLATNESS)
-        labels = own | (smooth > LABELED)
+        near = cv2.dilate(body.astype(np.uint8), np.ones((2 * BESIDE + 1,) * 2, np.uint8)) > 0
+        labels = (own & near) | (smooth > LABELED)
         if self._occlusion is not None:
             labels = np.where(self._occlusion.lately, body, labels)
         return labels

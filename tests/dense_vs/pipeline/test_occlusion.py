@@ -128,10 +128,10 @@ def test_labels_are_the_models_to_the_images_edges_and_whole_behind_what_is_in_f
     prior = BodyPrior(lambda q: (J, wide))
     image = np.where(body(), 200, 40).astype(np.uint8)
     seen = np.zeros(SIZE, bool)
-    seen[0, 0] = True
+    seen[8, 8] = True  # beside the model's outline; what is far from it is not the body's
     one = np.ones(1, np.float32)
     labels = prior.labels(seen, one, image)
-    assert labels[0, 0]
+    assert labels[8, 8]
     assert np.count_nonzero(labels != (body() | seen)) < 0.25 * np.count_nonzero(wide != body())
     prior = BodyPrior(lambda q: (J, body()))
     for _ in range(2):
@@ -141,7 +141,7 @@ def test_labels_are_the_models_to_the_images_edges_and_whole_behind_what_is_in_f
     image[COVER] = 40  # what is in front looks as the background
     labels = prior.labels(seen, one, image)
     assert labels[COVER].all()
-    assert labels[0, 0]
+    assert labels[8, 8]
     prior.agreement = 0.0  # the model has no say any more
     assert np.isfinite(prior.uncovered(estimator, one, covered_flow((0.0, 5.0)), one)).all()
     np.testing.assert_array_equal(prior.labels(seen, one, image), seen)

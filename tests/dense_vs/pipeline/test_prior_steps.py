@@ -129,7 +129,7 @@ def test_what_the_model_does_not_speak_of_is_the_estimator_s():
 def test_labels_go_to_the_edges_of_the_image(monkeypatch):
     prior, _, body, _ = of()
     own = np.zeros((H, W), bool)
-    own[0, 0] = True
+    own[0, 0] = own[2, 3] = True
     smooth = np.linspace(0, 1, H * W, dtype=np.float32).reshape(H, W)
     asked = []
     monkeypatch.setattr(body_prior, "guided_filter", lambda *given: asked.append(given) or smooth)
@@ -147,6 +147,20 @@ def test_labels_go_to_the_edges_of_the_image(monkeypatch):
     assert prior.labels(own, np.zeros(N), image) is own
     remembered, _, _, _ = of(told=lambda q: np.eye(N))
     assert remembered.labels(own, np.zeros(N), image) is own
+
+
+def test_what_was_seen_counts_up_to_four_pixels_beside_the_model(monkeypatch):
+    """Flow takes the background along with the robot, and what looks like it is labeled with it."""
+    body = np.zeros((30, 40), bool)
+    body[10:16, 12:20] = True
+    prior = BodyPrior(lambda q: (np.zeros((30, 40, 2, N)), body))
+    monkeypatch.setattr(body_prior, "guided_filter", lambda *given: np.zeros((30, 40), np.float32))
+    own = np.ones((30, 40), bool)
+    own[12, 14] = own[8, 12] = False
+    expected = np.zeros((30, 40), bool)
+    expected[6:20, 8:24] = True
+    expected[12, 14] = expected[8, 12] = False
+    np.testing.assert_array_equal(prior.labels(own, np.zeros(N), np.zeros((30, 40), np.uint8)), expected)
 
 
 def test_a_flow_without_what_covers_the_body(monkeypatch):
