@@ -25,7 +25,7 @@ LARGEST_SIDE = 1 << 14  # px
 MEMORY = 0.9  # of the agreement, from one measured motion to the next
 EDGE_RADIUS, FLATNESS = 6, 1e-3  # of the smoothing by which the model's outline goes to the image's edges
 LABELED = 0.7  # share of the body around a pixel by then: the model's outline lies outside rather than inside
-BESIDE = 4  # px about the model's body in which what was seen counts: flow takes what is beside the robot along with it
+BESIDE = 3  # px about the model's body in which what was seen counts: flow takes what is beside the robot along with it
 HIDDEN_SHARE = 0.5  # at least, by which J is drawn to the model's where something covers the body
 # At every measured motion: of a chain, found on simulated arms, and of J remembered by posture, found on three reaches
 # of a humanoid. What is remembered is coarser than what is measured now, so it has less say, but keeps it as long as it

@@ -149,7 +149,7 @@ def test_labels_go_to_the_edges_of_the_image(monkeypatch):
     assert remembered.labels(own, np.zeros(N), image) is own
 
 
-def test_what_was_seen_counts_up_to_four_pixels_beside_the_model(monkeypatch):
+def test_what_was_seen_counts_up_to_three_pixels_beside_the_model(monkeypatch):
     """Flow takes the background along with the robot, and what looks like it is labeled with it."""
     body = np.zeros((30, 40), bool)
     body[10:16, 12:20] = True
@@ -158,7 +158,7 @@ def test_what_was_seen_counts_up_to_four_pixels_beside_the_model(monkeypatch):
     own = np.ones((30, 40), bool)
     own[12, 14] = own[8, 12] = False
     expected = np.zeros((30, 40), bool)
-    expected[6:20, 8:24] = True
+    expected[7:19, 9:23] = True
     expected[12, 14] = expected[8, 12] = False
     np.testing.assert_array_equal(prior.labels(own, np.zeros(N), np.zeros((30, 40), np.uint8)), expected)
 
