@@ -40,6 +40,10 @@ timings)
     measure peers peers                         # 2
     measure peers peers_cold                    # 2
     measure frame_budget frame_budget           # 2
+    measure frame_budget frame_budget_panda     # 2, as the next three after dense-vs arms
+    measure frame_budget frame_budget_panda_60  # 2
+    measure frame_budget frame_budget_ur5e      # 2
+    measure frame_budget frame_budget_ur5e_60   # 2
     measure reducers reducers                   # 1
     measure generative generative               # 3, needs PyTorch
     measure startup startup                     # 1

@@ -14,6 +14,7 @@ from readme_body import body_lines, few_body_lines
 from readme_changes import change_lines
 from readme_depth import depth_lines
 from readme_experiments import experiment_lines, few_experiment_lines, summary_lines
+from readme_frames import arm_frame_lines, few_arm_frame_lines
 from readme_hidden import hidden_lines
 from readme_live import live_lines
 from readme_program import gpu_test_lines, program_lines, rendering_lines
@@ -102,7 +103,7 @@ def everything() -> str:
     """All figures, for the page on performance."""
     lines = [*_accuracy(), "", *surface_lines(), *real_robot_lines(), "", *depth_lines(), ""]
     lines += [*body_lines(), "", *change_lines(), "", *hidden_lines(), ""]
-    lines += [*_speed(), "", *program_lines(), ""]
+    lines += [*_speed(), "", *arm_frame_lines(), "", *program_lines(), ""]
     lines += [*live_lines(), "", *_batch(), "", *rendering_lines(), "", *gpu_test_lines(), "", *_scaling(), ""]
     lines += [
         "Arms and objects, on seeds that nothing was tuned on; one figure a seed or that of all (`dense-vs reproduce "
@@ -133,6 +134,7 @@ def few() -> str:
         f"| whole frame at 320x240 on {budget.content['machine']['cores']} CPU cores, without / with a learned body "
         "[fps] | "
         f"{budget['frame_fps_320x240']:.0f} / {budget['frame_fps_320x240_body']:.0f} |",
+        *few_arm_frame_lines(),
         "| predict and update, times as fast as the paper's equations with SciPy | "
         f"{peers['predict_update_vs_scipy']:.1f} |",
         f"| times as fast as the strongest of {sum(map(peers.has, PEERS))} peers ({strongest[1]}) | "

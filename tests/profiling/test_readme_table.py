@@ -10,6 +10,7 @@ import pytest
 sys.path.insert(0, str(Path(__file__).parents[2] / "profiling"))
 
 import readme_experiments
+import readme_frames
 import readme_live
 import readme_program
 import readme_real_robot
@@ -52,6 +53,24 @@ def test_times_of_a_frame_are_of_the_run_that_is_named_above_them(results):
     rows = lines[next(k for k, line in enumerate(lines) if "frame_budget.py" in line) + 4 :]
     assert len(rows) == len(readme_table.FRAME)
     assert all(row.split("|")[-2].strip().startswith("4321") for row in rows)
+
+
+@pytest.mark.parametrize(("arm", "row"), [("panda", 0), ("ur5e", 2)])
+@pytest.mark.parametrize(("file", "later"), [("frame_budget_{}", 0), ("frame_budget_{}_60", 1)])
+def test_a_frame_of_a_commercial_arm_is_of_its_own_run(results, arm, row, file, later):
+    def change(content: dict) -> None:
+        content["arguments"] |= {"motion": 1.25, "joints": 3}
+        for metric in content["metrics"]:
+            metric["value"] = {"frame_fps_320x240": 11.4, "frame_fps_320x240_body": 7.6}.get(metric["name"], 99.0)
+
+    before = readme_frames.arm_frame_lines()
+    rewrite(results / f"{file.format(arm)}.json", change)
+    lines = readme_frames.arm_frame_lines()
+    name = readme_frames.ARMS[arm]
+    assert lines[-4 + row + later] == f"| {name}, first 3 joints | 1.25 | 11 | 8 | 99 |"
+    assert sum(a != b for a, b in zip(before, lines, strict=True)) == 1
+    (few,) = readme_frames.few_arm_frame_lines()
+    assert ("1.25 px" in few, " 8 " in few) == ((arm == "panda"),) * 2
 
 
 @pytest.mark.parametrize(
