@@ -63,8 +63,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         type=float,
         default=1.0,
         metavar="PX",
-        help="distance from a target that counts as there; twice that, and at least 2 px, is what the place has to be "
-        "known to: with more, more is called reached (default: 1)",
+        help="distance from a target that counts as there. To be called reached, a point's place has to be known to "
+        "twice that, or 2 px where that is more (default: 1)",
     )
     parser.add_argument("--gain", type=float, default=0.2, metavar="K", help="gain k_p of DIJE (17) (default: 0.2)")
     parser.add_argument(
