@@ -219,6 +219,7 @@ def _summary(
         "fps": len(experiment.trace.times) / seconds,
         "device": str(experiment.loop.estimator.device),
         "seed": arguments.seed,
+        "tolerance_px": arguments.tolerance,
         "robot": str(arguments.robot),
         "versions": versions(),
     }

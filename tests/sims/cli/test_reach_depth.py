@@ -23,9 +23,11 @@ COMMAND += ["--babble", "4", "--max-frames", "60"]
 
 def test_a_place_in_space_is_reached_and_depth_is_kept(tmp_path, capsys):
     files = ["--out", str(tmp_path / "out"), "--checkpoint", str(tmp_path / "kept.npz")]
-    assert main([*COMMAND, "--depth", *files]) in (None, 0)
+    assert main([*COMMAND, "--depth", "--tolerance", "0.9", *files]) in (None, 0)
     assert "in space [mm]" in capsys.readouterr().out
-    target = json.loads((tmp_path / "out" / "summary.json").read_text())["targets"][0]
+    summary = json.loads((tmp_path / "out" / "summary.json").read_text())
+    assert summary["tolerance_px"] == 0.9  # what is called reached goes by it
+    target = summary["targets"][0]
     assert len(target["target"]) == 3
     assert 0.5 < target["target"][2] < 1.5
     assert target["true_error_m"] < 0.012  # a pixel is 7 mm in these images
