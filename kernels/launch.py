@@ -15,13 +15,13 @@ on another one's result, so any number of threads gives the same bits.
 
 import os
 from collections.abc import Sequence
-from concurrent.futures import ThreadPoolExecutor
-from copy import copy
-from functools import cache
 from itertools import pairwise
 from typing import Any
 
 import warp as wp
+
+from dense_vs.kernels.cpu_threads import share_out
+from dense_vs.kernels.recorded import recorded_parts
 
 
 def available_cores() -> int:
@@ -32,11 +32,6 @@ def available_cores() -> int:
 
 
 BANDS_PER_THREAD = 4  # on a core that others use too, 1.3 ms where one band a thread took 3.4 (median)
-
-
-@cache
-def _pool(workers: int) -> ThreadPoolExecutor:
-    return ThreadPoolExecutor(workers, thread_name_prefix="dense-vs")
 
 
 def row_bands(threads: int, height: int, device: wp.Device) -> int:
@@ -83,6 +78,7 @@ class PixelLaunch:
             column_step = width
         self._arguments = arguments  # keeps the arrays alive as long as the recorded pointers
         self._commands = recorded_parts(kernel, grids, [column_step, *arguments], device)
+        self._launches = [command.launch for command in self._commands]
 
     def __call__(self, stream: wp.Stream | None = None) -> None:
         """Run on the arrays' present content; on a CPU the result is there on return.
@@ -94,50 +90,7 @@ class PixelLaunch:
             for command in self._commands:
                 command.launch(stream)
         else:
-            share_out(self._commands, self._threads)
-
-
-def recorded_parts(
-    kernel: Any, parts: Sequence[tuple[int, tuple[int, ...]]], arguments: Sequence[Any], device: Any
-) -> list[Any]:
-    """Launches of one kernel on the same arrays, recorded.
-
-    Packing the arguments takes longer than many a launch, so it is done once for all of them.
-
-    Args:
-        kernel: takes where its part begins first.
-        parts: where each begins, and its grid.
-        arguments: what follows, inputs before outputs.
-        device: Warp device of the arrays.
-    """
-    (begin, grid), *others = parts
-    inputs = [begin, *arguments]
-    first: Any = wp.launch(kernel, dim=grid, inputs=inputs, device=device, record_cmd=True, record_tape=False)
-    return [first, *(part_of(first, begin, grid) for begin, grid in others)]
-
-
-def part_of(command: Any, begin: int, grid: tuple[int, ...]) -> Any:
-    """The same recorded launch of another part: where it begins, the kernel's first argument, and its grid."""
-    part = copy(command)
-    part.params, part.fwd_args = list(command.params), list(command.fwd_args)
-    part.set_dim(grid)
-    part.set_param_at_index(0, begin)
-    return part
-
-
-def share_out(commands: Sequence[Any], threads: int) -> None:
-    """Run recorded launches on a CPU's threads, each handed out once, to whichever thread asks."""
-    waiting = iter(commands)
-
-    def launch() -> None:
-        for command in waiting:
-            command.launch()
-
-    futures = [_pool(threads - 1).submit(launch) for _ in range(min(threads, len(commands)) - 1)]
-    launch()
-    for future in futures:
-        if not future.cancel():  # one that has not begun by now finds nothing left to do
-            future.result()
+            share_out(self._launches, self._threads)
 
 
 def launch_pixels(

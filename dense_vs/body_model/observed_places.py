@@ -9,7 +9,8 @@ import warp as wp
 
 from dense_vs.device import resolve_threads
 from dense_vs.kernels.body.observed_points import ObservedPoints
-from dense_vs.kernels.launch import recorded_parts, share_out
+from dense_vs.kernels.cpu_threads import share_out
+from dense_vs.kernels.recorded import recorded_parts
 
 PARTS = 8  # of the points, with about as many places each: always as many, so that sums do not depend on the threads
 
@@ -63,7 +64,7 @@ class ObservedPlaces:
         if self._filled:
             parts = [(part, (1,)) for part in self._filled]
             commands = recorded_parts(kernel, parts, [on_cpu(self.edges, wp.int32), observed, *arguments], "cpu")
-            share_out(commands, min(resolve_threads(), len(parts)))
+            share_out([command.launch for command in commands], min(resolve_threads(), len(parts)))
 
 
 def on_cpu(values: np.ndarray, dtype: Any = wp.float64) -> Any:

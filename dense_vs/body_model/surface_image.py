@@ -23,7 +23,9 @@ from dense_vs.kernels.body.surface_image import (
     take_depth,
     take_front,
 )
-from dense_vs.kernels.launch import PixelLaunch, recorded_parts, share_out
+from dense_vs.kernels.cpu_threads import share_out
+from dense_vs.kernels.launch import PixelLaunch
+from dense_vs.kernels.recorded import recorded, recorded_parts
 from dense_vs.kernels.views import seen_as
 
 # Of the mean of a surface's depth and of what another J says of it, found on 48 bodies of simulated arms: how far off
@@ -87,8 +89,8 @@ class SurfaceImage:
         self._places = recorded_parts(place_surface, parts, given, "cpu") if parts else []
         # One thread's each, as Warp's atomics on a CPU are not.
         self._over_points = [
-            _recorded(take_depth, count, [*placed, self._depth]),
-            _recorded(take_front, count, [*placed, self._depth, self._nearest]),
+            recorded(take_depth, count, [*placed, self._depth], "cpu"),
+            recorded(take_front, count, [*placed, self._depth, self._nearest], "cpu"),
         ]
         self._over_pixels = [
             self._pixels(fill_between, [self._positions, self._nearest, int(NONE), between]),
@@ -111,7 +113,7 @@ class SurfaceImage:
             self._depth.numpy().fill(FARTHEST)
             self._nearest.numpy().fill(NONE)
             if self._places:
-                share_out(self._places, self._threads)
+                share_out([place.launch for place in self._places], self._threads)
                 for command in self._over_points:
                     command.launch()
             for launch in self._over_pixels:
@@ -217,8 +219,3 @@ def _memory(dtype: Any, *shape: int) -> Any:
 
 def _copied(values: np.ndarray, dtype: Any) -> Any:
     return wp.array(np.asarray(values), dtype=dtype, device="cpu")
-
-
-def _recorded(kernel: Any, count: int, arguments: list[Any]) -> Any:
-    """A launch over points; ``arguments`` are to be kept alive. None over no points."""
-    return wp.launch(kernel, count, inputs=arguments, device="cpu", record_cmd=True, record_tape=False)

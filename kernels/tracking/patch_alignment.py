@@ -24,9 +24,10 @@ from typing import Any
 
 import warp as wp
 
+from dense_vs.kernels.cpu_threads import share_out
 from dense_vs.kernels.image.cubic_spline import sample_spline, spline_weights
 from dense_vs.kernels.image.pixel_runs import run_module
-from dense_vs.kernels.launch import part_of, share_out
+from dense_vs.kernels.recorded import CpuLaunch
 from dense_vs.kernels.tracking.patch_sums import mat66, patch_sums, patch_sums_on_cpu, vec6
 
 wp.set_module_options({"enable_backward": False})
@@ -108,6 +109,8 @@ class PatchAlignment:
         options = {"device": image.device, "block_dim": BLOCK, "record_cmd": True, "record_tape": False}
         self._kept = inputs  # as long as the recorded pointers
         self._command: Any = wp.launch(kernel, grid, inputs=inputs, **options) if self._points else None
+        if self._points and self._on_cpu:
+            self._command = CpuLaunch(self._command)
         self._shares: list[Any] = []  # the same of SHARE points each, as far as they were asked for
 
     def __call__(self, points: int | None = None, threads: int = 1) -> None:
@@ -119,12 +122,12 @@ class PatchAlignment:
             whole = count // SHARE
             self._shares += [self._part(k * SHARE, SHARE) for k in range(len(self._shares), whole)]
             rest = [self._part(whole * SHARE, count % SHARE)] if count % SHARE else []
-            share_out([*self._shares[:whole], *rest], threads)
+            share_out([share.launch for share in (*self._shares[:whole], *rest)], threads)
         else:
             (self._command if count == self._points else self._part(0, count)).launch()
 
     def _part(self, first: int, points: int) -> Any:
-        return part_of(self._command, first, self._grid(points))
+        return self._command.part(first, self._grid(points))
 
     def _grid(self, points: int) -> tuple[int, int, int]:
         return self._worlds, points, 1 if self._on_cpu else BLOCK
