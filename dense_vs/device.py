@@ -2,6 +2,7 @@
 
 import functools
 import os
+import threading
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from typing import Any, NoReturn
@@ -125,10 +126,32 @@ def one_blas_thread() -> Iterator[None]:
     """Keeps linear algebra of NumPy and SciPy to one thread within a block or a function.
 
     The matrices here are small. Threads of OpenBLAS wait for one another by spinning: beside other programs that use
-    all cores, a fit of seconds took minutes.
+    all cores, a fit of seconds took minutes. Within another such block nothing is asked of the libraries, which takes
+    as long as some of what is kept to one thread.
     """
-    with _blas_libraries().limit(limits=1, user_api="blas"):
+    with _BLAS_LIMIT.lock:
+        if not _BLAS_LIMIT.inside:
+            _BLAS_LIMIT.limit = _blas_libraries().limit(limits=1, user_api="blas")
+        _BLAS_LIMIT.inside += 1
+    try:
         yield
+    finally:
+        with _BLAS_LIMIT.lock:
+            _BLAS_LIMIT.inside -= 1
+            if not _BLAS_LIMIT.inside:
+                _BLAS_LIMIT.limit.restore_original_limits()
+
+
+class _BlasLimit:
+    """The process's limit, as long as any thread is inside of a block that asks for it."""
+
+    def __init__(self) -> None:
+        self.lock = threading.Lock()
+        self.inside = 0
+        self.limit: Any = None
+
+
+_BLAS_LIMIT = _BlasLimit()
 
 
 @functools.cache

@@ -12,6 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from dense_vs.arrays import quantile
 from dense_vs.health.motion_check import LEAST_PLACES, Motion
 
 EXCITED = 0.5  # px that a joint has to move enough places by, for a motion to tell its gain
@@ -108,8 +109,8 @@ def speaks_for_one(part: np.ndarray, whole: np.ndarray, error: np.ndarray) -> bo
     moved = np.isfinite(error).all(axis=1) & (np.linalg.norm(whole, axis=1) >= EXCITED)
     if np.count_nonzero(moved) < LEAST_PLACES:
         return None
-    now = np.median(np.linalg.norm(error[moved], axis=1))
-    back = np.median(np.linalg.norm((error - whole + part)[moved], axis=1))
+    now = quantile(np.hypot(*error[moved].T), 0.5)
+    back = quantile(np.hypot(*(error - whole + part)[moved].T), 0.5)
     if back < BETTER * now:
         return True
     return False if now < BETTER * back else None
@@ -132,16 +133,16 @@ def factors_of(motion: Motion, span: np.ndarray) -> tuple[np.ndarray, np.ndarray
     if np.count_nonzero(finite) < LEAST_PLACES:
         return None
     parts, error, flow = parts[finite], error[finite], motion.flow[finite]
-    lengths = np.linalg.norm(parts, axis=1)  # (K, n)
+    lengths, of_flow, of_error = np.hypot(parts[:, 0], parts[:, 1]), np.hypot(*flow.T), np.hypot(*error.T)
     factors, left = np.full(len(span), np.nan), np.ones(len(span))
     for joint in np.flatnonzero((lengths >= EXCITED).sum(axis=0) >= LEAST_PLACES):
         moved = lengths[:, joint] >= EXCITED
         part, of, weights = parts[moved, :, joint], error[moved], lengths[moved, joint] ** 2
         extra = weighted_median((of * part).sum(axis=1) / weights, weights)
-        before = float(np.median(np.linalg.norm(of, axis=1)))
+        before, moves = quantile(of_error[moved], 0.5), quantile(of_flow[moved], 0.5)
         factors[joint] = 1 + extra
-        after = float(np.median(np.linalg.norm(of - extra * part, axis=1)))
-        if before > 0 and after <= MOST_UNKNOWN * float(np.median(np.linalg.norm(flow[moved], axis=1))):
+        after = quantile(np.hypot(*(of - extra * part).T), 0.5)
+        if before > 0 and after <= MOST_UNKNOWN * moves:
             left[joint] = after / before
     return factors, left
 

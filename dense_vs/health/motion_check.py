@@ -12,6 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from dense_vs.arrays import quantile
 from dense_vs.health.faults import Fault, FaultKind
 
 MOVING = 1.0  # px of flow or J s: places that move less say nothing
@@ -97,26 +98,28 @@ class MotionCheck:
             begin, end: stamps of the two images [s].
             variance: of a component of J s, by what is not known of J [px^2].
         """
-        size = np.linalg.norm(jacobian, axis=(1, 2))
+        size = np.sqrt(np.einsum("kij,kij->k", jacobian, jacobian))
         predicted = jacobian @ span
-        energy = (flow**2).sum(axis=1) + (predicted**2).sum(axis=1)
-        moving = np.maximum((flow**2).sum(axis=1), (predicted**2).sum(axis=1)) > MOVING**2
-        robot = np.flatnonzero((size > ON_ROBOT * size.max(initial=0.0)) & np.isfinite(energy))
+        of_flow, of_robot = (np.einsum("ki,ki->k", motion, motion) for motion in (flow, predicted))
+        energy = of_flow + of_robot
+        moving = np.maximum(of_flow, of_robot) > MOVING**2
+        on_robot = (size > ON_ROBOT * size.max(initial=0.0)) & np.isfinite(energy)
+        robot = np.flatnonzero(on_robot)
         some = robot[:: max(1, len(robot) // MOST_PLACES)]
         known = self.usual is not None and self._judged >= KNOWN and self.usual < TRUSTED
         self.last = motion = Motion(begin, end, flow[some], jacobian[some], known)
         if self.recent:
             self.recent.append(motion)
-        chosen = (size > ON_ROBOT * size.max(initial=0.0)) & moving & np.isfinite(energy)
+        chosen = on_robot & moving
         if np.count_nonzero(chosen) < LEAST_PLACES:
             return None
-        seen = chosen & ((flow**2).sum(axis=1) > MOVING**2)
+        seen = chosen & (of_flow > MOVING**2)
         if np.count_nonzero(seen) >= max(LEAST_PLACES, SEEN_MOVING * np.count_nonzero(chosen)):
             chosen = seen
         error = ((flow[chosen] - predicted[chosen]) ** 2).sum(axis=1)
-        self.share = float(np.median(error / energy[chosen]))
+        self.share = quantile(error / energy[chosen], 0.5)
         plain = np.inf if self.usual is None else max(self.least_share, TIMES_USUAL * self.usual)
-        unknown = UNKNOWN * 2 * variance / float(np.median(energy[chosen]))
+        unknown = UNKNOWN * 2 * variance / quantile(energy[chosen], 0.5)
         wrong = known and self.share > max(plain, unknown)
         if wrong and not self.recent:
             self.recent.append(motion)

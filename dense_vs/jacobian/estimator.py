@@ -305,7 +305,7 @@ class DenseJacobian(NotCopied):
             batch = points_array(points, "points")[None]
         else:
             batch = real_vector(points, "points", (worlds, -1, 2))
-        rows = self.filter.at(batch).numpy()
+        rows = self.filter.at(batch).numpy().copy()
         if depth:
             rows = np.concatenate([rows, self._with_depth().at(batch)[..., None, :]], axis=-2)
         return self._unbatch(rows)

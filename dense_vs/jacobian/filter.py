@@ -14,6 +14,7 @@ import warp as wp
 
 from dense_vs.jacobian.options import JacobianOptions
 from dense_vs.jacobian.predicted_flow import PredictedFlow
+from dense_vs.jacobian.sampled_points import SampledPoints
 from dense_vs.kernels.image.flow_field import count_bad_flow
 from dense_vs.kernels.image.tiles import tile_launch
 from dense_vs.kernels.jacobian.covariance import (
@@ -237,12 +238,12 @@ class JacobianFilter:
         wp.launch(self.kernels.coarse_flow, dim=out.shape, inputs=inputs, outputs=[out], device=self.device)
 
     def at(self, points: np.ndarray) -> wp.array:
-        """J at points (B, K, 2) [px], (B, K) of (2, N)."""
-        where: Any = wp.array(points.astype(np.float32), dtype=wp.vec2, device=self.device)
-        out = wp.empty(where.shape, dtype=self.kernels.Jacobian, device=self.device)
-        inputs = [self.state[self.now], self.displacement[self.now], where]
-        wp.launch(self.kernels.sample_points, dim=where.shape, inputs=inputs, outputs=[out], device=self.device)
-        return out
+        """J at points (B, K, 2) [px], (B, K) of (2, N); valid until asked again."""
+        return self._sampled_points(points, self.now)
+
+    @cached_property
+    def _sampled_points(self) -> SampledPoints:
+        return SampledPoints(self.kernels, self.state, self.displacement)
 
     def _allocate(self, flow: wp.array | None, spans: bool) -> None:
         options, kernels, device = self.options, self.kernels, self.device

@@ -13,7 +13,7 @@ from typing import Any
 import cv2
 import numpy as np
 
-from dense_vs.arrays import number_array, plain_array, real_vector
+from dense_vs.arrays import number_array, plain_array, quantile, real_vector
 from dense_vs.body.self_body import SelfBody
 from dense_vs.checks import check_flag, check_function, check_methods, check_number, check_whole
 from dense_vs.device import NotCopied
@@ -244,7 +244,7 @@ class FramePipeline(NotCopied):
         step = number_array(joint_step, "joint_step", self._moved_to.shape)
         moved = np.abs(self._on_grid() @ step).max(axis=1)
         moving = moved[moved > _MOVING * moved.max(initial=0.0)]
-        return float(np.quantile(moving, 0.95)) if moving.size else 0.0
+        return quantile(moving, 0.95) if moving.size else 0.0
 
     def _on_grid(self) -> np.ndarray:
         """J at the points that image motion is looked at, asked once for a state."""

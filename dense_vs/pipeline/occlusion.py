@@ -16,6 +16,7 @@ import numpy as np
 import warp as wp
 
 from dense_vs.device import resolve_threads
+from dense_vs.kernels.body.covered import covered
 from dense_vs.kernels.body.unshared_motion import unshared_motion
 from dense_vs.kernels.launch import PixelLaunch
 
@@ -45,9 +46,7 @@ class Occlusion:
 
     def __init__(self, size: tuple[int, int]):
         self.cover, self.hidden, self.around, self.lately = (np.zeros(size, bool) for _ in range(4))
-        self._off = np.zeros(size, np.float32)
-        self._moved = np.zeros(size, np.float32)
-        self._since = np.zeros(size, np.int16)  # motions that each has been covered for
+        self._since: Any = wp.zeros((1, *size), dtype=wp.int16, device="cpu")  # motions that each has been covered for
         self._ago = np.full(size, LATELY + 1, np.int16)
         self._doubted, self.doubtful = 0, False
 
@@ -59,54 +58,56 @@ class Occlusion:
             flow: ``(H, W, 2)`` measured [px].
             by_model, by_estimate: ``(H, W, 2)`` what joints cause by the model, 0 off the body, and by J as it is [px].
         """
-        off, moved = self._unshared(flow, by_model, by_estimate)
-        window = (WINDOW, WINDOW)
-        self._off *= DECAY
-        self._off += cv2.blur(off, window)
-        self._moved *= DECAY
-        self._moved += cv2.blur(moved, window)
-        told = self._moved > FAINT
-        strange = told & (self._off > STRANGE * self._moved)
-        np.putmask(self._since, told & ~strange, 0)
-        self.doubtful = bool(np.count_nonzero(strange & body) > MOST_COVERED * np.count_nonzero(told & body))
-        self._doubted = self._doubted + 1 if self.doubtful else 0
-        if self._doubted > PATIENCE:
-            strange[...] = False
-        strange |= ~told & self.cover  # nothing moves: nothing has come or gone
-        self.cover = _parts_on(strange & (self._since <= LONGEST), body)
+        strange = self._strange(body, flow, by_model, by_estimate)
+        self.cover = _parts_on(strange, body)
         self.hidden = self.cover & body
         self.around = self._about()
-        self._since += self.cover
+        self._since.numpy()[0] += self.cover
         self._ago += self._ago <= LATELY
         np.putmask(self._ago, self.around, 0)
         self.lately = self._ago <= LATELY
         return self.hidden
 
-    def _unshared(
-        self, flow: np.ndarray, by_model: np.ndarray, by_estimate: np.ndarray
-    ) -> tuple[np.ndarray, np.ndarray]:
-        """Squared motion ``(H, W)`` that is not shared, and all of it [px^2]; 0 where the flow is not finite.
+    def _strange(self, body: np.ndarray, flow: np.ndarray, by_model: np.ndarray, by_estimate: np.ndarray) -> np.ndarray:
+        """Pixels ``(H, W)`` that are covered, on the body or not, by the last motions."""
+        compare, judge, given, (off, moved), (on_body, cover), (found, counts) = self._launches
+        for array, image in zip((*given, on_body, cover), (flow, by_model, by_estimate, body, self.cover), strict=True):
+            array.numpy()[0] = image
+        compare()
+        for motion in (off, moved):
+            cv2.blur(motion.numpy()[0], (WINDOW, WINDOW), dst=motion.numpy()[0])
+        judge()
+        told, strange = counts.numpy()[0].sum(axis=0)
+        self.doubtful = bool(strange > MOST_COVERED * told)
+        self._doubted = self._doubted + 1 if self.doubtful else 0
+        return found.numpy()[0] == 2 if self._doubted > PATIENCE else found.numpy()[0] > 0
+
+    @cached_property
+    def _launches(self) -> tuple[Any, ...]:
+        """What compares motions and what judges them, the motions, squares, masks that they are given, and results.
 
         A J of nearly 0 explains anything that stands still: it has to explain what is seen to move.
         """
-        launch, given, off, moved = self._motions
-        for array, image in zip(given, (flow, by_model, by_estimate), strict=True):
-            array.numpy()[0] = image
-        launch()
-        return off.numpy()[0], moved.numpy()[0]
+        shape = (1, *self.cover.shape)
 
-    @cached_property
-    def _motions(self) -> tuple[PixelLaunch, tuple[wp.array, ...], wp.array, wp.array]:
-        """The launch of :meth:`_unshared`, the motions that it is given, and its results."""
-        height, width = self._off.shape
-        shape, vec2 = (1, height, width), wp.vec2
-        given = tuple(wp.zeros(shape, dtype=vec2, device="cpu") for _ in range(3))
-        off, moved = (wp.zeros(shape, dtype=wp.float32, device="cpu") for _ in range(2))
-        launch = PixelLaunch(unshared_motion, shape, [*given, SAYS, off, moved], "cpu", resolve_threads())
-        return launch, given, off, moved
+        def memory(count: int, dtype: Any) -> tuple[Any, ...]:
+            return tuple(wp.zeros(shape, dtype=dtype, device="cpu") for _ in range(count))
+
+        given, squares, sums = memory(3, wp.vec2), memory(2, wp.float32), memory(2, wp.float32)
+        on_body, cover, found = memory(3, wp.uint8)
+        counts = wp.zeros(shape[:2], dtype=wp.vec2i, device="cpu")
+        limits = [DECAY, STRANGE, FAINT, LONGEST]
+        judged = [*squares, on_body, cover, *limits, *sums, self._since, found, counts]
+        compare, judge = (
+            PixelLaunch(kernel, shape, arguments, "cpu", resolve_threads())
+            for kernel, arguments in ((unshared_motion, [*given, SAYS, *squares]), (covered, judged))
+        )
+        return compare, judge, given, squares, (on_body, cover), (found, counts)
 
     def _about(self) -> np.ndarray:
         """What covers the body and what is beside it."""
+        if not self.cover.any():
+            return np.zeros_like(self.cover)
         side = 2 * BESIDE + 1
         return cv2.dilate(self.cover.astype(np.uint8), np.ones((side, side), np.uint8)) > 0
 

@@ -6,8 +6,15 @@ pixels off, and parts of the robot that it does not know may have come there, so
 J says that a pixel moved by now, and it did not, has J no business there.
 """
 
+from typing import Any
+
 import cv2
 import numpy as np
+import warp as wp
+
+from dense_vs.device import resolve_threads
+from dense_vs.kernels.body.vacated import vacated
+from dense_vs.kernels.launch import PixelLaunch
 
 LATELY = 300  # measured motions since the body was there
 BESIDE = 4  # px about the body, which its outline may be off
@@ -19,7 +26,14 @@ class Vacated:
     """Pixels that the body has left, in the images of one camera."""
 
     def __init__(self, size: tuple[int, int]):
-        self._ago = np.full(size, LATELY + 1, np.int16)  # motions since the body was there
+        shape = (1, *size)
+        masks = tuple(wp.zeros(shape, dtype=wp.uint8, device="cpu") for _ in range(3))
+        flows = tuple(wp.zeros(shape, dtype=wp.vec2, device="cpu") for _ in range(2))
+        ago = wp.full(shape, LATELY + 1, dtype=wp.int16, device="cpu")  # motions since the body was there
+        arguments = [*masks[:2], *flows, LATELY, STILL, MOVING, ago, masks[2]]
+        self._launch = PixelLaunch(vacated, shape, arguments, "cpu", resolve_threads())
+        self._given: tuple[Any, ...] = (*masks[:2], *flows)
+        self._left: Any = masks[2]
 
     def observe(self, body: np.ndarray, flow: np.ndarray, by_estimate: np.ndarray) -> np.ndarray:
         """Take a measured motion; bool ``(H, W)``, pixels that the body has left and on which J stays behind.
@@ -29,14 +43,11 @@ class Vacated:
             flow: ``(H, W, 2)`` measured [px]; what is not finite says nothing.
             by_estimate: ``(H, W, 2)`` what the joints cause by J as it is [px].
         """
-        self._ago += self._ago <= LATELY
-        np.putmask(self._ago, body, 0)
-        left = (self._ago <= LATELY) & (cv2.dilate(body.astype(np.uint8), _AROUND) == 0)
-        at = np.flatnonzero(left)
-        expected = np.hypot(*by_estimate.reshape(-1, 2)[at].T)
-        still = np.hypot(*flow.reshape(-1, 2)[at].T) < STILL * expected  # False where it is not a number
-        left.flat[at] = still & (expected > MOVING)
-        return left
+        near = cv2.dilate(body.astype(np.uint8), _AROUND)
+        for array, image in zip(self._given, (body, near, flow, by_estimate), strict=True):
+            array.numpy()[0] = image
+        self._launch()
+        return self._left.numpy()[0] > 0
 
 
 _AROUND = np.ones((2 * BESIDE + 1, 2 * BESIDE + 1), np.uint8)

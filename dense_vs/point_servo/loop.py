@@ -174,6 +174,7 @@ class ServoLoop:
         """Where the point is to be, ``(2,)`` [px], ``(3,)`` with depth [m]; None before the first reach."""
         return self.aim.target
 
+    @one_blas_thread()
     def step(self, delta: np.ndarray) -> ProcessedFrame:
         """Command a joint step ``(N,)`` [rad], then take the next image through estimator and tracker.
 
@@ -201,6 +202,7 @@ class ServoLoop:
             self.on_frame(self)
         return self._frame
 
+    @one_blas_thread()
     def resume(self) -> None:
         """Begin anew with the next image and reading as they are, keeping J and the tracked point.
 
@@ -213,9 +215,8 @@ class ServoLoop:
         self._take(*read_camera(self.camera, self.estimator))
 
     def _restart(self) -> None:
-        self.joints.restart()
-        self.gate.restart()
-        self.pipeline.restart()
+        for part in (self.joints, self.gate, self.pipeline):
+            part.restart()
         self._held.clear()
         self._newest = -np.inf
 
@@ -306,6 +307,7 @@ class ServoLoop:
         self.aim.follow(self.point)
         return True
 
+    @one_blas_thread()
     def reach(self, target: Any, *, tolerance: float = 1.0, settle_frames: int = 5, max_frames: int = 600) -> Reach:
         """Servo the defined point to a target by DIJE (17), in the image or in image and depth.
 
@@ -367,7 +369,6 @@ class ServoLoop:
             self._process(*self._held.popleft())
         return self._frame
 
-    @one_blas_thread()
     def _process(self, image: np.ndarray, time: float, depth: Any, faults: tuple[Fault, ...]) -> ProcessedFrame:
         self._frame = frame = self.pipeline.process(image, time, self.joints.at(time), faults, depth)
         check = self.pipeline.check
