@@ -53,7 +53,7 @@ def share_out(calls: Sequence[Callable[[], None]], threads: int) -> None:
     Each is handed out once, to whichever thread asks: one whose core is busy elsewhere asks less often.
     """
     waiting = iter(calls)
-    helpers = min(threads, len(calls)) - 1
+    helpers = max(min(threads, len(calls)) - 1, 0)
     if helpers > len(_THREADS):
         _start(helpers)
     helps = [_Help(waiting) for _ in range(helpers)]

@@ -13,12 +13,14 @@ class CpuLaunch:
 
     Args:
         command: recorded by Warp; its arrays are to be kept alive.
+        grid: its dimensions, where parts may have the same.
     """
 
-    __slots__ = ("_arguments", "_bounds", "_command", "_forward", "_references")
+    __slots__ = ("_arguments", "_bounds", "_command", "_forward", "_grid", "_references")
 
-    def __init__(self, command: Any):
+    def __init__(self, command: Any, grid: Any = None):
         self._command, self._forward, self._bounds = command, command.hooks.forward, command.bounds
+        self._grid = grid
         given = command.params[1:]  # the first are the bounds
         names = [argument.label for argument in command.kernel.adj.args]
         fields = [(name, type(value)) for name, value in zip(names, given, strict=True)]
@@ -35,10 +37,11 @@ class CpuLaunch:
 
     def part(self, begin: int, grid: tuple[int, ...]) -> "CpuLaunch":
         """The same launch of another part: where it begins, the kernel's first argument, and its grid."""
-        command = copy(self._command)
-        command.set_dim(grid)
         other = copy(self)
-        other._command, other._bounds = command, command.bounds
+        if grid != self._grid:
+            other._command = copy(self._command)
+            other._command.set_dim(grid)
+            other._grid, other._bounds = grid, other._command.bounds
         arguments: Any = type(self._arguments).from_buffer_copy(self._arguments)
         setattr(arguments, arguments._fields_[0][0], begin)
         other._point_to(arguments)
@@ -57,7 +60,7 @@ def recorded(kernel: Any, grid: Any, arguments: Sequence[Any], device: Any) -> A
     command: Any = wp.launch(
         kernel, dim=grid, inputs=list(arguments), device=device, record_cmd=True, record_tape=False
     )
-    return CpuLaunch(command) if command.device.is_cpu else command
+    return CpuLaunch(command, grid) if command.device.is_cpu else command
 
 
 def recorded_parts(

@@ -92,16 +92,26 @@ class Chain:
 
     def _link_poses(self, joints: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         steps = len(joints)
-        rotation = np.tile(np.eye(3), (steps, self.joint_count + 1, 1, 1))
+        rotation = np.empty((steps, self.joint_count + 1, 3, 3))
         translation = np.zeros((steps, self.joint_count + 1, 3))
-        since = (joints - self.home)[..., None]
-        turns = rotation_matrices(since * self.axes)
-        shifts = self.points - np.einsum("tnij,nj->tni", turns, self.points) + since * self.travel
+        rotation[:, -1] = np.eye(3)
+        since = (joints - self.home)[..., None, None]
+        cross, square = self._crosses
+        turns = np.eye(3) + np.sin(since) * cross + (1 - np.cos(since)) * square  # Rodrigues
+        shifts = self.points - (turns @ self.points[..., None])[..., 0] + since[..., 0] * self.travel
         for n in self.order:
             before, offset = rotation[:, self.parents[n]], translation[:, self.parents[n]]
             rotation[:, n] = before @ turns[:, n]
-            translation[:, n] = np.einsum("tij,tj->ti", before, shifts[:, n]) + offset
+            translation[:, n] = (before @ shifts[:, n, :, None])[..., 0] + offset
         return rotation, translation
+
+    @cached_property
+    def _crosses(self) -> tuple[np.ndarray, np.ndarray]:
+        """What crosses a vector with each axis, ``(N, 3, 3)``, and the same twice; zero for a slide."""
+        x, y, z = self.axes.T
+        zero = np.zeros(self.joint_count)
+        cross = np.stack([zero, -z, y, z, zero, -x, -y, x, zero], axis=1).reshape(-1, 3, 3)
+        return cross, cross @ cross
 
     def screws(self, joints: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Where the joints' lines are at a posture ``(N,)``: directions w ``(N, 3)`` and moments m ``(N, 3)``.

@@ -60,4 +60,4 @@ def directed_mean(values: np.ndarray, directions: np.ndarray, weights: np.ndarra
     _, far = mean_of(weights)
     weights = weights / (1 + far)
     mean, far = mean_of(weights)
-    return mean, float(np.sqrt(np.average(far, weights=weights)))
+    return mean, float(np.sqrt(weights @ far / weights.sum()))

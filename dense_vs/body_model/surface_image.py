@@ -86,12 +86,11 @@ class SurfaceImage:
         edges = [count * part // PARTS for part in range(PARTS + 1)]
         parts = [(first, (last - first,)) for first, last in pairwise(edges) if last > first]
         given = [home, self._links, *self._poses, *self._lens, *size, *placed]
-        self._places = recorded_parts(place_surface, parts, given, "cpu") if parts else []
+        places = recorded_parts(place_surface, parts, given, "cpu") if parts else []
+        self._places = [place.launch for place in places]
         # One thread's each, as Warp's atomics on a CPU are not.
-        self._over_points = [
-            recorded(take_depth, count, [*placed, self._depth], "cpu"),
-            recorded(take_front, count, [*placed, self._depth, self._nearest], "cpu"),
-        ]
+        over_points = [(take_depth, [*placed, self._depth]), (take_front, [*placed, self._depth, self._nearest])]
+        self._over_points = [recorded(kernel, count, given, "cpu").launch for kernel, given in over_points if parts]
         self._over_pixels = [
             self._pixels(fill_between, [self._positions, self._nearest, int(NONE), between]),
             self._pixels(fill_between, [self._positions, between, -1, self._index]),
@@ -112,11 +111,8 @@ class SurfaceImage:
                 memory.numpy()[...] = pose[0]
             self._depth.numpy().fill(FARTHEST)
             self._nearest.numpy().fill(NONE)
-            if self._places:
-                share_out([place.launch for place in self._places], self._threads)
-                for command in self._over_points:
-                    command.launch()
-            for launch in self._over_pixels:
+            share_out(self._places, self._threads)
+            for launch in (*self._over_points, *self._over_pixels):
                 launch()
             front = FrontPoints(self._index.numpy().copy(), self._positions.numpy().copy())
             self._last = posture.tobytes(), front

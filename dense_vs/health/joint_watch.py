@@ -2,6 +2,7 @@
 it follows what was commanded.
 """
 
+import statistics
 from collections import deque
 from collections.abc import Sequence
 from typing import Any
@@ -114,7 +115,7 @@ class JointWatch:
     @property
     def frame_time(self) -> float:
         """Usual time between images [s]."""
-        return float(np.median(self._frames)) if self._frames else 1 / 30
+        return statistics.median(self._frames) if self._frames else 1 / 30
 
     def _begin(self, q: np.ndarray, stamp: float, image_time: float) -> None:
         if not np.isfinite(stamp) or abs(image_time - stamp) > MOST_APART:
@@ -129,7 +130,7 @@ class JointWatch:
     def _wrong_stamp(self, stamp: float, image_time: float) -> Fault | None:
         if not np.isfinite(stamp):
             return Fault(FaultKind.CLOCK, f"joint stamp is {stamp}")
-        usual = float(np.median(self._offsets))
+        usual = statistics.median(self._offsets)
         shift = image_time - stamp - usual
         if abs(shift) > max(LEAST_SHIFT, SHIFT_FRAMES * self.frame_time):
             text = (

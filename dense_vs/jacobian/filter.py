@@ -28,7 +28,7 @@ from dense_vs.kernels.jacobian.covariance import (
 from dense_vs.kernels.jacobian.image_jacobian import forget_state, jacobian_kernels
 from dense_vs.kernels.jacobian.state_image import Layout, group_size, variance_image
 from dense_vs.kernels.launch import PixelLaunch, launch_pixels
-from dense_vs.kernels.views import seen_as
+from dense_vs.kernels.views import seen_as, write
 
 
 class JacobianFilter:
@@ -155,9 +155,9 @@ class JacobianFilter:
             span: joint displacement that the flow spans (B, N) float32 [rad], of a filter with ``spans``; the joint
                 step unless given. With zeros the frame is predicted only.
         """
-        self.dq.assign(joint_step)
+        write(self.dq, joint_step)
         if self.span is not self.dq:
-            self.span.assign(joint_step if span is None else span)
+            write(self.span, joint_step if span is None else span)
         self.advance_on_device()
 
     def advance_on_device(self) -> None:

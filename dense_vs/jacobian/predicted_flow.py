@@ -9,7 +9,7 @@ import warp as wp
 
 from dense_vs.kernels.jacobian.covariance import regressors
 from dense_vs.kernels.launch import PixelLaunch
-from dense_vs.kernels.views import seen_as
+from dense_vs.kernels.views import seen_as, write
 
 
 class PredictedFlow:
@@ -44,9 +44,9 @@ class PredictedFlow:
             now: which half is the present one.
             displacement: (B, N) float64, of the joints from the state's reference posture [rad].
         """
-        self._step.assign(joint_step)
+        write(self._step, joint_step)
         # The kernel takes the posture half a step on, the middle of a frame; here J is that of the present.
-        self._displacement.assign(displacement - 0.5 * joint_step)
+        write(self._displacement, displacement - 0.5 * joint_step)
         self._regress.launch()
         self._multiply[now]()
         return self._flow

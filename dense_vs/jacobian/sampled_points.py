@@ -8,6 +8,7 @@ import numpy as np
 import warp as wp
 
 from dense_vs.kernels.recorded import recorded
+from dense_vs.kernels.views import write
 
 KINDS = 4  # numbers of points that are kept: one point, a grid of them, and few others are asked for again and again
 
@@ -34,7 +35,7 @@ class SampledPoints:
         """
         where, found, launches = self._of_shape(points.shape[:2])
         if points.size:
-            where.assign(np.ascontiguousarray(points, np.float32))
+            write(where, np.ascontiguousarray(points, np.float32))
             launches[now].launch()
         return found
 

@@ -229,7 +229,9 @@ class BodyPrior:
         hidden = self._occlusion.observe(body, flow, by_model, by_estimate)
         if not hidden.any():
             return flow
-        return np.where(self._occlusion.around[..., None], np.float32(np.nan), flow)
+        told = np.array(flow, np.float32)
+        told[self._occlusion.around] = np.nan
+        return told
 
     @np.errstate(over="ignore", invalid="ignore")  # a motion that float32 does not hold counts for nothing
     def correct(self, estimator: DenseJacobian, positions: Any, flow: Any, span: Any) -> None:

@@ -19,6 +19,7 @@ from dense_vs.device import resolve_threads
 from dense_vs.kernels.body.covered import covered
 from dense_vs.kernels.body.unshared_motion import unshared_motion
 from dense_vs.kernels.launch import PixelLaunch
+from dense_vs.kernels.views import seen_as
 
 WINDOW = 11  # px, side of the window
 DECAY = 0.3  # of the sums, from one measured motion to the next
@@ -46,7 +47,7 @@ class Occlusion:
 
     def __init__(self, size: tuple[int, int]):
         self.cover, self.hidden, self.around, self.lately = (np.zeros(size, bool) for _ in range(4))
-        self._since: Any = wp.zeros((1, *size), dtype=wp.int16, device="cpu")  # motions that each has been covered for
+        self._since = np.zeros((1, *size), np.int16)  # motions that each has been covered for
         self._ago = np.full(size, LATELY + 1, np.int16)
         self._doubted, self.doubtful = 0, False
 
@@ -62,7 +63,7 @@ class Occlusion:
         self.cover = _parts_on(strange, body)
         self.hidden = self.cover & body
         self.around = self._about()
-        self._since.numpy()[0] += self.cover
+        self._since[0] += self.cover
         self._ago += self._ago <= LATELY
         np.putmask(self._ago, self.around, 0)
         self.lately = self._ago <= LATELY
@@ -70,17 +71,17 @@ class Occlusion:
 
     def _strange(self, body: np.ndarray, flow: np.ndarray, by_model: np.ndarray, by_estimate: np.ndarray) -> np.ndarray:
         """Pixels ``(H, W)`` that are covered, on the body or not, by the last motions."""
-        compare, judge, given, (off, moved), (on_body, cover), (found, counts) = self._launches
+        (compare, judge), (*given, on_body, cover), motions, (found, counts) = self._launches
         for array, image in zip((*given, on_body, cover), (flow, by_model, by_estimate, body, self.cover), strict=True):
-            array.numpy()[0] = image
+            array[...] = image
         compare()
-        for motion in (off, moved):
-            cv2.blur(motion.numpy()[0], (WINDOW, WINDOW), dst=motion.numpy()[0])
+        for motion in motions:
+            cv2.blur(motion, (WINDOW, WINDOW), dst=motion)
         judge()
-        told, strange = counts.numpy()[0].sum(axis=0)
+        told, strange = counts.sum(axis=0)
         self.doubtful = bool(strange > MOST_COVERED * told)
         self._doubted = self._doubted + 1 if self.doubtful else 0
-        return found.numpy()[0] == 2 if self._doubted > PATIENCE else found.numpy()[0] > 0
+        return found == 2 if self._doubted > PATIENCE else found > 0
 
     @cached_property
     def _launches(self) -> tuple[Any, ...]:
@@ -97,12 +98,13 @@ class Occlusion:
         on_body, cover, found = memory(3, wp.uint8)
         counts = wp.zeros(shape[:2], dtype=wp.vec2i, device="cpu")
         limits = [DECAY, STRANGE, FAINT, LONGEST]
-        judged = [*squares, on_body, cover, *limits, *sums, self._since, found, counts]
+        judged = [*squares, on_body, cover, *limits, *sums, seen_as(self._since, wp.int16, shape), found, counts]
         compare, judge = (
             PixelLaunch(kernel, shape, arguments, "cpu", resolve_threads())
             for kernel, arguments in ((unshared_motion, [*given, SAYS, *squares]), (covered, judged))
         )
-        return compare, judge, given, squares, (on_body, cover), (found, counts)
+        groups = (*given, on_body, cover), squares, (found, counts)
+        return (compare, judge), *(tuple(array.numpy()[0] for array in group) for group in groups)
 
     def _about(self) -> np.ndarray:
         """What covers the body and what is beside it."""

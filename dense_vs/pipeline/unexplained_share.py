@@ -38,19 +38,20 @@ class UnexplainedShare:
         """
         launch, given, (off, moved, count) = self._sums
         for array, image in zip(given, (body, flow, by_model), strict=True):
-            array.numpy()[0] = image
+            array[...] = image
         for sums in (off, moved, count):
-            sums.zero_()
+            sums.fill(0)
         launch()
-        if int(count.numpy().sum()) < LEAST_PIXELS:
+        if int(count.sum()) < LEAST_PIXELS:
             return None
-        return float(off.numpy().sum() / moved.numpy().sum())
+        return float(off.sum() / moved.sum())
 
     @cached_property
-    def _sums(self) -> tuple[PixelLaunch, tuple[wp.array, ...], tuple[wp.array, ...]]:
+    def _sums(self) -> tuple[PixelLaunch, tuple[np.ndarray, ...], tuple[np.ndarray, ...]]:
         """The launch, what it is given, and its sums by row."""
         height, width = self._size
         given = tuple(wp.zeros((1, height, width), dtype=dtype, device="cpu") for dtype in (wp.uint8, wp.vec2, wp.vec2))
         sums = tuple(wp.zeros((1, height), dtype=dtype, device="cpu") for dtype in (wp.float64, wp.float64, wp.int32))
         arguments = [*given, MOVING, int(self._of_chain), *sums]
-        return PixelLaunch(unexplained_motion, (1, height, width), arguments, "cpu", resolve_threads()), given, sums
+        launch = PixelLaunch(unexplained_motion, (1, height, width), arguments, "cpu", resolve_threads())
+        return launch, tuple(array.numpy()[0] for array in given), tuple(array.numpy()[0] for array in sums)

@@ -6,8 +6,6 @@ pixels off, and parts of the robot that it does not know may have come there, so
 J says that a pixel moved by now, and it did not, has J no business there.
 """
 
-from typing import Any
-
 import cv2
 import numpy as np
 import warp as wp
@@ -32,8 +30,8 @@ class Vacated:
         ago = wp.full(shape, LATELY + 1, dtype=wp.int16, device="cpu")  # motions since the body was there
         arguments = [*masks[:2], *flows, LATELY, STILL, MOVING, ago, masks[2]]
         self._launch = PixelLaunch(vacated, shape, arguments, "cpu", resolve_threads())
-        self._given: tuple[Any, ...] = (*masks[:2], *flows)
-        self._left: Any = masks[2]
+        self._given = tuple(array.numpy()[0] for array in (*masks[:2], *flows))
+        self._left = masks[2].numpy()[0]
 
     def observe(self, body: np.ndarray, flow: np.ndarray, by_estimate: np.ndarray) -> np.ndarray:
         """Take a measured motion; bool ``(H, W)``, pixels that the body has left and on which J stays behind.
@@ -45,9 +43,9 @@ class Vacated:
         """
         near = cv2.dilate(body.astype(np.uint8), _AROUND)
         for array, image in zip(self._given, (body, near, flow, by_estimate), strict=True):
-            array.numpy()[0] = image
+            array[...] = image
         self._launch()
-        return self._left.numpy()[0] > 0
+        return self._left > 0
 
 
 _AROUND = np.ones((2 * BESIDE + 1, 2 * BESIDE + 1), np.uint8)

@@ -6,11 +6,13 @@ the robot moves on they refine the chain. Features that turn out of sight are re
 whose motion explains it. The point is known by its pixel when it was defined and a depth (:mod:`.point_on_link`).
 """
 
+import statistics
 from collections import deque
 from collections.abc import Callable, Sequence
 
 import numpy as np
 
+from dense_vs.arrays import middle
 from dense_vs.body_model.chain import Chain
 from dense_vs.body_model.feature_flow import carried, keep_apart, new_features
 from dense_vs.body_model.image_directions import direction_weights
@@ -145,7 +147,7 @@ class BodyTracker:
     @property
     def usual_uncertainty(self) -> float:
         """Standard deviation of the point's place [px], the median of the last images."""
-        return float(np.median(self.lately))
+        return float(statistics.median(self.lately))
 
     def update(self, gray: np.ndarray, positions: np.ndarray) -> np.ndarray:
         """Find the point in the present image; its place ``(2,)`` [px].
@@ -249,7 +251,7 @@ class BodyTracker:
         if known.any() and not known.all():
             across, down = (self._places[known, k] - self._places[~known, k, None] for k in (0, 1))
             near = np.argpartition(across**2 + down**2, min(AROUND, known.sum()) - 1, axis=1)[:, :AROUND]
-            step[~known] = np.median(step[known][near], axis=1)
+            step[~known] = middle(step[known][near], axis=1)
         return self._places + step
 
     def _correct(self, q: np.ndarray, link: int, gray: np.ndarray, directions: np.ndarray) -> None:

@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from dense_vs.arrays import middle
 from dense_vs.point_servo.more_features import LEAST_SEEN
 
 GATE = 2.0  # px from where its link's features are, at which one is given up
@@ -20,6 +21,6 @@ def off_their_link(off: np.ndarray, directions: np.ndarray, links: np.ndarray, c
     for link in np.unique(links[counted]):
         on = counted & (links == link)
         if on.sum() >= LEAST_SEEN:
-            far = np.einsum("kij,kj->ki", directions[on], off[on] - np.median(off[on], axis=0))
+            far = np.einsum("kij,kj->ki", directions[on], off[on] - middle(off[on]))
             found[on] = np.linalg.norm(far, axis=1) > GATE
     return found

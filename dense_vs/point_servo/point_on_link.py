@@ -235,7 +235,8 @@ def mean_about(
     """
     weights = np.exp(-np.sum((places - point) ** 2, axis=1) / (2 * WIDE**2)) + 1e-3
     mean, spread = directed_mean(off, directions, weights)
-    middle = np.average(places, axis=0, weights=weights)
-    extent = float(np.average(np.sum((places - middle) ** 2, axis=1), weights=weights))
+    shares = weights / weights.sum()
+    middle = shares @ places
+    extent = float(shares @ np.sum((places - middle) ** 2, axis=1))
     lever = float(np.sum((point - middle) ** 2)) / max(extent, 1.0)
     return mean, spread * float(np.sqrt((1 + lever) / len(places)))

@@ -8,6 +8,7 @@ posture; one alone may be mistaken, but those of one rigid link have to agree on
 
 import numpy as np
 
+from dense_vs.arrays import middle
 from dense_vs.body_model.image_directions import direction_weights
 from dense_vs.point_servo.body_features import BodyFeatures
 from dense_vs.point_servo.feature_looks import FeatureLooks
@@ -60,8 +61,8 @@ def regained(
     directions = direction_weights(gray, places)
     agreed = np.ones(len(off), bool)
     for _ in range(ROUNDS):
-        middle = np.median(off[agreed], axis=0)
-        agreed = np.linalg.norm(np.einsum("kij,kj->ki", directions, off - middle), axis=1) < AGREED
+        most = middle(off[agreed])
+        agreed = np.linalg.norm(np.einsum("kij,kj->ki", directions, off - most), axis=1) < AGREED
         if not agreed.any():
             break
     if agreed.sum() < max(LEAST_AGREED, LEAST_SHARE * len(off)):

@@ -110,7 +110,7 @@ class PatchAlignment:
         self._kept = inputs  # as long as the recorded pointers
         self._command: Any = wp.launch(kernel, grid, inputs=inputs, **options) if self._points else None
         if self._points and self._on_cpu:
-            self._command = CpuLaunch(self._command)
+            self._command = CpuLaunch(self._command, grid)
         self._shares: list[Any] = []  # the same of SHARE points each, as far as they were asked for
 
     def __call__(self, points: int | None = None, threads: int = 1) -> None:
