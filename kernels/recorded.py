@@ -16,7 +16,7 @@ class CpuLaunch:
         grid: its dimensions, where parts may have the same.
     """
 
-    __slots__ = ("_arguments", "_bounds", "_command", "_forward", "_grid", "_references")
+    __slots__ = ("_arguments", "_bounds", "_command", "_first", "_forward", "_grid", "_references")
 
     def __init__(self, command: Any, grid: Any = None):
         self._command, self._forward, self._bounds = command, command.hooks.forward, command.bounds
@@ -24,6 +24,7 @@ class CpuLaunch:
         given = command.params[1:]  # the first are the bounds
         names = [argument.label for argument in command.kernel.adj.args]
         fields = [(name, type(value)) for name, value in zip(names, given, strict=True)]
+        self._first = names[0]
         packed: Any = type("Arguments", (ctypes.Structure,), {"_fields_": fields})
         self._point_to(packed(*given))
 
@@ -37,13 +38,15 @@ class CpuLaunch:
 
     def part(self, begin: int, grid: tuple[int, ...]) -> "CpuLaunch":
         """The same launch of another part: where it begins, the kernel's first argument, and its grid."""
-        other = copy(self)
+        other = CpuLaunch.__new__(CpuLaunch)
+        other._command, other._grid, other._bounds = self._command, self._grid, self._bounds
+        other._forward, other._first = self._forward, self._first
         if grid != self._grid:
             other._command = copy(self._command)
             other._command.set_dim(grid)
             other._grid, other._bounds = grid, other._command.bounds
         arguments: Any = type(self._arguments).from_buffer_copy(self._arguments)
-        setattr(arguments, arguments._fields_[0][0], begin)
+        setattr(arguments, self._first, begin)
         other._point_to(arguments)
         return other
 

@@ -6,7 +6,9 @@ Known so, a look is found again at postures at which a patch compared as it was 
 need not be one plane: where the whole look is not seen, its middle may be.
 """
 
+import math
 from dataclasses import dataclass
+from functools import cache
 
 import cv2
 import numpy as np
@@ -123,21 +125,22 @@ class PointLook:
             affine: ``(2, 2)``, from px about the point in the first image to px here.
             covariance: ``(2, 2)`` of the expected place [px^2].
         """
-        scales = np.linalg.svd(affine, compute_uv=False) if np.isfinite(affine).all() else np.zeros(2)
+        largest, smallest = _scales(affine)
         inside = np.isfinite(expected).all() and (expected >= 0).all() and (expected < gray.shape[::-1]).all()
-        if not inside or scales[1] < LEAST_SCALE or scales[0] > MOST_SCALE or self._contrast < LEAST_CONTRAST:
+        if not inside or not smallest >= LEAST_SCALE or largest > MOST_SCALE or self._contrast < LEAST_CONTRAST:
             return np.array(expected), -1.0
-        spread = STANDARD_DEVIATIONS * np.sqrt(np.linalg.eigvalsh(covariance)[1]) / scales[1]
+        (xx, xy), (_, yy) = covariance.tolist()
+        spread = STANDARD_DEVIATIONS * np.sqrt((xx + yy) / 2 + np.hypot((xx - yy) / 2, xy)) / smallest
         radius = int(np.clip(np.ceil(spread), LEAST_RADIUS, MOST_RADIUS))
         whole = _blurred(_sampled(gray, expected, affine, self._half + radius))
         side = 2 * radius + 1
         correlation = self._correlations(whole)
-        y, x = np.divmod(np.arange(side * side), side)
-        moved = np.column_stack([x - radius, y - radius]) @ affine.T
+        moved = _steps(radius) @ affine.T
+        information = np.array([[yy, -xy], [-xy, xx]]) / (xx * yy - xy**2)
         noise = max(LEAST_NOISE, NOISE_SHARE * (1 - float(correlation.max())))
-        score = correlation / noise - 0.5 * np.sum(moved @ np.linalg.inv(covariance) * moved, axis=1)
+        score = correlation / noise - 0.5 * np.sum(moved @ information * moved, axis=1)
         best = int(score.argmax())
-        between = _peak(score.reshape(side, side), y[best], x[best])
+        between = _peak(score.reshape(side, side), *divmod(best, side))
         place = expected + moved[best] + affine @ between
         if correlation[best] < LEAST_ALIGNED:
             return place, float(correlation[best])
@@ -184,6 +187,21 @@ def _sampled(gray: np.ndarray, place: np.ndarray, affine: np.ndarray, half: int)
     flags = cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP
     size = (2 * half + 1, 2 * half + 1)
     return cv2.warpAffine(gray, matrix, size, flags=flags, borderMode=cv2.BORDER_REPLICATE).astype(np.float32)
+
+
+@cache
+def _steps(radius: int) -> np.ndarray:
+    """Whole steps of x and y up to a radius, row by row, ``((2 radius + 1)^2, 2)``; not to be changed."""
+    y, x = np.mgrid[-radius : radius + 1, -radius : radius + 1]
+    return np.column_stack([x.ravel(), y.ravel()])
+
+
+def _scales(affine: np.ndarray) -> tuple[float, float]:
+    """Singular values of a map ``(2, 2)``, the larger first; not a number where the map is none."""
+    (a, b), (c, d) = affine.tolist()
+    half, product = (a * a + b * b + c * c + d * d) / 2, a * d - b * c
+    largest = math.sqrt(half + math.sqrt(max(half * half - product * product, 0.0))) if math.isfinite(half) else math.nan
+    return largest, abs(product) / largest if largest else 0.0
 
 
 def _blurred(look: np.ndarray) -> np.ndarray:

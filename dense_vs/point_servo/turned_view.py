@@ -38,5 +38,5 @@ def turned_view(
     rotation, translation = features.chain.link_poses(postures)
     there = np.einsum("tkij,kbj->tkbi", rotation[:, links], home) + translation[:, links][:, :, None]
     seen = features.pixels(there.reshape(-1, 3)).reshape(len(postures), len(pixels), 3, 2)
-    middle, *beside = np.moveaxis(seen, 2, 0)
-    return middle, np.stack([place - middle for place in beside], axis=-1)
+    middle = seen[:, :, 0]
+    return middle, (seen[:, :, 1:] - middle[:, :, None]).swapaxes(2, 3)
