@@ -129,26 +129,21 @@ def one_blas_thread() -> Iterator[None]:
     all cores, a fit of seconds took minutes. Within another such block nothing is asked of the libraries, which takes
     as long as some of what is kept to one thread.
     """
-    with _BLAS_LIMIT.lock:
-        if not _BLAS_LIMIT.inside:
-            _BLAS_LIMIT.limit = _blas_libraries().limit(limits=1, user_api="blas")
-        _BLAS_LIMIT.inside += 1
-    try:
+    if _BLAS_LIMIT.here:
         yield
-    finally:
-        with _BLAS_LIMIT.lock:
-            _BLAS_LIMIT.inside -= 1
-            if not _BLAS_LIMIT.inside:
-                _BLAS_LIMIT.limit.restore_original_limits()
+        return
+    with _blas_libraries().limit(limits=1, user_api="blas"):
+        _BLAS_LIMIT.here = True
+        try:
+            yield
+        finally:
+            _BLAS_LIMIT.here = False
 
 
-class _BlasLimit:
-    """The process's limit, as long as any thread is inside of a block that asks for it."""
+class _BlasLimit(threading.local):
+    """Whether a thread is within a block that asks for one thread; the libraries know whose word counts."""
 
-    def __init__(self) -> None:
-        self.lock = threading.Lock()
-        self.inside = 0
-        self.limit: Any = None
+    here = False
 
 
 _BLAS_LIMIT = _BlasLimit()

@@ -13,7 +13,9 @@ FOLDERS = {"dense_vs": "dense_vs", "dense_vs.kernels": "kernels", "dense_vs.sims
 # From the ground up. A room imports itself and what is named for it; nothing imports upward.
 GROUND = {"errors", "checks", "arrays", "device", "files", "lazy_names", "memory"}
 KERNEL_ROOMS = {
-    "kernels.launch": set(),
+    "kernels.cpu_threads": set(),
+    "kernels.recorded": set(),
+    "kernels.launch": {"kernels.cpu_threads", "kernels.recorded"},
     "kernels.views": set(),
     "kernels.image": set(),
     "kernels.flow": {"kernels.image"},
@@ -25,6 +27,7 @@ KERNEL_ROOMS = {
     "kernels.control": set(),
     "kernels.simulation": {"kernels.image"},
 }
+LAUNCHING = {"kernels.cpu_threads", "kernels.recorded", "kernels.launch", "kernels.views"}
 ROOMS = {
     "robot": set(),
     "health": {"robot"},
@@ -100,7 +103,7 @@ def allowed(room: str) -> set[str]:
     if room in GROUND:
         return GROUND | kernels
     if room in KERNEL_ROOMS:
-        return KERNEL_ROOMS[room] | {"kernels.launch", "kernels.views"}
+        return KERNEL_ROOMS[room] | LAUNCHING
     if room in ROOMS:
         return GROUND | kernels | ROOMS[room]
     return GROUND | set(KERNEL_ROOMS) | ALGORITHMS | {"view"} | SIMS_ROOMS[room] | EXTERNAL.get(room, set())

@@ -16,13 +16,14 @@ from typing import Any
 
 import numpy as np
 
-from dense_vs.arrays import plain_array, points_array, real_vector
+from dense_vs.arrays import points_array, real_vector
 from dense_vs.body_model.body_change import BodyChange
 from dense_vs.body_model.body_views import BodyImage, BodyPoints
 from dense_vs.body_model.chain import BACKGROUND, Chain
 from dense_vs.body_model.dense_motion import DenseMotion
 from dense_vs.body_model.fit import BodyFit, BodyFitOptions, fit_body
 from dense_vs.body_model.lens import Lens
+from dense_vs.body_model.metric_scale import meters_by_unit
 from dense_vs.body_model.model_file import WHAT, ModelContent, body_arrays, body_content
 from dense_vs.body_model.nearest_point import nearest_point
 from dense_vs.body_model.precision import covariances, precision_of
@@ -34,8 +35,7 @@ from dense_vs.checks import check_kind, check_options, is_list
 from dense_vs.errors import DenseVSError
 from dense_vs.files import atomic_write, read_arrays
 from dense_vs.generative.rotations import rotation_matrices
-
-LEAST_WITH_DEPTH = 50  # pixels of the body
+from dense_vs.kernels.jacobian.present_state import PresentState
 
 
 class BodyModel:
@@ -197,6 +197,11 @@ class BodyModel:
         other = real_vector(measured, "measured", (*self.size, 2, self.joint_count), np.float32, copy=False)
         return self._drawing.jacobian(posture, self.learned, self._drawing.front(posture), other)
 
+    def blend(self, q: Any, present: PresentState, share: np.ndarray) -> None:
+        """Draw a filter's J on this CPU to :meth:`corrected_jacobian` by shares ``(H, W)``, and sooner than by that."""
+        posture = self._posture(q, "q")
+        self._drawing.blend(posture, self.learned, self._drawing.front(posture), present, share)
+
     def depth_jacobian(self, q: Any) -> np.ndarray:
         """How depth answers to every joint at a posture ``(N,)`` [rad], float32 ``(H, W, N)``; 0 off the body.
 
@@ -225,20 +230,7 @@ class BodyModel:
         if not is_list(depths):
             raise DenseVSError(f"depths are a {type(depths).__name__}; expected a list or array of depth images")
         postures = real_vector(joints, "joints", (len(depths), self.joint_count))
-        ratios = [np.zeros(0)]
-        for depth, q in zip(depths, postures, strict=True):
-            image = plain_array(depth, "depth", f"floating-point numbers of shape {self.size}")
-            seen = real_vector(np.nan_to_num(image, posinf=0.0), "depth", self.size)
-            of_body = self.image(q).depths
-            both = np.isfinite(of_body) & (seen > 0)
-            ratios.append(seen[both] / of_body[both])
-        found = np.concatenate(ratios)
-        if len(found) < LEAST_WITH_DEPTH:
-            raise DenseVSError(
-                f"depth is known at {len(found)} pixels of the body; expected at least {LEAST_WITH_DEPTH} in depth "
-                "images in meters, 0 or NaN where it is not known"
-            )
-        scale = float(np.median(found))
+        scale = meters_by_unit([self.image(q).depths for q in postures], depths)
         surface = replace(self.surface, points=scale * self.surface.points)
         precision = None if self.precision is None else self.precision.scaled(scale, self.chain.slides)
         chain = self.chain.scaled(scale)

@@ -12,6 +12,7 @@ import warp as wp
 from dense_vs.body_model.chain import Chain
 from dense_vs.body_model.lens import Lens
 from dense_vs.device import resolve_threads
+from dense_vs.kernels.body.surface_blend import surface_blend_kernel
 from dense_vs.kernels.body.surface_image import (
     FARTHEST,
     NONE,
@@ -24,6 +25,7 @@ from dense_vs.kernels.body.surface_image import (
     take_front,
 )
 from dense_vs.kernels.cpu_threads import share_out
+from dense_vs.kernels.jacobian.present_state import PresentState
 from dense_vs.kernels.launch import PixelLaunch
 from dense_vs.kernels.recorded import recorded, recorded_parts
 from dense_vs.kernels.views import seen_as
@@ -81,6 +83,8 @@ class SurfaceImage:
         self._depth = _memory(wp.float32, *size)
         self._nearest, between, self._index = (_memory(wp.int32, *size) for _ in range(3))
         self._read: tuple[np.ndarray, PixelLaunch] | None = None  # the J that it was corrected by last
+        self._share = _memory(wp.float32, *size)
+        self._blends: dict[int, tuple[PresentState, PixelLaunch]] = {}  # by the state that each draws
         home, placed = _copied(points, wp.vec3), [self._positions, pixels]
         self._kept = home, placed  # as long as the recorded pointers
         edges = [count * part // PARTS for part in range(PARTS + 1)]
@@ -140,6 +144,36 @@ class SurfaceImage:
             else:
                 self._correction(np.ascontiguousarray(measured, np.float32))()
             return J.numpy().copy()
+
+    def blend(
+        self, q: np.ndarray, learned: np.ndarray, front: FrontPoints, present: PresentState, share: np.ndarray
+    ) -> None:
+        """Draw a filter's J on this CPU to that of :meth:`jacobian`, its depths corrected by the filter's, in place.
+
+        Args:
+            q, learned, front: as of :meth:`jacobian`.
+            present: the filter's state, of one world and the joints and size of this image.
+            share: ``(H, W)`` of the way, 0 to 1.
+        """
+        with self._drawn:
+            self._show(front)
+            for memory, values in zip(self._screws, self._learned_screws(q, learned), strict=True):
+                memory.numpy()[...] = values
+            self._share.numpy()[...] = share
+            self._blending(present)()
+
+    def _blending(self, present: PresentState) -> PixelLaunch:
+        """The launch that draws a state, which a filter has two of."""
+        found = self._blends.get(present.state.ptr)
+        if found is None:
+            focal, _, *bend = self._lens
+            noise = [DEPTH_DEVIATION, NOISE_SCALE, LEAST_NOISE]
+            of_state = [self._share, present.displacement, present.state]
+            kinds = present.kernels
+            kernel = surface_blend_kernel(kinds.joints, kinds.order, kinds.layout)
+            found = present, self._pixels(kernel, [*self._moving, focal, *bend, *noise, *of_state])
+            self._blends = {**dict([*self._blends.items()][-1:]), present.state.ptr: found}
+        return found[1]
 
     def motion(self, q: np.ndarray, learned: np.ndarray, front: FrontPoints, step: np.ndarray) -> np.ndarray:
         """J dq, float32 ``(H, W, 2)`` [px], 0 off the body; sooner than by J.

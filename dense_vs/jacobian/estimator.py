@@ -20,6 +20,7 @@ from dense_vs.checks import check_flag
 from dense_vs.device import NotCopied, resolve_device, resolve_threads, room_for
 from dense_vs.errors import DenseVSError
 from dense_vs.files import atomic_write
+from dense_vs.jacobian.blending import blending
 from dense_vs.jacobian.depth_filter import DepthFilter, depth_bytes
 from dense_vs.jacobian.depth_image import depth_image
 from dense_vs.jacobian.filter import JacobianFilter, filter_bytes
@@ -266,7 +267,7 @@ class DenseJacobian(NotCopied):
         """Draw J to one that is known from elsewhere, as from a body model; the uncertainty stays. For one world.
 
         Args:
-            jacobian: ``(H, W, 2, N)`` [px/rad].
+            jacobian: ``(H, W, 2, N)`` [px/rad]; or what draws a :class:`.PresentState` on this device to it by a share.
             share: ``(H, W)``, 0 leaves J as it is, 1 takes the other.
 
         Raises:
@@ -275,11 +276,13 @@ class DenseJacobian(NotCopied):
         size = self.options.height, self.options.width
         if self.options.worlds != 1:
             raise DenseVSError(f"estimator has {self.options.worlds} worlds; expected one to blend J in")
-        other = real_vector(jacobian, "jacobian", (*size, 2, self.options.joints), np.float32, copy=False)
         weight = real_vector(share, "share", size, np.float32, copy=False)
         if weight.min() < 0 or weight.max() > 1:
             raise DenseVSError(f"share is from {weight.min()} to {weight.max()}; expected 0 to 1")
-        self.filter.blend(np.ascontiguousarray(other)[None], np.ascontiguousarray(weight)[None])
+        if not callable(draw := jacobian):
+            other = real_vector(jacobian, "jacobian", (*size, 2, self.options.joints), np.float32, copy=False)
+            draw = blending(other, self.filter.threads)
+        self.filter.change(lambda present: draw(present, np.ascontiguousarray(weight)))
 
     def predicted_flow(self, dq: Any) -> np.ndarray:
         """The flow J dq that a joint step would cause, float32 ``(H, W, 2)`` [px].

@@ -26,8 +26,9 @@ from dense_vs.kernels.jacobian.covariance import (
     update_shared_covariance,
 )
 from dense_vs.kernels.jacobian.image_jacobian import forget_state, jacobian_kernels
+from dense_vs.kernels.jacobian.present_state import PresentState
 from dense_vs.kernels.jacobian.state_image import Layout, group_size, variance_image
-from dense_vs.kernels.launch import PixelLaunch, launch_pixels
+from dense_vs.kernels.launch import PixelLaunch
 from dense_vs.kernels.views import seen_as, write
 
 
@@ -209,12 +210,9 @@ class JacobianFilter:
             self._present_version = self.version
         return self._present
 
-    def blend(self, jacobian: np.ndarray, share: np.ndarray) -> None:
-        """Draw J at the present posture to another (B, H, W, 2, N) float32 by shares (B, H, W) float32."""
-        other = wp.array(jacobian, dtype=self.kernels.Jacobian, device=self.device, copy=False)
-        weight = wp.array(share, dtype=wp.float32, device=self.device, copy=False)
-        arguments = [self.displacement[self.now], other, weight, self.state[self.now]]
-        launch_pixels(self.kernels.blend_jacobian, self.shape, arguments, self.device, self.threads)
+    def change(self, how: Callable[[PresentState], Any]) -> None:
+        """Let something change the present state in place."""
+        how(PresentState(self.kernels, self.state[self.now], self.displacement[self.now]))
         self.version += 1
 
     def predicted_flow(self, joint_step: np.ndarray) -> wp.array:

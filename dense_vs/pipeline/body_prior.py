@@ -6,6 +6,7 @@ wrong: the share of the image motion that it explains is watched, and below a bo
 """
 
 from collections.abc import Callable
+from functools import partial
 from typing import Any, Protocol
 
 import cv2
@@ -17,6 +18,7 @@ from dense_vs.checks import check_function, check_methods, check_number, check_p
 from dense_vs.device import one_blas_thread
 from dense_vs.errors import DenseVSError
 from dense_vs.jacobian.estimator import DenseJacobian
+from dense_vs.kernels.jacobian.present_state import PresentState
 from dense_vs.pipeline.occlusion import Occlusion
 from dense_vs.pipeline.unexplained_share import UnexplainedShare
 from dense_vs.pipeline.vacated import Vacated
@@ -63,6 +65,8 @@ class BodyPrior:
             J, as ``BodyModel.corrected_jacobian`` does; that is what J is drawn to, where given.
         moved: gives the motion by the model's J ``(H, W, 2)`` [px] at a posture by a joint step ``(N,)``, and the mask
             of the body, as ``BodyModel.moved`` does; asked in place of ``known``, where given.
+        blended: draws an estimator's state on a CPU to what ``corrected`` gives, at a posture by a share, as
+            ``BodyModel.blend`` does; asked in its place, where given.
 
     Attributes:
         agreement: share of the image motion on the body that the model explained lately; 1 is all, 0 none, and below,
@@ -81,13 +85,15 @@ class BodyPrior:
         told: Callable[[np.ndarray], np.ndarray] | None = None,
         corrected: Callable[[np.ndarray, np.ndarray], np.ndarray] | None = None,
         moved: Callable[[np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray]] | None = None,
+        blended: Callable[[np.ndarray, PresentState, np.ndarray], None] | None = None,
     ):
         if not callable(known):
             raise DenseVSError(f"known is {shown(known)}; expected a function of joint positions")
         check_function("told", told)
         check_function("corrected", corrected)
         check_function("moved", moved)
-        self.known, self.told, self.corrected, self.moved = known, told, corrected, moved
+        check_function("blended", blended)
+        self.known, self.told, self.corrected, self.moved, self.blended = known, told, corrected, moved, blended
         self.share = check_number("share", share, above=0, most=1)
         self.least_agreement = check_number("least_agreement", least_agreement, most=1)
         self.agreement = 1.0
@@ -126,7 +132,8 @@ class BodyPrior:
             J, mask = body.known(q)
             return _resized(J, size), _resized_mask(mask, size)
 
-        told, by_depth, step_of = (getattr(body, name, None) for name in ("told", "corrected_jacobian", "moved"))
+        names = "told", "corrected_jacobian", "moved", "blend"
+        told, by_depth, step_of, blend = (getattr(body, name, None) for name in names)
 
         def corrected(q: np.ndarray, measured: np.ndarray) -> np.ndarray:
             assert by_depth is not None  # else nobody asks
@@ -139,6 +146,7 @@ class BodyPrior:
 
         if told is None:
             of_body = {"corrected": by_depth and corrected, "moved": step_of and moved}
+            of_body |= {"blended": blend if size == tuple(body.size) else None}
             return cls(known, share=CHAIN_SHARE, least_agreement=CHAIN_AGREEMENT, **of_body)
         return cls(known, share=MEMORY_SHARE, least_agreement=MEMORY_AGREEMENT, told=told)
 
@@ -156,7 +164,7 @@ class BodyPrior:
         positions = _posture(estimator, positions)
         share = check_number("share", share, least=0, most=1)
         body = self._body(positions)
-        estimator.blend(self._completed(estimator, positions), np.float32(share) * body.astype(np.float32))
+        self._blend(estimator, positions, np.float32(share) * body.astype(np.float32))
 
     @property
     def hidden(self) -> np.ndarray | None:
@@ -275,7 +283,7 @@ class BodyPrior:
             share[self.hidden & body] = max(self.share, HIDDEN_SHARE)
         if left is not None:
             share[left] = self.share
-        estimator.blend(self._completed(estimator, positions), share)
+        self._blend(estimator, positions, share)
 
     def _at(self, positions: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """What the model knows at a posture, which is asked for several times."""
@@ -289,6 +297,13 @@ class BodyPrior:
         if self._motion is not None and self._motion[0] == positions.tobytes():
             return self._motion[3]
         return self._at(positions)[1]
+
+    def _blend(self, estimator: DenseJacobian, positions: np.ndarray, share: np.ndarray) -> None:
+        """Draw J to the model's at a posture by shares ``(H, W)``."""
+        if self.blended is not None and estimator.device.is_cpu:
+            estimator.blend(partial(self.blended, positions), share)
+        else:
+            estimator.blend(self._completed(estimator, positions), share)
 
     def _completed(self, estimator: DenseJacobian, positions: np.ndarray) -> np.ndarray:
         """The model's J, with the estimator's in what the model does not speak of or knows less well."""

@@ -89,7 +89,8 @@ class Occlusion:
 
         A J of nearly 0 explains anything that stands still: it has to explain what is seen to move.
         """
-        shape = (1, *self.cover.shape)
+        height, width = self.cover.shape
+        shape = (1, height, width)
 
         def memory(count: int, dtype: Any) -> tuple[Any, ...]:
             return tuple(wp.zeros(shape, dtype=dtype, device="cpu") for _ in range(count))

@@ -6,7 +6,6 @@ the robot moves on they refine the chain. Features that turn out of sight are re
 whose motion explains it. The point is known by its pixel when it was defined and a depth (:mod:`.point_on_link`).
 """
 
-import statistics
 from collections import deque
 from collections.abc import Callable, Sequence
 
@@ -147,7 +146,7 @@ class BodyTracker:
     @property
     def usual_uncertainty(self) -> float:
         """Standard deviation of the point's place [px], the median of the last images."""
-        return float(statistics.median(self.lately))
+        return float(middle(np.array(self.lately)))
 
     def update(self, gray: np.ndarray, positions: np.ndarray) -> np.ndarray:
         """Find the point in the present image; its place ``(2,)`` [px].
@@ -244,9 +243,8 @@ class BodyTracker:
 
     def _expected(self, there: np.ndarray) -> np.ndarray:
         """Where features in sight, which the chain has ``there``, should be by now [px]; young ones as those around."""
-        features = self.features
-        step = there - features.project(self._live, self._positions)
-        known = features.states[self._live] == FeatureState.KNOWN
+        step = there - self.features.project(self._live, self._positions)
+        known = self.features.states[self._live] == FeatureState.KNOWN
         step[~known | (np.abs(step).max(axis=1, initial=0) > 1e4)] = 0.0
         if known.any() and not known.all():
             across, down = (self._places[known, k] - self._places[~known, k, None] for k in (0, 1))

@@ -265,7 +265,7 @@ class LearnedBody:
         self._watch = BodyWatch(model, [*self._history])
         self._pipeline.prior = prior = BodyPrior(
             model.known, share=CHAIN_SHARE, least_agreement=min(CHAIN_AGREEMENT, STILL_EXPLAINED * explained),
-            corrected=model.corrected_jacobian, moved=model.moved,
+            corrected=model.corrected_jacobian, moved=model.moved, blended=model.blend,
         )  # fmt: skip
         if positions is not None:
             prior.begin(estimator, positions)

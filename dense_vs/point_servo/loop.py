@@ -202,7 +202,6 @@ class ServoLoop:
             self.on_frame(self)
         return self._frame
 
-    @one_blas_thread()
     def resume(self) -> None:
         """Begin anew with the next image and reading as they are, keeping J and the tracked point.
 

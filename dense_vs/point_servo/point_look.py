@@ -200,7 +200,9 @@ def _scales(affine: np.ndarray) -> tuple[float, float]:
     """Singular values of a map ``(2, 2)``, the larger first; not a number where the map is none."""
     (a, b), (c, d) = affine.tolist()
     half, product = (a * a + b * b + c * c + d * d) / 2, a * d - b * c
-    largest = math.sqrt(half + math.sqrt(max(half * half - product * product, 0.0))) if math.isfinite(half) else math.nan
+    largest = (
+        math.sqrt(half + math.sqrt(max(half * half - product * product, 0.0))) if math.isfinite(half) else math.nan
+    )
     return largest, abs(product) / largest if largest else 0.0
 
 

@@ -11,8 +11,8 @@ wp.set_module_options({"enable_backward": False})
 
 
 def present_jacobian_kernels(types: SimpleNamespace) -> SimpleNamespace:
-    """Kernels ``read_jacobian``, ``blend_jacobian``, ``sample_points`` and ``coarse_flow`` and the function
-    ``jacobian_at`` for a state.
+    """Kernels ``read_jacobian``, ``blend_jacobian``, ``sample_points`` and ``coarse_flow`` and the functions
+    ``jacobian_at`` and ``jacobian_of`` for a state.
     """
     joints, order = types.joints, types.order
     State, Jacobian, StateImage = types.State, types.Jacobian, types.StateImage
@@ -125,6 +125,7 @@ def present_jacobian_kernels(types: SimpleNamespace) -> SimpleNamespace:
         blend_jacobian=blend_jacobian,
         coarse_flow=coarse_flow,
         jacobian_at=jacobian_at,
+        jacobian_of=jacobian_of,
         read_jacobian=read_jacobian,
         sample_points=sample_points,
     )

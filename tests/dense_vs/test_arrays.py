@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from dense_vs.arrays import host_or_gpu, number_array, plain_array, point_array, real_vector
+from dense_vs.arrays import host_or_gpu, middle, number_array, plain_array, point_array, quantile, real_vector
 from dense_vs.errors import DenseVSError
 
 READERS = [
@@ -42,3 +42,26 @@ def test_bytes_are_no_numbers_and_a_view_may_be_too_large():
     for read in (lambda: number_array(endless, "it"), lambda: point_array(endless, "it")):
         with pytest.raises(DenseVSError, match=r"it has shape \(10000000, 10000000\).*memory"):
             read()
+
+
+@pytest.mark.parametrize("share", [0.0, 0.25, 0.5, 0.95, 1.0])
+@pytest.mark.parametrize("count", [1, 2, 3, 10, 31])
+def test_quantiles_and_middles_are_numpy_s(share, count):
+    values = np.random.default_rng(count).normal(size=(count, 4))
+    assert quantile(values[:, 0], share) == pytest.approx(np.quantile(values[:, 0], share), rel=1e-12)
+    for axis in (0, 1):
+        np.testing.assert_allclose(middle(values, axis), np.median(values, axis=axis), rtol=1e-12)
+    np.testing.assert_array_equal(values, np.random.default_rng(count).normal(size=(count, 4)))
+
+
+@pytest.mark.parametrize("read", [real_vector, number_array])
+def test_what_fits_at_once_is_copied_and_what_does_not_is_told(read):
+    given = np.array([[1.0, 2.0], [3.0, 4.0]])
+    got = read(given, "it", (2, -1))
+    got[...] = 0
+    assert given.all()
+    for wrong in (given[0], given[:1], np.array([[1.0, np.nan], [3.0, 4.0]]), given.astype(complex)):
+        with pytest.raises(DenseVSError, match="it "):
+            read(wrong, "it", (2, -1))
+    assert real_vector(given, "it", (2, 2), copy=False) is given
+    assert np.isnan(number_array(np.array([np.nan]), "it", (1,), finite=False)).all()

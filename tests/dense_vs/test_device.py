@@ -1,12 +1,14 @@
 """Which device, how many threads, and what is said where a GPU is missing or full."""
 
+import threading
+
 import numpy as np
 import pytest
 import warp as wp
 from threadpoolctl import threadpool_info, threadpool_limits
 
 from dense_vs import BatchFlow, DenseJacobian, DenseVSError
-from dense_vs.device import one_blas_thread, resolve_device, room_for
+from dense_vs.device import _blas_libraries, one_blas_thread, resolve_device, room_for
 
 
 @pytest.mark.parametrize("device", ["cuda:17", "gpu", "", "cpu:0"])
@@ -66,6 +68,8 @@ def test_a_real_gpu_that_is_full_says_so_and_goes_on():
 
 
 def test_linear_algebra_keeps_to_one_thread_within_the_block_and_only_there():
+    _blas_libraries()  # which loads SciPy's own, with the number of threads that the environment says
+
     def threads():
         return [library["num_threads"] for library in threadpool_info() if library["user_api"] == "blas"]
 
@@ -75,3 +79,30 @@ def test_linear_algebra_keeps_to_one_thread_within_the_block_and_only_there():
         with one_blas_thread():
             assert set(threads()) == {1}
         assert set(threads()) == {2}
+
+
+def test_a_block_within_another_asks_nothing_and_ends_nothing(monkeypatch):
+    asked = []
+    limit = type(_blas_libraries()).limit
+    monkeypatch.setattr(type(_blas_libraries()), "limit", lambda *a, **given: asked.append(1) or limit(*a, **given))
+
+    def numbers():
+        return {library["num_threads"] for library in threadpool_info() if library["user_api"] == "blas"}
+
+    with threadpool_limits(2, user_api="blas"):
+        with one_blas_thread():
+            with one_blas_thread():
+                assert numbers() == {1}
+            with pytest.raises(ValueError, match="within"), one_blas_thread():
+                raise ValueError("within")
+            assert numbers() == {1}
+            thread = threading.Thread(target=one_blas_thread()(lambda: None))
+            thread.start()
+            thread.join(20)
+            assert (numbers(), len(asked)) == ({1}, 2)  # another thread asks for itself
+        assert numbers() == {2}
+        with pytest.raises(ValueError, match="within"), one_blas_thread():
+            raise ValueError("within")
+        assert numbers() == {2}
+        with one_blas_thread():
+            assert (numbers(), len(asked)) == ({1}, 4)

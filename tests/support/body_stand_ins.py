@@ -38,5 +38,5 @@ def frame(image, measured=True, turn=None, time=0.0, faults=(), dq=None):
 
 
 def model(**changes):
-    answers = {"known": "known", "corrected_jacobian": "corrected", "moved": "moved"}
+    answers = {"known": "known", "corrected_jacobian": "corrected", "moved": "moved", "blend": "blended"}
     return SimpleNamespace(**{"joint_count": 2, "size": (20, 30), "error": 0.5, **answers, **changes})

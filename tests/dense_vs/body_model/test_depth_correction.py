@@ -1,6 +1,7 @@
 """J of a surface whose depth another J corrects: beside least squares in float64, and what it is to do."""
 
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 import pytest
@@ -11,7 +12,7 @@ from dense_vs.body_model.lens import Lens
 from dense_vs.body_model.model_file import ModelContent
 from dense_vs.body_model.surface import Surface
 from dense_vs.errors import DenseVSError
-from dense_vs.jacobian import jacobian_error
+from dense_vs.jacobian import DenseJacobian, jacobian_error
 
 SIZE, FOCAL, CENTER, N = (48, 64), 70.0, (30.5, 22.0), 3
 DEVIATION, NOISE, LEAST = 0.03, 2.0, 0.1
@@ -172,3 +173,39 @@ def test_bad_input_is_refused():
         body.moved(np.zeros(N - 1), np.zeros(N))
     with pytest.raises(DenseVSError, match=r"dq is .* finite"):
         body.moved(np.zeros(N), np.full(N, np.nan))
+
+
+@pytest.mark.parametrize("order", [1, 2])
+@pytest.mark.parametrize(("bend", "learned"), [(0.0, (True,) * 3), (-0.1, (True, True, False))])
+def test_a_filter_is_drawn_to_the_corrected_j_by_the_shares(order, bend, learned):
+    """In one pass as by J made whole and blended after; off the body it goes to 0, and where no share is it stays."""
+    body, rng = model(bend, learned), np.random.default_rng(order)
+    options = {"height": SIZE[0], "width": SIZE[1], "joints": N, "order": order, "device": "cpu"}
+    whole, one_pass = DenseJacobian(**options), DenseJacobian(**options)
+    for k in range(4):
+        flow, step = rng.normal(0, 2, (*SIZE, 2)).astype(np.float32), rng.normal(0, 0.05, N)
+        q = np.array([0.2, -0.15, 0.3]) - 0.1 * k
+        share = np.where(rng.uniform(size=SIZE) < 0.6, rng.uniform(size=SIZE), 0).astype(np.float32)
+        for estimator in (whole, one_pass):
+            estimator.update(flow, step)
+        before = one_pass.to_numpy().copy()
+        whole.blend(body.corrected_jacobian(q, whole.to_numpy()), share)
+        one_pass.blend(partial(body.blend, q), share)
+        found = one_pass.to_numpy()
+        np.testing.assert_allclose(found, whole.to_numpy(), rtol=1e-4, atol=1e-3)
+        np.testing.assert_array_equal(found[share == 0], before[share == 0])
+        assert np.abs(found - before)[share > 0.5].max() > 1
+
+
+def test_two_filters_take_turns():
+    body, q = model(), np.array([0.2, -0.15, 0.3])
+    ones = np.ones(SIZE, np.float32)
+    filters = [DenseJacobian(height=SIZE[0], width=SIZE[1], joints=N, device="cpu") for _ in range(3)]
+    for _ in range(2):
+        for estimator in filters:
+            estimator.blend(partial(body.blend, q), ones)
+            still = body.corrected_jacobian(q, estimator.to_numpy())
+            estimator.reset()
+            estimator.blend(partial(body.blend, q), 0 * ones)
+            assert not estimator.to_numpy().any()
+            assert still.any()

@@ -199,3 +199,41 @@ def test_j_is_not_unlearned_behind_what_stands_in_front():
     assert np.median(np.linalg.norm(unlearned - TRUE, axis=(2, 3))) > 0.7 * np.linalg.norm(TRUE)
     assert not none.any()
     assert not alone.hidden.any()
+
+
+def test_sums_and_judgments_are_those_of_whole_images():
+    """Beside NumPy in float64, over motions of which some say nothing, with a body that moves."""
+    rng = np.random.default_rng(0)
+    occlusion = Occlusion(SIZE)
+    off_sum, moved_sum, since, cover = (np.zeros(SIZE) for _ in range(4))
+    for k in range(12):
+        there = np.roll(body(), k, axis=1)
+        by_model = np.where(there[..., None], MOVED * (k % 4), 0).astype(np.float32)
+        flow = by_model + rng.normal(0, 0.2, (*SIZE, 2)).astype(np.float32)
+        flow[COVER] = (0.0, 3.0)
+        flow[50:55, 5:20] = np.nan
+        estimate = (0.5 * flow).astype(np.float32)
+        u, p, e = (np.nan_to_num(field.astype(np.float64)) for field in (flow, by_model, estimate))
+        told = np.isfinite(flow).all(axis=2)
+        uu, pp, ee, up, ue = (np.sum(field**2, axis=2) for field in (u, p, e, u - p, u - e))
+        off = np.where(ee > 0.25 * np.maximum(uu, pp), np.minimum(up, ue), up) * told
+        moved = (uu + pp) * told
+        off_sum = 0.3 * off_sum + cv2.blur(off, (WINDOW, WINDOW))
+        moved_sum = 0.3 * moved_sum + cv2.blur(moved, (WINDOW, WINDOW))
+        strange = (moved_sum > 0.05) & (off_sum > 0.35 * moved_sum)
+        since[(moved_sum > 0.05) & ~strange] = 0
+        candidates = strange | (~(moved_sum > 0.05) & (cover > 0))
+        occlusion.observe(there, flow, by_model, estimate)
+        assert not (occlusion.cover & ~candidates).any()
+        parts, labels = cv2.connectedComponents(candidates.astype(np.uint8), connectivity=4)
+        expected = np.zeros(SIZE, bool)
+        for part in range(1, parts):
+            if np.count_nonzero((labels == part) & there) >= 60:
+                expected |= labels == part
+        np.testing.assert_array_equal(occlusion.cover, expected)
+        cover = expected
+        since += cover
+        np.testing.assert_array_equal(occlusion._since[0], since)
+        assert occlusion.doubtful == (
+            np.count_nonzero(strange & there) > 0.75 * np.count_nonzero((moved_sum > 0.05) & there)
+        )

@@ -321,3 +321,31 @@ def test_a_correction_in_images_of_another_scale(size):
         for c in range(2):
             expected = scale * cv2.resize((small + body.J)[:, :, c, n], size[::-1], interpolation=cv2.INTER_LINEAR)
             np.testing.assert_allclose(found[:, :, c, n], expected, rtol=1e-5, atol=1e-6)
+
+
+@pytest.mark.parametrize("on_cpu", [True, False])
+def test_an_estimator_on_the_cpu_is_drawn_by_the_model_itself(on_cpu):
+    estimator, asked = Estimator(), []
+    estimator.device = SimpleNamespace(is_cpu=on_cpu)
+    better = np.full((H, W, 2, N), 7.0, np.float32)
+    prior, _, body, _ = of(share=0.6, corrected=lambda q, measured: better, blended=lambda *given: asked.append(given))
+    for draw in (prior.begin, prior.draw):
+        draw(estimator, np.array([0.3, 0.1]))
+        to, share = estimator.blended[-1]
+        np.testing.assert_array_equal(share, np.float32(1.0 if draw == prior.begin else 0.6) * body)
+        if not on_cpu:
+            assert to is better
+            continue
+        to("present", share)
+        q, present, of_pixels = asked[-1]
+        assert (q.tolist(), present, of_pixels is share) == ([0.3, 0.1], "present", True)
+    with pytest.raises(DenseVSError, match="blended is"):
+        BodyPrior(prior.known, blended=3)
+
+
+@pytest.mark.parametrize(("size", "itself"), [((6, 7), True), ((12, 14), False)])
+def test_a_body_draws_in_images_of_its_own_size(size, itself):
+    body = Body()
+    assert BodyPrior.of(body, size, N).blended is None
+    body.blend = lambda q, present, share: None
+    assert BodyPrior.of(body, size, N).blended is (body.blend if itself else None)

@@ -14,8 +14,8 @@ def drawn(monkeypatch):
     made = []
 
     class Prior:
-        def __init__(self, known, *, share, least_agreement, corrected, moved):
-            self.given, self.asked, self.begun = (known, share, least_agreement), (corrected, moved), []
+        def __init__(self, known, *, share, least_agreement, corrected, moved, blended):
+            self.given, self.asked, self.begun = (known, share, least_agreement), (corrected, moved, blended), []
             self.agrees, self.agreement = True, 1.0
             made.append(self)
 

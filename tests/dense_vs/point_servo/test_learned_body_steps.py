@@ -104,7 +104,7 @@ def test_a_model_is_fitted_to_some_of_the_images_and_j_is_drawn_to_it(learning):
     (prior,) = drawn
     assert one._pipeline.prior is prior
     known, share, agreement = prior.given
-    assert (known, share, prior.asked) == ("known", 0.7, ("corrected", "moved"))
+    assert (known, share, prior.asked) == ("known", 0.7, ("corrected", "moved", "blended"))
     assert agreement == pytest.approx(min(learned_body.CHAIN_AGREEMENT, 0.7 * 0.6))
     assert prior.begun == [(one._pipeline.estimator, POSTURE)]
 

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from scipy.ndimage import gaussian_filter
 
-from dense_vs.point_servo.point_look import PointLook, _peak, _sampled
+from dense_vs.point_servo.point_look import PointLook, _peak, _sampled, _scales, _steps
 
 SIZE, POINT = (96, 128), np.array([60.0, 50.0])
 
@@ -272,3 +272,18 @@ def test_a_look_is_like_no_plain_image():
     look = PointLook(texture(), POINT, None, 17)
     with np.errstate(all="raise"):
         np.testing.assert_allclose(look._correlations(np.full((21, 21), 7, np.float32)), 0, atol=1e-3)
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_by_how_much_a_map_grows_and_shrinks(seed):
+    rng = np.random.default_rng(seed)
+    for affine in (rng.normal(size=(2, 2)), np.eye(2), np.outer(*rng.normal(size=(2, 2))), 1e-200 * np.eye(2)):
+        np.testing.assert_allclose(_scales(affine), np.linalg.svd(affine, compute_uv=False), rtol=1e-7, atol=1e-7)
+    for wrong in (np.nan, np.inf, 1e200):
+        assert not _scales(np.array([[wrong, 0.0], [0.0, 1.0]]))[1] >= 0
+
+
+@pytest.mark.parametrize("radius", [1, 3])
+def test_steps_go_row_by_row(radius):
+    expected = [(x, y) for y in range(-radius, radius + 1) for x in range(-radius, radius + 1)]
+    np.testing.assert_array_equal(_steps(radius), expected)
