@@ -29,11 +29,11 @@ def direction_weights(gray: np.ndarray, places: np.ndarray) -> np.ndarray:
     around = gray[top : row.max() + MARGIN + 1, left : column.max() + MARGIN + 1]
     smooth = cv2.GaussianBlur(around, (0, 0), 0.8).astype(np.float32)
     dx, dy = (cv2.Scharr(smooth, cv2.CV_32F, *order, scale=1 / 32) for order in ((1, 0), (0, 1)))
-    tensor = np.empty((len(places), 2, 2))
-    for (i, j), product in {(0, 0): dx * dx, (0, 1): dx * dy, (1, 1): dy * dy}.items():
-        tensor[:, i, j] = tensor[:, j, i] = cv2.blur(product, (WINDOW, WINDOW))[row - top, column - left]
-    middle, half = (tensor[:, 0, 0] + tensor[:, 1, 1]) / 2, (tensor[:, 0, 0] - tensor[:, 1, 1]) / 2
-    apart = np.hypot(half, tensor[:, 0, 1])  # half of what the eigenvalues differ by
+    products = cv2.blur(cv2.merge([dx * dx, dx * dy, dy * dy]), (WINDOW, WINDOW))
+    xx, xy, yy = products[row - top, column - left].T.astype(np.float64)
+    tensor = np.stack([xx, xy, xy, yy], axis=1).reshape(-1, 2, 2)
+    middle, half = (xx + yy) / 2, (xx - yy) / 2
+    apart = np.hypot(half, xy)  # half of what the eigenvalues differ by
     least, most = (np.maximum(middle + way * apart, 0) + NOISE for way in (-1, 1))
     along = np.maximum(np.sqrt(least / most), LEAST)
     # Of a unit vector v across the edge, v v' = (T - smaller eigenvalue) / difference.

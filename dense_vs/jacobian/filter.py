@@ -29,6 +29,7 @@ from dense_vs.kernels.jacobian.image_jacobian import forget_state, jacobian_kern
 from dense_vs.kernels.jacobian.present_state import PresentState
 from dense_vs.kernels.jacobian.state_image import Layout, group_size, variance_image
 from dense_vs.kernels.launch import PixelLaunch
+from dense_vs.kernels.recorded import recorded
 from dense_vs.kernels.views import seen_as, write
 
 
@@ -144,7 +145,10 @@ class JacobianFilter:
 
     def stage(self, flow: wp.array) -> None:
         """Take in the flow (B, H, W) of vec2 of the next frame and count its bad pixels; no state changes."""
-        wp.copy(self.flow, flow)
+        if self.device.is_cpu:
+            write(self.flow, flow.numpy())
+        else:
+            wp.copy(self.flow, flow)
         self.bad.zero_()
         self._count_bad()
 
@@ -373,8 +377,7 @@ class JacobianFilter:
 
     def _worlds(self, kernel: Any, arguments: list[Any], per_world: int | None = None) -> Callable[[], None]:
         dim = self.options.worlds if per_world is None else (self.options.worlds, per_world)
-        command: Any = wp.launch(kernel, dim=dim, inputs=arguments, device=self.device, record_cmd=True)
-        return command.launch
+        return recorded(kernel, dim, arguments, self.device).launch
 
 
 def filter_bytes(options: JacobianOptions) -> int:

@@ -2,13 +2,13 @@
 
 from collections.abc import Sequence
 from types import SimpleNamespace
-from typing import Any
 
 import numpy as np
 import warp as wp
 
 from dense_vs.kernels.jacobian.covariance import regressors
 from dense_vs.kernels.launch import PixelLaunch
+from dense_vs.kernels.recorded import recorded
 from dense_vs.kernels.views import seen_as, write
 
 
@@ -30,7 +30,8 @@ class PredictedFlow:
         row = wp.zeros((worlds, kernels.columns), dtype=wp.float32, device=device)
         self._flow = wp.zeros_like(flow)
         inputs = [self._step, self._step, self._displacement, row]
-        self._regress: Any = wp.launch(regressors, dim=row.shape, inputs=inputs, device=device, record_cmd=True)
+        self._regress = recorded(regressors, row.shape, inputs, device)
+        self._inputs = inputs  # as long as the recorded pointers
         seen = seen_as(row, kernels.StateRow, row.shape[:1])
         self._multiply = [
             PixelLaunch(kernels.predicted_flow, flow.shape, [half, seen, self._flow], device, threads) for half in state

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 import warp as wp
 
+from dense_vs.jacobian.blending import blending
 from dense_vs.jacobian.filter import JacobianFilter, filter_bytes
 from dense_vs.jacobian.options import JacobianOptions
 
@@ -145,7 +146,7 @@ def test_j_is_drawn_by_a_share_in_either_layout_and_nothing_else_changes(options
     for one in both:
         before = one.present().numpy().astype(np.float64)
         stored = {name: array.copy() for name, array in one.stored().items()}
-        one.blend(other, share)
+        one.change(lambda present: blending(other, 2)(present, share))
         expected = before + share[..., None, None] * (other - before)
         np.testing.assert_allclose(one.present().numpy(), expected, atol=1e-5 * np.abs(expected).max(), rtol=0)
         after = one.stored()
