@@ -37,7 +37,10 @@ class Lens:
 
     def bent(self, straight: np.ndarray) -> np.ndarray:
         """Where a pinhole's places ``(..., 2)`` [px] are seen."""
-        away = straight - self.center
+        return self.seen(straight - self.center)
+
+    def seen(self, away: np.ndarray) -> np.ndarray:
+        """Where is seen what a pinhole shows so far from the principal point, ``(..., 2)`` [px]."""
         return self.center + away * (1 + self.bend * np.minimum(self._squares(away), BORDER))
 
     def straight(self, seen: np.ndarray) -> np.ndarray:
@@ -71,4 +74,4 @@ class Lens:
 
     def _squares(self, away: np.ndarray) -> np.ndarray:
         """Squared distance from the middle, 1 at a corner, ``(..., 1)``."""
-        return np.sum(away**2, axis=-1, keepdims=True) / self.corner**2
+        return np.einsum("...i,...i->...", away, away)[..., None] / self.corner**2

@@ -171,9 +171,12 @@ class BodyFeatures:
 
     def pixels(self, positions: np.ndarray) -> np.ndarray:
         """Places ``(K, 2)`` [px] of positions ``(K, 3)`` in the camera frame; far outside behind the camera."""
-        front = positions[:, 2:] > NEAREST
-        straight = self.focal * positions[:, :2] / np.where(front, positions[:, 2:], 1.0) + self.center
-        return np.where(front, self.lens.bent(straight), BEHIND)
+        depths = positions[:, 2:]
+        front = depths > NEAREST
+        if front.all():
+            return self.lens.seen(positions[:, :2] * (self.focal / depths))
+        away = positions[:, :2] * (self.focal / np.where(front, depths, 1.0))
+        return np.where(front, self.lens.seen(away), BEHIND)
 
     def rays(self, places: np.ndarray) -> np.ndarray:
         """Directions ``(K, 3)`` in the camera frame, of depth 1, in which places ``(K, 2)`` [px] are seen."""
