@@ -24,7 +24,7 @@ def direction_weights(gray: np.ndarray, places: np.ndarray) -> np.ndarray:
     if not len(places):
         return np.zeros((0, 2, 2))
     height, width = gray.shape
-    column, row = np.rint(np.clip(np.nan_to_num(places), 0, (width - 1, height - 1))).astype(int).T
+    column, row = np.rint(np.fmin(np.fmax(places, 0), (width - 1, height - 1))).astype(int).T  # 0 for what is nan
     left, top = max(0, column.min() - MARGIN), max(0, row.min() - MARGIN)
     around = gray[top : row.max() + MARGIN + 1, left : column.max() + MARGIN + 1]
     smooth = cv2.GaussianBlur(around, (0, 0), 0.8).astype(np.float32)

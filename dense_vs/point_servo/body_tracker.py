@@ -17,6 +17,7 @@ from dense_vs.body_model.feature_flow import carried, keep_apart, new_features
 from dense_vs.body_model.image_directions import direction_weights
 from dense_vs.point_servo.body_features import NOISE, BodyFeatures, FeatureState, Keyframe
 from dense_vs.point_servo.feature_looks import FeatureLooks
+from dense_vs.point_servo.feature_numbers import are_among
 from dense_vs.point_servo.link_gate import off_their_link
 from dense_vs.point_servo.look_back import Trace, followed_back
 from dense_vs.point_servo.more_features import APART, LEAST_SEEN, more_features
@@ -208,12 +209,11 @@ class BodyTracker:
         numbers = self._live[due]
         places[due], sure, alike = self._looks.held(numbers, gray, places[due])
         believed[due] &= alike
-        self._sure = np.union1d(np.setdiff1d(self._sure, numbers), numbers[sure])
+        self._sure = np.union1d(self._sure[~are_among(self._sure, numbers, len(self.features))], numbers[sure])
 
     def _regain(self, gray: np.ndarray, q: np.ndarray, directions: np.ndarray) -> np.ndarray:
         """Take features of the point's own image that are seen again; what errors of places are multiplied by."""
-        on_link = self.features.seen_on(self.on_link.link, self._first)
-        gone = np.setdiff1d(self._first[on_link], [*self._live, POINT])
+        gone = np.setdiff1d(self._first[self.features.seen_on(self.on_link.link, self._first)], [*self._live, POINT])
         if not len(gone):
             return directions
         numbers, places = regained(self.features, self._looks, gone, self.on_link.defined_at, gray, q, self._offset)
@@ -231,7 +231,7 @@ class BodyTracker:
         At best those that were defined in its own image and look as they did there: what the chain is off between then
         and now, it is off for them as well. Others were placed by the chain as it was when they came into sight.
         """
-        sure = features[np.isin(features, self._sure)]
+        sure = features[are_among(features, self._sure, len(self.features))]
         first = sure[np.isin(sure, self._first)]
         self.held = len(first) >= LEAST_SEEN
         return first if self.held else sure if len(sure) >= LEAST_SEEN else features
@@ -261,7 +261,7 @@ class BodyTracker:
         if self.seen >= LEAST_SEEN:
             on = self._trusted(on)
             there = features.project(on, q)
-            among = np.isin(self._live, on)
+            among = are_among(self._live, on, len(features))
             mean, error = mean_about(expected, there, self._places[among] - there, directions[among])
             share = 1.0 if self.held else 1 - LEAST_SEEN / len(on)  # as many others drift together by chance
             self._offset = share * (mean - self.on_link.astray(q))
