@@ -47,11 +47,12 @@ class Lens:
         """Where a pinhole would see what is seen at places ``(..., 2)`` [px]; the inverse of :meth:`bent`."""
         away = np.asarray(seen, dtype=np.float64) - self.center
         radius = np.sqrt(self._squares(away))
-        r = radius.copy()
+        r, farthest = radius.copy(), np.sqrt(BORDER)
         for _ in range(STEPS):
-            r = r - (r + self.bend * r**3 - radius) / np.maximum(1 + 3 * self.bend * r**2, 0.1)
-            r = np.clip(r, 0.0, np.sqrt(BORDER))
-        beyond = radius > np.sqrt(BORDER) * (1 + BORDER * self.bend)
+            bent = self.bend * r * r
+            r = r - (r + bent * r - radius) / np.maximum(1 + 3 * bent, 0.1)
+            r = np.minimum(np.maximum(r, 0.0), farthest)
+        beyond = radius > farthest * (1 + BORDER * self.bend)
         r = np.where(beyond, radius / (1 + BORDER * self.bend), r)
         return self.center + away * np.divide(r, radius, out=np.ones_like(r), where=radius > 0)
 
