@@ -89,6 +89,18 @@ def real_vector(
     return numbers
 
 
+def share_image(share: Any, size: tuple[int, int]) -> np.ndarray:
+    """Shares ``(H, W)`` float32 from 0 to 1, of an image size; it may be the array given.
+
+    Raises:
+        DenseVSError: another shape, or a share that is not from 0 to 1.
+    """
+    weight = real_vector(share, "share", size, np.float32, copy=False)
+    if weight.size and (weight.min() < 0 or weight.max() > 1):
+        raise DenseVSError(f"share is from {weight.min()} to {weight.max()}; expected 0 to 1")
+    return weight
+
+
 def number_array(
     value: Any, name: str, shape: tuple[int, ...] | None = None, *, finite: bool = True, expected: str = ""
 ) -> np.ndarray:

@@ -16,7 +16,7 @@ from typing import Any
 
 import numpy as np
 
-from dense_vs.arrays import points_array, real_vector
+from dense_vs.arrays import points_array, real_vector, share_image
 from dense_vs.body_model.body_change import BodyChange
 from dense_vs.body_model.body_views import BodyImage, BodyPoints
 from dense_vs.body_model.chain import BACKGROUND, Chain
@@ -197,10 +197,19 @@ class BodyModel:
         other = real_vector(measured, "measured", (*self.size, 2, self.joint_count), np.float32, copy=False)
         return self._drawing.jacobian(posture, self.learned, self._drawing.front(posture), other)
 
-    def blend(self, q: Any, present: PresentState, share: np.ndarray) -> None:
-        """Draw a filter's J on this CPU to :meth:`corrected_jacobian` by shares ``(H, W)``, and sooner than by that."""
-        posture = self._posture(q, "q")
-        self._drawing.blend(posture, self.learned, self._drawing.front(posture), present, share)
+    def blend(self, q: Any, present: PresentState, share: Any) -> None:
+        """Draw a filter's J to :meth:`corrected_jacobian` by shares ``(H, W)``, in place, and sooner than by that.
+
+        Raises:
+            DenseVSError: joints or shares that are not finite numbers of these shapes, or a state of another filter
+                than one of a world on the CPU with these joints and images.
+        """
+        posture, weight = self._posture(q, "q"), share_image(share, self.size)
+        of = check_kind("present", present, PresentState)
+        got = (of.displacement.shape, tuple(of.state.shape[-2:]), of.displacement.device.alias)
+        if got != (expected := ((1, self.joint_count), tuple(self.size), "cpu")):
+            raise DenseVSError(f"present is of {got}, worlds with joints, image size and device; expected {expected}")
+        self._drawing.blend(posture, self.learned, self._drawing.front(posture), of, weight)
 
     def depth_jacobian(self, q: Any) -> np.ndarray:
         """How depth answers to every joint at a posture ``(N,)`` [rad], float32 ``(H, W, N)``; 0 off the body.

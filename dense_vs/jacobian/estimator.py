@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 import warp as wp
 
-from dense_vs.arrays import points_array, real_vector, vec2_image
+from dense_vs.arrays import points_array, real_vector, share_image, vec2_image
 from dense_vs.checks import check_flag
 from dense_vs.device import NotCopied, resolve_device, resolve_threads, room_for
 from dense_vs.errors import DenseVSError
@@ -276,9 +276,7 @@ class DenseJacobian(NotCopied):
         size = self.options.height, self.options.width
         if self.options.worlds != 1:
             raise DenseVSError(f"estimator has {self.options.worlds} worlds; expected one to blend J in")
-        weight = real_vector(share, "share", size, np.float32, copy=False)
-        if weight.min() < 0 or weight.max() > 1:
-            raise DenseVSError(f"share is from {weight.min()} to {weight.max()}; expected 0 to 1")
+        weight = share_image(share, size)
         if not callable(draw := jacobian):
             other = real_vector(jacobian, "jacobian", (*size, 2, self.options.joints), np.float32, copy=False)
             draw = blending(other, self.filter.threads)

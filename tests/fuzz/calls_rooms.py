@@ -218,6 +218,11 @@ def body_targets() -> list[Target]:
     def labeled() -> dict[str, Any]:
         return {"own": mask(), "positions": np.zeros(2), "image": rgb()}
 
+    def drawn(q: Any, share: Any) -> Any:
+        estimator = motion()["estimator"]
+        estimator.blend(lambda present, weight: body().blend(q, present, share), np.ones((H, W)))
+        return estimator.to_numpy()
+
     return [
         *[
             Target(f"PointTracks.{name}", lambda name=name, **o: getattr(PointTracks(**tracks()), name)(**o).seen.sum(),
@@ -228,6 +233,7 @@ def body_targets() -> list[Target]:
         Target("BodyModel.rays", lambda pixels: body().rays(pixels), lambda: {"pixels": np.array([[16.0, 12.0]])}),
         Target("BodyModel.corrected_jacobian", lambda **o: body().corrected_jacobian(**o),
                lambda: {"q": np.zeros(2), "measured": np.ones((H, W, 2, 2))}),
+        Target("BodyModel.blend", drawn, lambda: {"q": np.zeros(2), "share": np.full((H, W), 0.5)}),
         Target("BodyModel.moved", lambda q, dq: body().moved(q, dq), lambda: {"q": np.zeros(2), "dq": np.zeros(2)}),
         Target("BodyModel.in_meters", lambda depths, joints: body().in_meters(depths, joints).focal_length,
                lambda: {"depths": np.full((1, H, W), 0.9), "joints": np.zeros((1, 2))}),

@@ -209,3 +209,25 @@ def test_two_filters_take_turns():
             estimator.blend(partial(body.blend, q), 0 * ones)
             assert not estimator.to_numpy().any()
             assert still.any()
+
+
+def test_what_does_not_fit_is_not_drawn():
+    body, q, ones = model(), np.array([0.2, -0.15, 0.3]), np.ones(SIZE, np.float32)
+    options = {"height": SIZE[0], "width": SIZE[1], "joints": N, "device": "cpu"}
+    estimator = DenseJacobian(**options)
+    for wrong in ({"joints": 2}, {"height": 32}, {"width": 96}):
+        other = DenseJacobian(**{**options, **wrong})
+        size = other.options.height, other.options.width
+        with pytest.raises(DenseVSError, match="present is of"):
+            other.blend(lambda present, share: body.blend(q, present, ones), np.ones(size, np.float32))
+        assert not other.to_numpy().any()
+    with pytest.raises(DenseVSError, match="q has shape"):
+        estimator.blend(partial(body.blend, q[:2]), ones)
+    with pytest.raises(DenseVSError, match="present is None; expected a PresentState"):
+        body.blend(q, None, ones)
+    for share in (ones[1:], np.where(ones > 0, np.nan, 0), 1.01 * ones, -0.01 * ones):
+        with pytest.raises(DenseVSError, match="share "):
+            estimator.blend(lambda present, _, share=share: body.blend(q, present, share), ones)
+    with pytest.raises(DenseVSError, match="share is from"):
+        estimator.blend(partial(body.blend, q), 1.5 * ones)
+    assert not estimator.to_numpy().any()
