@@ -140,6 +140,21 @@ def test_refuses_a_missing_file_and_a_folder(tmp_path):
             VideoReader(path)
 
 
+@pytest.fixture
+def schedule():
+    """Of this process, put back: as root, libsvtav1 gives whoever encodes with it real-time priority, for good.
+
+    A browser that a later test in the same process starts inherits it, and waits spinning for what never gets a core.
+    """
+    if not hasattr(os, "sched_getscheduler"):
+        yield
+        return
+    before = os.sched_getscheduler(0), os.sched_getparam(0)
+    yield
+    os.sched_setscheduler(0, *before)
+
+
+@pytest.mark.usefixtures("schedule")
 @pytest.mark.parametrize(
     ("codec", "suffix", "options"),
     [
