@@ -161,12 +161,9 @@ def _unmasked(array: np.ndarray, name: str, expected: str) -> np.ndarray:
 
 
 def _fits(got: tuple[int, ...], shape: tuple[int, ...]) -> bool:
-    if len(got) != len(shape):
-        return False
-    for want, found in zip(shape, got, strict=True):  # noqa: SIM110 - asked many times an image, and all() takes longer
-        if want not in (-1, found):
-            return False
-    return True
+    if got == shape:  # as nearly always
+        return True
+    return len(got) == len(shape) and all(want in (-1, found) for want, found in zip(shape, got, strict=True))
 
 
 def points_array(value: Any, name: str) -> np.ndarray:

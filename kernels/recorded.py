@@ -73,12 +73,10 @@ def recorded_parts(
 
     Args:
         kernel: takes where its part begins first.
-        parts: where each begins, and its grid.
+        parts: where each begins, and its grid; one on a GPU, whose cores share it out.
         arguments: what follows, inputs before outputs.
         device: Warp device of the arrays.
     """
     (begin, grid), *others = parts
     first = recorded(kernel, grid, [begin, *arguments], device)
-    if others and not isinstance(first, CpuLaunch):
-        raise TypeError(f"{len(parts)} parts on {device}; expected one on a GPU, whose cores share it out")
     return [first, *(first.part(*other) for other in others)]

@@ -61,8 +61,8 @@ def regained(
     directions = direction_weights(gray, places)
     agreed = np.ones(len(off), bool)
     for _ in range(ROUNDS):
-        most = middle(off[agreed])
-        agreed = np.linalg.norm(np.einsum("kij,kj->ki", directions, off - most), axis=1) < AGREED
+        usual = middle(off[agreed])
+        agreed = np.linalg.norm(np.einsum("kij,kj->ki", directions, off - usual), axis=1) < AGREED
         if not agreed.any():
             break
     if agreed.sum() < max(LEAST_AGREED, LEAST_SHARE * len(off)):

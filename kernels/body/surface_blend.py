@@ -9,7 +9,7 @@ from typing import Any
 
 import warp as wp
 
-from dense_vs.kernels.body.surface_image import image_motion, screw_motion
+from dense_vs.kernels.body.surface_image import depth_change, image_motion, screw_motion
 from dense_vs.kernels.jacobian.image_jacobian import jacobian_kernels
 from dense_vs.kernels.jacobian.state_image import Layout
 
@@ -58,12 +58,9 @@ def surface_blend_kernel(joints: int, order: int, layout: Layout) -> Any:
                 size += J[k, n] * J[k, n]
                 along += off * parts[k, n]
                 by_depth += parts[k, n] * parts[k, n]
-        if by_depth > 0.0:
-            unexplained = wp.max(apart - along * along / by_depth, 0.0)
-            noise = noise_scale * noise_scale * unexplained + least_noise * least_noise * size
-            change = along / (by_depth + noise / (depth_deviation * depth_deviation))
-            if wp.abs(change) < 1.0:  # at most to twice the inverse depth or none; not of what overflows
-                J += change * parts
+        change = depth_change(along, by_depth, apart, size, depth_deviation, noise_scale, least_noise)
+        if change != 0.0:  # parts may have overflowed
+            J += change * parts
         return J
 
     @wp.kernel(module=f"{__name__}_{of_state.suffix}", enable_backward=False)

@@ -192,6 +192,31 @@ def surface_motion(
         motion_out[y, x] = motion
 
 
+@wp.func
+def depth_change(
+    along: float,
+    by_depth: float,
+    apart: float,
+    size: float,
+    depth_deviation: float,
+    noise_scale: float,
+    least_noise: float,
+) -> float:
+    """Share of inverse depth by which another J has a point nearer, a mean by variances; 0 where it says none.
+
+    Sums over J's entries: ``along`` of the other J less the point's, times what goes with inverse depth, ``by_depth``
+    of that squared, ``apart`` of the difference squared, ``size`` of J squared.
+    """
+    change = float(0.0)
+    if by_depth > 0.0:
+        unexplained = wp.max(apart - along * along / by_depth, 0.0)
+        noise = noise_scale * noise_scale * unexplained + least_noise * least_noise * size
+        change = along / (by_depth + noise / (depth_deviation * depth_deviation))
+        if not wp.abs(change) < 1.0:  # at most to twice the inverse depth or none; not of what overflows
+            change = 0.0
+    return change
+
+
 @wp.kernel
 def surface_jacobian(
     row_begin: int,
@@ -275,13 +300,10 @@ def correct_depth(
                     part = image_motion(moment_in[n], p, focal, bend, corner)
                     along += wp.dot(off, part)
                     by_depth += wp.length_sq(part)
-            if by_depth > 0.0:
-                unexplained = wp.max(apart - along * along / by_depth, 0.0)
-                noise = noise_scale * noise_scale * unexplained + least_noise * least_noise * size
-                change = along / (by_depth + noise / (depth_deviation * depth_deviation))
-                known = wp.abs(change) < 1.0  # at most to twice the inverse depth or none; not of what overflows
+            change = depth_change(along, by_depth, apart, size, depth_deviation, noise_scale, least_noise)
+            if change != 0.0:
                 for n in range(measured_in.shape[3]):
-                    if known and moved_by_in[link, n] != 0:
+                    if moved_by_in[link, n] != 0:
                         part = change * image_motion(moment_in[n], p, focal, bend, corner)
                         jacobian_out[y, x, 0, n] += part[0]
                         jacobian_out[y, x, 1, n] += part[1]
