@@ -140,7 +140,7 @@ def test_every_way_to_stop(chromium, address, session, robot, way, monkeypatch):
         assert until(page, lambda: page.locator("#learn").is_enabled())
         began = time.monotonic()
         page.click("#learn")
-        assert until(page, lambda: robot.moved_since(began))
+        assert until(page, lambda: robot.moved_since(began)), session.board.lines()
         if way == "button":
             page.click("#stop")
         elif way == "tab":
