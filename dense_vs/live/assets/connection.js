@@ -9,6 +9,7 @@ export class Connection {
     this.onImage = onImage;
     this.onBreak = onBreak;
     this.held = false;
+    this.stopWaits = null; // a stop that was asked for while no socket was open
     this.drawing = Promise.resolve();
     this.open();
     setInterval(() => this.alive(), ALIVE_MS);
@@ -19,6 +20,10 @@ export class Connection {
     this.socket = new WebSocket(`${scheme}://${location.host}/socket`);
     this.socket.binaryType = "arraybuffer";
     this.sent = 0;
+    this.socket.onopen = () => {
+      if (this.stopWaits) this.send(this.stopWaits);
+      this.stopWaits = null;
+    };
     this.socket.onmessage = (event) => this.take(event.data);
     this.socket.onclose = () => {
       this.onBreak();
@@ -31,6 +36,8 @@ export class Connection {
     if (this.socket.readyState === WebSocket.OPEN) {
       this.socket.send(JSON.stringify(message));
       this.sent++;
+    } else if (message.do === "stop") {
+      this.stopWaits = message; // another page may be moving the robot
     }
     return this.sent;
   }

@@ -1,5 +1,7 @@
 """The page in a real browser, on a board that slides: buttons, keys, reload, a second page, other origins."""
 
+import asyncio
+import threading
 import time
 
 import numpy as np
@@ -12,6 +14,7 @@ pytest.importorskip("starlette", reason="the live extra is not installed")
 
 from dense_vs.live import control
 from dense_vs.live.access import Access
+from dense_vs.live.clients import Clients
 from dense_vs.live.control import SILENT_SECONDS
 from dense_vs.live.mode import Mode
 from dense_vs.live.options import LiveOptions
@@ -131,6 +134,32 @@ def test_a_drag_lets_the_point_follow(page, session, robot):
     point = next(iter(session.points))
     assert point.number == number
     np.testing.assert_allclose(point.target, [72, 64], atol=1.0)
+
+
+def test_before_it_is_connected_a_page_offers_no_motion_and_its_stop_waits(chromium, address, session, monkeypatch):
+    connect, serve = threading.Event(), Clients.serve
+
+    async def later(clients, socket):
+        while not connect.is_set():
+            await asyncio.sleep(0.01)
+        await serve(clients, socket)
+
+    monkeypatch.setattr(Clients, "serve", later)
+    page = opened(chromium, f"http://{address}/")
+    try:
+        steering = page.locator("button.steer, #speed, #dead-man, #load")
+        assert steering.count() >= 10
+        assert all(one.is_disabled() for one in steering.all())
+        stops = session.gate.stops
+        page.keyboard.press("Space")
+        page.wait_for_timeout(100)
+        assert session.gate.stops == stops
+        connect.set()
+        assert until(page, lambda: session.gate.stops > stops)
+        assert until(page, lambda: page.locator("#learn").is_enabled())
+    finally:
+        connect.set()
+        page.close()
 
 
 @pytest.mark.parametrize("way", ["button", "Space", "Escape", "tab", "silence"])
