@@ -46,7 +46,8 @@ def session(robot):
 @pytest.fixture(scope="module")
 def address(session):
     with served(session) as address:
-        assert wait_for(lambda: session.mode is Mode.STILL, 60), session.board.lines()
+        assert wait_for(lambda: session.board.snapshot is not None, 60), session.board.lines()
+        assert session.mode is Mode.STILL
         yield address
 
 

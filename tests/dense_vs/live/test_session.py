@@ -34,7 +34,8 @@ def robot():
 def session(robot, tmp_path):
     session = session_of(robot, folder=tmp_path)
     session.start()
-    assert wait_for(lambda: session.mode is Mode.STILL, 60), session.board.lines()
+    assert wait_for(lambda: session.board.snapshot is not None, 60), session.board.lines()
+    assert session.mode is Mode.STILL
     yield session
     session.end()
 
