@@ -13,7 +13,7 @@ from functools import cached_property
 import numpy as np
 
 from dense_vs.errors import DenseVSError
-from dense_vs.generative.rotations import rotation_matrices, tangents
+from dense_vs.generative.rotations import cross_matrices, rotation_matrices, tangents
 
 BACKGROUND = -1  # link of what no joint moves
 POSES = 8  # sets of postures whose poses are kept: those of an image, or of all keyframes, are asked for many times
@@ -108,9 +108,7 @@ class Chain:
     @cached_property
     def _crosses(self) -> tuple[np.ndarray, np.ndarray]:
         """What crosses a vector with each axis, ``(N, 3, 3)``, and the same twice; zero for a slide."""
-        x, y, z = self.axes.T
-        zero = np.zeros(self.joint_count)
-        cross = np.stack([zero, -z, y, z, zero, -x, -y, x, zero], axis=1).reshape(-1, 3, 3)
+        cross = cross_matrices(self.axes)
         return cross, cross @ cross
 
     def screws(self, joints: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -21,7 +21,7 @@ from dense_vs.body_model.spread import spread
 from dense_vs.body_model.tracks import gray_images
 from dense_vs.checks import check_kind
 from dense_vs.errors import DenseVSError
-from dense_vs.generative.rotations import rotation_matrices, rotation_vectors
+from dense_vs.generative.rotations import cross_matrices, rotation_matrices, rotation_vectors
 
 IMAGES = 8  # at most, that are looked at
 REACHES = 24, 8, 3  # px around where a patch is drawn, in each round of looking and adjusting, of a width of 320 px
@@ -214,7 +214,7 @@ class _Search:
             errors[on] = np.einsum("kij,kj->ki", seen.directions[on], seen.places[on] - model.lens.bent(straight))
             columns = []
             if guess.camera:
-                columns += [-by_position @ _cross(rotated), depth * by_position]
+                columns += [-by_position @ cross_matrices(rotated), depth * by_position]
             if guess.joints:
                 velocities = (
                     chain.velocities(q - guess.offsets, before, links)[:, list(guess.joints)] @ guess.rotation.T
@@ -266,10 +266,3 @@ def _off(patches: SeenPatches) -> np.ndarray:
 def _median(parts: list[np.ndarray]) -> float:
     values = np.concatenate(parts)
     return float(np.median(values)) if len(values) else 0.0
-
-
-def _cross(vectors: np.ndarray) -> np.ndarray:
-    """Matrices ``(K, 3, 3)`` of the cross product with vectors ``(K, 3)``."""
-    x, y, z = vectors.T
-    none = np.zeros_like(x)
-    return np.stack([none, -z, y, z, none, -x, -y, x, none], axis=1).reshape(-1, 3, 3)

@@ -40,24 +40,3 @@ def direction_weights(gray: np.ndarray, places: np.ndarray) -> np.ndarray:
     across = tensor - (middle - apart)[:, None, None] * np.eye(2)
     across *= np.divide(1 - along, 2 * apart, out=np.zeros_like(apart), where=apart > 0)[:, None, None]
     return across + along[:, None, None] * np.eye(2)
-
-
-def directed_mean(values: np.ndarray, directions: np.ndarray, weights: np.ndarray) -> tuple[np.ndarray, float]:
-    """Robust mean ``(2,)`` of vectors, of which each counts in its directions, and the spread about it.
-
-    Args:
-        values: ``(K, 2)`` [px].
-        directions: ``(K, 2, 2)`` as :func:`direction_weights` has them.
-        weights: ``(K,)``; those that are farther than a pixel from the others count less.
-    """
-    squares = directions.transpose(0, 2, 1) @ directions
-
-    def mean_of(weights: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        information = np.einsum("k,kij->kij", weights, squares)
-        mean = np.linalg.solve(information.sum(axis=0), np.einsum("kij,kj->i", information, values))
-        return mean, np.sum(np.einsum("kij,kj->ki", directions, values - mean) ** 2, axis=1)
-
-    _, far = mean_of(weights)
-    weights = weights / (1 + far)
-    mean, far = mean_of(weights)
-    return mean, float(np.sqrt(weights @ far / weights.sum()))

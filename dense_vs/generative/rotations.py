@@ -15,6 +15,13 @@ def rotation_vectors(matrices: np.ndarray) -> np.ndarray:
     return vectors.reshape(np.shape(matrices)[:-1])
 
 
+def cross_matrices(vectors: np.ndarray) -> np.ndarray:
+    """Matrices ``(..., 3, 3)`` that cross vectors ``(..., 3)`` with what they are multiplied by."""
+    x, y, z = np.moveaxis(np.asarray(vectors, dtype=np.float64), -1, 0)
+    none = np.zeros_like(x)
+    return np.stack([none, -z, y, z, none, -x, -y, x, none], axis=-1).reshape(*np.shape(vectors), 3)
+
+
 def tangents(axes: np.ndarray) -> np.ndarray:
     """Two unit vectors across each unit vector, ``(..., 3)`` to ``(..., 2, 3)``."""
     smallest = np.eye(3)[np.abs(axes).argmin(axis=-1)]

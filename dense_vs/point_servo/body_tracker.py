@@ -21,10 +21,10 @@ from dense_vs.point_servo.feature_numbers import are_among
 from dense_vs.point_servo.link_gate import off_their_link
 from dense_vs.point_servo.look_back import Trace, followed_back
 from dense_vs.point_servo.more_features import APART, LEAST_SEEN, more_features
-from dense_vs.point_servo.place_uncertainty import BASIC, OFF_SHARE, UNTIED, OwnLook, place_uncertainty
+from dense_vs.point_servo.place_posterior import BASIC, UNTIED, off_by_features, place_uncertainty, with_look
 from dense_vs.point_servo.plainness import plainness
-from dense_vs.point_servo.point_look import LIKE, SURE, PointLook
-from dense_vs.point_servo.point_on_link import POINT, PointOnLink, mean_about
+from dense_vs.point_servo.point_look import LIKE, PointLook
+from dense_vs.point_servo.point_on_link import POINT, PointOnLink
 from dense_vs.point_servo.regained import regained
 from dense_vs.point_servo.surface_place import SurfacePlace
 
@@ -33,8 +33,7 @@ MOST_FEATURES = 600  # from which those that no keyframe holds are forgotten
 AROUND = 3  # known features around a young one, which it is taken along with
 HELD, OTHERS_HELD = 3, 5  # images, in one of which a feature of the point's link, or another's, is held to its look
 KEYFRAME_MOTION = 15.0  # px that a feature moves by between keyframes
-ALIKE = 0.87  # correlation from :data:`LIKE` to which the point's own look comes to count
-OWN_DRIFT = 0.5  # px, standard deviation of the place by the own look at least
+ALIKE = 0.87  # correlation from which the point's own look tells its place
 ASIDE = 1.0  # px, standard deviation of the expected place, the depth aside, while looking back
 ROUNDS = 3  # of looking back for the point itself, each with the depth that the former gave
 AGAIN = 4  # keyframes in which it is sought again whenever there is a new one, as the chain is known better by then
@@ -43,8 +42,6 @@ LEAST_OPEN = 0.05  # of the logarithm of the depth, left open in a search: place
 MOST_UNCERTAIN = 0.7  # of the tolerance: standard deviation by which a place is certain, the middle of LATELY images
 LATELY = 9  # images: what is seen of a look comes and goes, and a place is no better known for one lucky image
 DOUBT = 1.5  # times the depth's standard deviation: places of features around share their errors
-OWN_SHARE = 0.7  # of :meth:`PointLook.drift`, of a look that is seen; where no such feature is in sight, for SURE
-TRUST = 0.5  # of the way to where the own look is seen: where it is off the rest of the link, both are half wrong
 VOTES = 7  # features around, which say what link the point is on where its own places do not
 
 
@@ -103,9 +100,9 @@ class BodyTracker:
         self.point = np.array(point, dtype=np.float64)
         plain = plainness(self._gray, self.point)
         self.on_link = PointOnLink(self.features, self.point, self._positions, surface, plain)
-        self._offset = np.zeros(2)
-        self.seen, self.unseen, self._told, self.held, self._aside = 0, 0, 0, False, BASIC + 1.0
-        self._own, self._next, self._images = OwnLook(1.0), 0, 0
+        self._offset, self._covariance = np.zeros(2), UNTIED**2 * np.eye(2)
+        self.seen, self.unseen, self.held = 0, 0, False
+        self._own, self._next, self._images = 1.0, 0, 0
         self._due: list[Callable[[], None]] = []
         self._sighting: np.ndarray | None = None
         self._looks, self._sure = FeatureLooks(), np.zeros(0, int)
@@ -116,7 +113,7 @@ class BodyTracker:
             self._find_in(range(len(self.features.keyframes) - 1))
             self.on_link.place(self._first)
         self._refine()
-        self.uncertainty = self._uncertainty(self._positions)
+        self.uncertainty = self._uncertainty()
         self.lately = deque([self.uncertainty], LATELY)
 
     @property
@@ -132,7 +129,7 @@ class BodyTracker:
     @property
     def correlation(self) -> np.ndarray:
         """Float32 ``(1,)``, of the point's own look with its first one; -1 where it is not found."""
-        return np.array([self._own.correlation], np.float32)
+        return np.array([self._own], np.float32)
 
     @property
     def lost(self) -> np.ndarray:
@@ -198,7 +195,7 @@ class BodyTracker:
         """Take an image as the present one: where the point is in it, and how well that is known."""
         self._correct(q, self.on_link.link, gray, directions)
         self._gray, self._positions = gray, q
-        self.uncertainty = self._uncertainty(q)
+        self.uncertainty = self._uncertainty()
         self.lately.append(self.uncertainty)
 
     def _hold(self, gray: np.ndarray, places: np.ndarray, believed: np.ndarray, due: np.ndarray) -> None:
@@ -225,16 +222,14 @@ class BodyTracker:
         """Features in sight that are on a link, the point aside."""
         return self._live[self.features.seen_on(link, self._live) & (self._live != POINT)]
 
-    def _trusted(self, features: np.ndarray) -> np.ndarray:
-        """Those of some features that tell most of the point's place, enough of them.
+    def _own_image(self, features: np.ndarray) -> np.ndarray:
+        """Those of some features that were defined in the point's own image and look as they did there.
 
-        At best those that were defined in its own image and look as they did there: what the chain is off between then
-        and now, it is off for them as well. Others were placed by the chain as it was when they came into sight.
+        What the chain is off between then and now, it is off for them as for the point. Others were placed by the chain
+        as it was when they came into sight: they agree with it however far it is off.
         """
         sure = features[are_among(features, self._sure, len(self.features))]
-        first = sure[np.isin(sure, self._first)]
-        self.held = len(first) >= LEAST_SEEN
-        return first if self.held else sure if len(sure) >= LEAST_SEEN else features
+        return sure[np.isin(sure, self._first)]
 
     def _moved(self, features: np.ndarray, q: np.ndarray) -> float:
         """How far some features moved since the last keyframe at most [px]."""
@@ -257,47 +252,48 @@ class BodyTracker:
         features = self.features
         expected = features.project(np.array([POINT]), q)[0]
         on = self._on_link(link)
-        self.seen = len(on)
-        if self.seen >= LEAST_SEEN:
-            on = self._trusted(on)
-            there = features.project(on, q)
-            among = are_among(self._live, on, len(features))
-            mean, error = mean_about(expected, there, self._places[among] - there, directions[among])
-            share = 1.0 if self.held else 1 - LEAST_SEEN / len(on)  # as many others drift together by chance
-            self._offset = share * (mean - self.on_link.astray(q))
-            self._aside = BASIC + error
-            self.unseen, self._told = 0, len(on)
-        else:
-            self.unseen += 1
-            self.held = False
-        place = expected + self._offset
-        if not (np.abs(place) < 1e5).all():  # behind the camera, or nan, by a chain that is wrong
+        self.seen, covariance = len(on), self.on_link.covariance(q)
+        enough = self.seen >= LEAST_SEEN
+        self.unseen = 0 if enough else self.unseen + 1
+        first = self._own_image(on)
+        self.held = enough and len(first) >= LEAST_SEEN
+        if not (np.abs(expected) < 1e5).all():  # behind the camera, or nan, by a chain that is wrong
             self.unseen = max(self.unseen, 1)
             return
-        self._own, self._sighting = OwnLook(), None
+        if enough:
+            there = features.project(first, q)
+            among = are_among(self._live, first, len(features))
+            off = self._places[among] - there - self.on_link.astray(q)
+            distances = np.linalg.norm(there - expected, axis=1)
+            self._offset, covariance = off_by_features(covariance, off, directions[among], distances)
+        place = expected + self._offset
+        self._own, self._sighting = -1.0, None
         if self.on_link.depth is not None:
-            place = self._by_look(q, gray, place, self._aside if self.held else float(np.hypot(self._aside, UNTIED)))
-        self.point = place
+            place, covariance = self._by_look(q, gray, place, covariance)
+        self.point, self._covariance = place, covariance
 
-    def _by_look(self, q: np.ndarray, gray: np.ndarray, place: np.ndarray, spread: float) -> np.ndarray:
-        """The place as the point's own look corrects it, which is seen where a point farther away would be."""
+    def _by_look(
+        self, q: np.ndarray, gray: np.ndarray, place: np.ndarray, covariance: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Place and covariance, the depth's doubt and the own look included, which is seen where its depth slips to."""
+        assert self.on_link.depth is not None
         _, affine, by_depth = self.on_link.view(q[None])
         slip = self.on_link.slip * by_depth[0]
-        seen = self._look.seen(gray, place + slip, affine[0], self._covariance(by_depth[0], spread))
-        off = seen.place - slip - place
-        share = float(np.clip((seen.correlation - LIKE) / (ALIKE - LIKE), 0, 1))
-        counts = seen.correlation >= (ALIKE if self.held else SURE)
-        deviation = max(OWN_SHARE * seen.drift, OWN_DRIFT) if counts else np.inf
-        apart = OFF_SHARE * share * float(np.linalg.norm(off))
-        self._own = OwnLook(seen.correlation, deviation, apart)
-        self._sighting = seen.place if share > 0 and seen.as_expected else None
-        return place + TRUST * share * off
+        beside = covariance + (BASIC**2 + (0.0 if self.held else UNTIED**2)) * np.eye(2)
+        seen = self._look.seen(gray, place + slip, affine[0], self._searched(by_depth[0], beside))
+        self._own = seen.correlation
+        self._sighting = seen.place if seen.correlation > LIKE and seen.as_expected else None
+        off = self.on_link.depth.deviation * by_depth[0]
+        covariance = covariance + np.outer(off, off)
+        if seen.correlation < ALIKE or not seen.as_expected:
+            return place, covariance
+        return with_look(place, covariance, seen.place - slip, seen.drift)
 
-    def _covariance(self, by_depth: np.ndarray, aside: float) -> np.ndarray:
-        """Of the expected place [px^2], by the depth and by what else may be off [px]."""
+    def _searched(self, by_depth: np.ndarray, beside: np.ndarray) -> np.ndarray:
+        """Covariance ``(2, 2)`` [px^2] of a search: by the depth, and what else may be off."""
         assert self.on_link.depth is not None
         off = max(DOUBT * self.on_link.depth.deviation, LEAST_OPEN) * by_depth
-        return np.outer(off, off) + aside**2 * np.eye(2)
+        return np.outer(off, off) + beside
 
     def _find_in(self, keyframes: Sequence[int]) -> None:
         """Find the point itself in the images of some keyframes."""
@@ -308,17 +304,15 @@ class BodyTracker:
         expected, maps, by_depth = self.on_link.view(np.array([one.positions for one in chosen]))
         expected = expected + self.on_link.slip * by_depth
         for k, one, place, map_, off in zip(keyframes, chosen, expected, maps, by_depth, strict=True):
-            found, correlation = self._look.found(one.image, place, map_, self._covariance(off, ASIDE))
+            found, correlation = self._look.found(one.image, place, map_, self._searched(off, ASIDE**2 * np.eye(2)))
             seen, weight = correlation > BELIEVED, NOISE / max(NOISE, self._look.drift(correlation))
             features.keyframes[k] = one.with_place(POINT, found if seen else None, weight)
 
-    def _uncertainty(self, q: np.ndarray) -> float:
+    def _uncertainty(self) -> float:
         """Standard deviation of the place [px]; infinite where nothing tells the depth."""
-        depth = self.on_link.depth
-        if depth is None:
+        if self.on_link.depth is None:
             return np.inf
-        off = depth.deviation * self.on_link.view(q[None])[2][0]
-        return self._doubt * place_uncertainty(off, self._offset, self.held, self._told, self._aside, self._own)
+        return self._doubt * place_uncertainty(self._covariance, self._offset, self.held, self._own)
 
     def _refine(self) -> None:
         """Chain, features and the point, adjusted to all keyframes."""

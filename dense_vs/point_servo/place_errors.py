@@ -12,6 +12,7 @@ times slower.
 import numpy as np
 
 from dense_vs.body_model.chain import Chain
+from dense_vs.generative.rotations import cross_matrices
 from dense_vs.point_servo.body_features import NEAREST, BodyFeatures
 from dense_vs.point_servo.point_depth import PointDepth
 from dense_vs.point_servo.surface_place import SurfacePlace
@@ -52,26 +53,35 @@ class PlaceErrors:
         farther = np.exp(SMALL * np.concatenate([[0.0], LINES * follows, [depth.deviation]]))
         self._home, self._center = chain.home, features.center
         self._focals = features.focal * wider
-        self._axes, self._lines, self._travel = (
-            np.array([getattr(one, name) for one in chains]) for name in ("axes", "points", "travel")
-        )
+        self._lines, self._travel = (np.array([getattr(one, name) for one in chains]) for name in ("points", "travel"))
+        self._crosses = cross_matrices(np.array([one.axes for one in chains]))
+        self._squares = self._crosses @ self._crosses
         self._joints = [n for n in reversed(chain.order) if chain.moved_by[link, n]]  # the point's own first
         rays = np.tile(features.rays(pixel[None])[0], (len(chains), 1))
         rays[:, :2] /= wider[:, None]
-        here = depth.depth * farther[:, None] * rays
-        poses = [one.link_poses(positions[None]) for one in chains]
-        rotation, translation = (np.array([pose[k][0, link] for pose in poses]) for k in (0, 1))
-        self._points = np.einsum("rij,ri->rj", rotation, here - translation)
+        self._points = self._back(depth.depth * farther[:, None] * rays, positions)
+
+    def _back(self, points: np.ndarray, positions: np.ndarray) -> np.ndarray:
+        """Points ``(R + 2, 3)`` of a posture ``(N,)``, one by each chain, in the home posture."""
+        for n in reversed(self._joints):
+            since = positions[n] - self._home[n]
+            arm = points - since * self._travel[:, n] - self._lines[:, n]
+            points = self._turned(arm, n, np.array(-since)) + self._lines[:, n]
+        return points
+
+    def _turned(self, arms: np.ndarray, joint: int, angles: np.ndarray) -> np.ndarray:
+        """What joint ``joint`` of each chain makes of ``(..., R + 2, 3)`` by angles ``(...)`` [rad]: Rodrigues."""
+        sine, rest = np.sin(angles)[..., None, None, None], (1 - np.cos(angles))[..., None, None, None]
+        turns = sine * self._crosses[:, joint] + rest * self._squares[:, joint]
+        return arms + (turns @ arms[..., None])[..., 0]
 
     def __call__(self, postures: np.ndarray) -> np.ndarray:
         """Errors ``(T, R + 1, 2)`` [px] in postures ``(T, N)`` [rad], by R steps of the lines and by the depth."""
         there = np.broadcast_to(self._points, (len(postures), *self._points.shape))
         for n in self._joints:
-            since = (postures[:, n] - self._home[n])[:, None, None]
-            arm, axes = there - self._lines[:, n], self._axes[:, n]
-            across = np.cross(axes, arm)
-            turned = arm + np.sin(since) * across + (1 - np.cos(since)) * np.cross(axes, across)
-            there = turned + self._lines[:, n] + since * self._travel[:, n]
+            since = postures[:, n] - self._home[n]
+            there = self._turned(there - self._lines[:, n], n, since) + self._lines[:, n]
+            there = there + since[:, None, None] * self._travel[:, n]
         depths = np.where(there[..., 2:] > NEAREST, there[..., 2:], np.nan)
         places = self._focals[:, None] * there[..., :2] / depths
         off = (places[:, 1:] - places[:, :1]) / SMALL

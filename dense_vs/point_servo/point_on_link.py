@@ -4,9 +4,9 @@ from typing import Any
 
 import numpy as np
 
-from dense_vs.body_model.image_directions import directed_mean
 from dense_vs.point_servo.body_features import BodyFeatures, FeatureState
 from dense_vs.point_servo.place_errors import PlaceErrors
+from dense_vs.point_servo.place_posterior import CHAIN, UNKNOWN_LINES, off_by_features
 from dense_vs.point_servo.plainness import FEATURES_SLIP, OWN_SLIP, SURFACE_SLIP
 from dense_vs.point_servo.planned_posture import planned_posture
 from dense_vs.point_servo.point_depth import (
@@ -25,7 +25,7 @@ from dense_vs.point_servo.surface_place import SurfacePlace
 from dense_vs.point_servo.turned_view import turned_view
 
 POINT = 0  # index of the point among the features
-WIDE = 28.0  # px, standard deviation of the weight by which the link's features tell what the point is off
+ANYWHERE = 1e8 * np.eye(2)  # px^2, covariance of a place of which nothing is known before
 SMALL = 0.01  # of the logarithm of the depth, for derivatives
 NOWHERE = np.zeros(2)
 
@@ -61,6 +61,7 @@ class PointOnLink:
         self._first_depths: np.ndarray | None = None  # of the features that were seen then, by the chain at first
         self._begun = np.zeros((0, 2)), np.zeros((0, 2, 2))  # their places then and directions
         self._astray = np.zeros(2)
+        self._errors: tuple[Any, PlaceErrors, Any] | None = None
         self._viewed: tuple[Any, tuple[np.ndarray, np.ndarray, np.ndarray], Any] | None = None
 
     @property
@@ -128,7 +129,8 @@ class PointOnLink:
         if len(numbers) < LEAST_NEAR:
             return NOWHERE
         there = self._features.project(numbers, self.defined_at)
-        return mean_about(self._pixel, there, begun - there, directions)[0]
+        distances = np.linalg.norm(there - self._pixel, axis=1)
+        return off_by_features(ANYWHERE, begun - there, directions, distances)[0]
 
     def _by_surface(self, first: np.ndarray) -> PointDepth | None:
         """Its depth by the body model's surface, in the chain's unit of length, which drifts with the chain."""
@@ -165,6 +167,22 @@ class PointOnLink:
         self._viewed = asked, view, (chain, lens)  # kept, so that no others get their numbers
         return view
 
+    def covariance(self, q: np.ndarray) -> np.ndarray:
+        """Of the place ``(2, 2)`` [px^2] that the chain has it at in a posture ``(N,)`` [rad], its own depth aside."""
+        if self.depth is None or self._surface is None or self._surface.steps is None:
+            return UNKNOWN_LINES**2 * np.eye(2)
+        by_lines = self._place_errors()(q[None])[0, :-1]
+        return by_lines.T @ by_lines + CHAIN**2 * np.eye(2)
+
+    def _place_errors(self) -> PlaceErrors:
+        assert self.depth is not None
+        features = self._features
+        known = id(features.chain), features.focal, self.depth, self.link
+        if self._errors is None or self._errors[0] != known:
+            made = PlaceErrors(features, self._pixel, self.defined_at, self.depth, self._surface, self.link)
+            self._errors = known, made, features.chain  # kept, so that no other chain gets its number
+        return self._errors[1]
+
     def posture_for(
         self,
         target: np.ndarray,
@@ -182,7 +200,7 @@ class PointOnLink:
         """
         if self.depth is None:
             return None
-        errors = PlaceErrors(self._features, self._pixel, self.defined_at, self.depth, self._surface, self.link)
+        errors = self._place_errors()
         _, views = self._seen_in(self.defined_at[None])
 
         def seen(postures: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -217,26 +235,3 @@ class PointOnLink:
         rotation, translation = features.chain.link_poses(self.defined_at[None])
         here = depth[:, None] * features.rays(self._pixel[None])
         return (here - translation[0, self.link]) @ rotation[0, self.link]
-
-
-def mean_about(
-    point: np.ndarray, places: np.ndarray, off: np.ndarray, directions: np.ndarray
-) -> tuple[np.ndarray, float]:
-    """What features of a link are off about a point ``(2,)`` [px], the near ones most, and its standard error [px].
-
-    Features that are all to one side of the point tell less of it: that of a turn that they leave open grows with the
-    distance from their middle, as where a line is extended beyond what it was fitted to.
-
-    Args:
-        point: where the chain has it.
-        places: ``(K, 2)``, where the chain has the features [px].
-        off: ``(K, 2)``, by which they are seen elsewhere [px].
-        directions: as :func:`.directed_mean` has them.
-    """
-    weights = np.exp(-np.sum((places - point) ** 2, axis=1) / (2 * WIDE**2)) + 1e-3
-    mean, spread = directed_mean(off, directions, weights)
-    shares = weights / weights.sum()
-    middle = shares @ places
-    extent = float(shares @ np.sum((places - middle) ** 2, axis=1))
-    lever = float(np.sum((point - middle) ** 2)) / max(extent, 1.0)
-    return mean, spread * float(np.sqrt((1 + lever) / len(places)))

@@ -8,10 +8,10 @@ import numpy as np
 from dense_vs.body_model.image_directions import direction_weights
 from dense_vs.point_servo.body_features import FeatureState
 from dense_vs.point_servo.body_tracker import LATELY, BodyTracker
-from dense_vs.point_servo.place_uncertainty import OwnLook
 
 KNOWN, YOUNG, DROPPED = FeatureState.KNOWN, FeatureState.YOUNG, FeatureState.DROPPED
 GRAY = np.zeros((60, 80), np.uint8)
+CHAIN = np.array([[0.9, 0.2], [0.2, 0.5]])  # px^2, of the place that the chain has the point at
 
 
 class Features:
@@ -74,6 +74,7 @@ class Looks:
 def link_of(**given):
     """What the chain says of the point: it is on link 1, and nothing more."""
     nothing = {"depth": None, "slip": 0.0, "astray": lambda q: np.zeros(2), "begin": lambda *begun: None}
+    nothing["covariance"] = lambda q: CHAIN.copy()
     return SimpleNamespace(**{"link": 1, **nothing, **given})
 
 
@@ -82,10 +83,10 @@ def bare(features, live=(), places=(), **given):
     tracker = object.__new__(BodyTracker)
     tracker.__dict__.update(
         features=features, _live=np.array(live, int), _places=np.array(places, float).reshape(-1, 2),
-        on_link=link_of(), _offset=np.zeros(2), _aside=1.3, seen=0, unseen=0,
-        point=np.array([7.0, 7.0]), _positions=np.zeros(1), _kept_at=np.zeros(1), _own=OwnLook(1.0), _sighting=None,
+        on_link=link_of(), _offset=np.zeros(2), _covariance=1.44 * np.eye(2), seen=0, unseen=0,
+        point=np.array([7.0, 7.0]), _positions=np.zeros(1), _kept_at=np.zeros(1), _own=1.0, _sighting=None,
         _gray=GRAY, _lost_after=5, _doubt=1.0, uncertainty=0.0, lately=deque([0.0], LATELY),
-        _looks=Looks(), _due=[], _sure=np.zeros(0, int), _first=np.zeros(0, int), _images=0, held=False, _told=0,
+        _looks=Looks(), _due=[], _sure=np.zeros(0, int), _first=np.zeros(0, int), _images=0, held=False,
     )  # fmt: skip
     tracker.__dict__.update(given)
     return tracker

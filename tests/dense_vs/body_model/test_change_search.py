@@ -13,7 +13,6 @@ from dense_vs.body_model.drawn_patches import SeenPatches
 from dense_vs.body_model.find_change import (
     REACHES,
     TRIED,
-    _cross,
     _Guess,
     _median,
     _off,
@@ -68,12 +67,6 @@ def test_what_patches_are_off_is_of_those_that_are_seen():
     np.testing.assert_allclose(off, [5.0, 1.0])
     assert _median([off, np.array([7.0])]) == 5.0
     assert _median([np.zeros(0)]) == 0.0
-
-
-def test_the_matrix_of_the_cross_product():
-    rng = np.random.default_rng(1)
-    vectors, others = rng.normal(size=(2, 5, 3))
-    np.testing.assert_allclose(np.einsum("kij,kj->ki", _cross(vectors), others), np.cross(vectors, others))
 
 
 @pytest.mark.parametrize("width", [40, 320, 3200])

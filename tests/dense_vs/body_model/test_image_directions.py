@@ -9,7 +9,7 @@ from synthetic_body import postures as way
 
 from dense_vs.body_model.adjustment import adjust
 from dense_vs.body_model.chain import Chain
-from dense_vs.body_model.image_directions import LEAST, directed_mean, direction_weights
+from dense_vs.body_model.image_directions import LEAST, direction_weights
 from dense_vs.body_model.link_assignment import place_points
 from dense_vs.body_model.track_problem import BodyState, TrackProblem
 from dense_vs.body_model.tracks import PointTracks, follow_points
@@ -66,26 +66,6 @@ def test_places_outside_or_of_nothing_get_weights_all_the_same():
     plain = direction_weights(np.full((40, 40), 90, np.uint8), np.array([[20.0, 20.0]]))[0]
     np.testing.assert_allclose(plain, np.eye(2))  # no direction is better than another
     assert direction_weights(image, np.zeros((0, 2))).shape == (0, 2, 2)
-
-
-def test_a_mean_of_what_slides_along_edges():
-    """All are off by (2, -1), and anywhere along their edges; a tenth grossly."""
-    rng = np.random.default_rng(0)
-    angles = rng.uniform(0, np.pi, 60)
-    across = np.column_stack([np.cos(angles), np.sin(angles)])
-    along = np.column_stack([-np.sin(angles), np.cos(angles)])
-    values = np.array([2.0, -1.0]) + rng.normal(0, 0.1, (60, 2)) + along * rng.normal(0, 5, (60, 1))
-    values[:6] += 30
-    squares = np.einsum("ki,kj->kij", across, across) + 0.01**2 * np.einsum("ki,kj->kij", along, along)
-    directions = np.array([np.linalg.cholesky(one).T for one in squares])
-    mean, spread = directed_mean(values, directions, np.ones(60))
-    np.testing.assert_allclose(mean, [2, -1], atol=0.4)
-    assert spread < 2.5
-    mean, spread = directed_mean(values[6:], directions[6:], np.ones(54))
-    np.testing.assert_allclose(mean, [2, -1], atol=0.08)
-    assert spread == pytest.approx(0.11, abs=0.04)
-    plain, _ = directed_mean(values, np.tile(np.eye(2), (60, 1, 1)), np.ones(60))
-    assert np.linalg.norm(plain - [2, -1]) > 0.4
 
 
 def sliding(body, joints, rng, along=2.0, noise=0.1):

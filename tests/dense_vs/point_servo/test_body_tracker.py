@@ -150,7 +150,9 @@ def test_a_posture_that_the_chain_cannot_show_leaves_the_point_where_it_was(plat
 
 
 def test_it_is_less_certain_the_farther_it_turns_from_what_it_has_seen(plate):
-    tracker = make(plate, babbled(plate)[-12:])
-    first = tracker.uncertainty
-    tracker._by_own = np.inf
-    assert tracker._uncertainty(np.array([0.9, -0.9, 0.9])) > first
+    known = []
+    for turned in (0.0, 0.3, 0.9):
+        tracker = make(plate, babbled(plate)[-12:])
+        tracker.update(HIDDEN, turned * np.array([1.0, -1.0, 1.0]))
+        known.append(tracker.uncertainty)
+    assert known[0] < known[1] < known[2]

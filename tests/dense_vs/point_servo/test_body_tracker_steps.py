@@ -4,9 +4,9 @@ from types import MethodType, SimpleNamespace
 
 import numpy as np
 import pytest
-from counted_features import DROPPED, GRAY, KNOWN, YOUNG, Features, bare, directions_of, link_of
+from counted_features import CHAIN, DROPPED, GRAY, KNOWN, YOUNG, Features, bare, directions_of, link_of
 
-from dense_vs.point_servo.place_uncertainty import OwnLook, place_uncertainty
+from dense_vs.point_servo.place_posterior import off_by_features, place_uncertainty, untied, with_look
 from dense_vs.point_servo.point_depth import PointDepth
 from dense_vs.point_servo.point_look import PointLook
 
@@ -34,25 +34,17 @@ def test_motion_since_the_last_keyframe_is_that_of_the_feature_that_moves_most()
     assert tracker._moved(np.array([1, 3]), np.array([3.0])) == pytest.approx(4.0)
 
 
-def reference_offset(there, expected, off):
-    """A weighted mean, then once more with weights that fall for features unlike it; and its standard error.
-
-    That is the spread over the root of their number, and more by how far their middle is off in units of their extent.
-    """
-    weights = np.array([np.exp(-(np.hypot(*(place - expected)) ** 2) / (2 * 28.0**2)) + 1e-3 for place in there])
-    middle = sum(w * place for w, place in zip(weights, there, strict=True)) / weights.sum()
-    extent = sum(w * np.hypot(*(place - middle)) ** 2 for w, place in zip(weights, there, strict=True)) / weights.sum()
-    lever = np.hypot(*(expected - middle)) ** 2 / max(extent, 1.0)
-    mean = sum(w * o for w, o in zip(weights, off, strict=True)) / weights.sum()
-    weights = np.array([w / (1 + np.hypot(*(o - mean)) ** 2) for w, o in zip(weights, off, strict=True)])
-    mean = sum(w * o for w, o in zip(weights, off, strict=True)) / weights.sum()
-    squared = sum(w * np.hypot(*(o - mean)) ** 2 for w, o in zip(weights, off, strict=True))
-    return mean, np.sqrt(squared / weights.sum() * (1 + lever) / len(there))
+def by_features(at, off, told, astray=(0.0, 0.0)):
+    """What some features in sight make of how far the point is off, and the covariance of that."""
+    told = np.array(told, int)
+    distances = np.hypot(*(at[told] - at[0]).T)
+    directions = np.tile(np.eye(2), (len(told), 1, 1))  # GRAY is plain
+    return off_by_features(CHAIN, off[told] - astray, directions, distances)
 
 
 @pytest.mark.parametrize("count", [2, 3, 6])
 def test_the_point_is_off_by_what_features_around_it_are_off(count):
-    """From three features on; fewer leave the offset as it was, and the link counts as unseen."""
+    """From three in sight on; fewer leave the offset as it was, and the link counts as unseen."""
     rng = np.random.default_rng(count)
     at = np.vstack([[40.0, 30.0], rng.uniform(0, 120, (count, 2)), [[40, 31], [41, 30]]])
     features = Features(at, rng.normal(0, 20, at.shape), links=[1] * (count + 1) + [0, 1])
@@ -61,45 +53,45 @@ def test_the_point_is_off_by_what_features_around_it_are_off(count):
     live = np.array([0, *range(1, count + 3)])  # the point itself, one of another link and a young one do not count
     off = rng.normal(0, 2, (len(live), 2))
     there = features.project(live, q)
-    tracker = bare(features, live, there + off, unseen=4, _offset=np.array([0.5, -0.5]), _aside=9.0, held=True)
+    tracker = bare(features, live, there + off, unseen=4, _offset=np.array([0.5, -0.5]), held=True)
+    tracker._first = tracker._sure = live
     astray = np.array([0.9, -0.4])  # what they were off where the point was defined says nothing of it
     tracker.on_link = link_of(astray=lambda at: astray * (at is q))
     tracker._correct(q, 1, GRAY, directions_of(tracker))
-    expected = there[0]
     assert tracker.seen == count
-    assert not tracker.held  # neither by too few, nor by features of later images
+    assert tracker.held == (count >= 3)
     if count < 3:
-        assert (tracker.unseen, tracker._aside) == (5, 9.0)
-        np.testing.assert_allclose(tracker.point, expected + np.array([0.5, -0.5]))
+        assert tracker.unseen == 5
+        np.testing.assert_allclose(tracker.point, there[0] + np.array([0.5, -0.5]))
+        np.testing.assert_array_equal(tracker._covariance, CHAIN)
         return
-    mean, error = reference_offset(there[1 : count + 1], expected, off[1 : count + 1])
+    mean, covariance = by_features(there, off, range(1, count + 1), astray)
     assert tracker.unseen == 0
-    told = 1 - 3 / count  # they are not of the point's own image: three of them may have drifted together
-    np.testing.assert_allclose(tracker._offset, told * (mean - astray), atol=1e-12)
-    assert tracker._aside == pytest.approx(0.3 + error)
-    np.testing.assert_allclose(tracker.point, expected + told * (mean - astray))
+    np.testing.assert_allclose(tracker._offset, mean, atol=1e-12)
+    np.testing.assert_allclose(tracker._covariance, covariance, atol=1e-12)
+    np.testing.assert_allclose(tracker.point, there[0] + mean)
 
 
 @pytest.mark.parametrize(
     ("sure", "first", "told", "held"),
     [
-        ([], [1, 2, 3, 4, 5, 6], [1, 2, 3, 4, 5, 6], False),  # all, though none is sure
-        ([2, 4], [2], [1, 2, 3, 4, 5, 6], False),
-        ([2, 4, 6], [2, 4], [2, 4, 6], False),
+        ([], [1, 2, 3, 4, 5, 6], [], False),  # none is sure: the chain alone
+        ([2, 4], [2], [2], False),
+        ([2, 4, 6], [2, 4], [2, 4], False),
         ([1, 2, 4, 6], [1, 4, 6, 9], [1, 4, 6], True),
-        ([1, 4, 6], [], [1, 4, 6], False),
+        ([1, 4, 6], [], [], False),  # what came into sight later agrees with the chain however far it is off
     ],
 )
-def test_features_of_the_first_image_tell_most_then_those_that_look_as_at_first(sure, first, told, held):
+def test_features_of_the_first_image_that_look_as_at_first_tell_of_the_point(sure, first, told, held):
     rng = np.random.default_rng(3)
     at = np.vstack([[40.0, 30.0], rng.uniform(0, 80, (6, 2))])
-    off = rng.normal(0, 2, (6, 2))
-    tracker = bare(Features(at, np.zeros_like(at)), range(1, 7), at[1:] + off)
+    off = rng.normal(0, 2, (7, 2))
+    tracker = bare(Features(at, np.zeros_like(at)), range(1, 7), at[1:] + off[1:])
     tracker._sure, tracker._first = np.array(sure, int), np.array(first, int)
     tracker._correct(np.zeros(1), 1, GRAY, directions_of(tracker))
-    mean, error = reference_offset(at[told], at[0], off[np.array(told) - 1])
-    np.testing.assert_allclose(tracker._offset, mean if held else (1 - 3 / len(told)) * mean, atol=1e-12)
-    assert tracker._aside == pytest.approx(0.3 + error)
+    mean, covariance = by_features(at, off, told)
+    np.testing.assert_allclose(tracker._offset, mean, atol=1e-12)
+    np.testing.assert_allclose(tracker._covariance, covariance, atol=1e-12)
     assert (tracker.seen, tracker.held) == (6, held)
 
 
@@ -112,25 +104,26 @@ def test_a_place_far_outside_leaves_the_point_and_counts_as_unseen(place, taken)
     np.testing.assert_array_equal(tracker.point, [40.0, place] if taken else [7.0, 7.0])
 
 
-@pytest.mark.parametrize("held", [False, True])
-def test_its_own_look_corrects_a_point_whose_depth_is_known(held):
-    """Three links' features in sight: what else may be off is 0.3 px and their spread over the root of three.
-
-    Where they are none of its own image, the chain may be off by 1.2 px as well.
-    """
+def test_its_own_look_corrects_a_point_whose_depth_is_known():
     at = np.array([[40.0, 30.0], [40, 30], [50, 30], [40, 40]])
-    off = np.array([[1.0, 0.0], [1.0, 0.0], [1.0, 3.0]])
+    off = np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 0.0], [1.0, 3.0]])
     asked = []
-    tracker = bare(Features(at, np.zeros_like(at)), [1, 2, 3], at[1:] + off)
-    tracker._first = tracker._sure = np.arange(1, 4) if held else np.zeros(0, int)
+    tracker = bare(Features(at, np.zeros_like(at)), [1, 2, 3], at[1:] + off[1:])
+    tracker._first = tracker._sure = np.arange(1, 4)
     tracker.on_link.depth = PointDepth(1.0, 0.1)
-    tracker._by_look = lambda q, gray, place, spread: asked.append((place, spread)) or place + np.array([3.0, 4.0])
+
+    def by_look(q, gray, place, covariance):
+        asked.append((place, covariance))
+        return place + np.array([3.0, 4.0]), 2 * covariance
+
+    tracker._by_look = by_look
     tracker._correct(np.zeros(1), 1, GRAY, directions_of(tracker))
-    mean, error = reference_offset(at[1:], at[0], off)
-    ((place, aside),) = asked
-    np.testing.assert_allclose(place, at[0] + (mean if held else 0.0))
-    assert aside == pytest.approx(np.hypot(0.3 + error, 0 if held else 1.2))
+    mean, covariance = by_features(at, off, [1, 2, 3])
+    ((place, given),) = asked
+    np.testing.assert_allclose(place, at[0] + mean)
+    np.testing.assert_allclose(given, covariance)
     np.testing.assert_allclose(tracker.point, place + np.array([3.0, 4.0]))
+    np.testing.assert_allclose(tracker._covariance, 2 * covariance)
 
 
 def looking(found, turned, middle=None):
@@ -160,32 +153,43 @@ def looking(found, turned, middle=None):
     return bare(features, _look=look, on_link=on_link), asked
 
 
+BY_DEPTH = np.array([3.0, 4.0])  # px, by one deviation of the depth of 0.1
+
+
+def known(seen, drift):
+    """Place and covariance, of (10, 20) with a covariance of 0.25 px^2 each way and the depth's, and of a look."""
+    covariance = 0.25 * np.eye(2) + np.outer(BY_DEPTH, BY_DEPTH)
+    place = np.array([10.0, 20.0])
+    return (place, covariance) if seen is None else with_look(place, covariance, np.array(seen), drift)
+
+
+@pytest.mark.parametrize("held", [False, True])
 @pytest.mark.parametrize(
-    ("found", "turned", "place", "own", "sighting", "correlation"),
+    ("found", "turned", "seen", "drift", "sighting", "correlation"),
     [
-        (0.92, 0.0, [10.3, 19.6], np.inf, [10.6, 19.2], 0.92),  # no witness, as features of its image are not in sight
-        (0.93, 0.0, [10.3, 19.6], 0.5, [10.6, 19.2], 0.93),
-        (0.99, 0.0, [10.3, 19.6], 0.5, [10.6, 19.2], 0.99),  # half the way; 0.7 of a drift of 0.1 px, but half a pixel
-        (0.88, 0.0, [10.3, 19.6], np.inf, [10.6, 19.2], 0.88),
-        (0.835, 0.0, [10.15, 19.8], np.inf, [10.6, 19.2], 0.835),  # halfway between 0.8 and 0.87
-        (0.80, 0.99, [10, 20], np.inf, None, 0.80),  # as expected, but hardly
-        (0.79, 0.99, [10, 22], 0.5, None, 0.99),  # turned otherwise: its place counts, but tells no depth
-        (0.79, -1.0, [10, 20], np.inf, None, 0.79),
-        (0.79, 0.835, [10, 21], np.inf, None, 0.835),
+        (0.99, 0.0, [10.6, 19.2], 0.1, [10.6, 19.2], 0.99),
+        (0.88, 0.0, [10.6, 19.2], 1.2, [10.6, 19.2], 0.88),
+        (0.87, 0.0, [10.6, 19.2], 1.3, [10.6, 19.2], 0.87),
+        (0.86, 0.0, None, 0.0, [10.6, 19.2], 0.86),  # tells depths of keyframes, but no place
+        (0.80, 0.99, None, 0.0, None, 0.80),  # as expected, but hardly
+        (0.79, 0.99, None, 0.0, None, 0.99),  # turned otherwise
+        (0.79, -1.0, None, 0.0, None, 0.79),
     ],
 )
-def test_the_own_look_counts_by_how_alike_it_is(found, turned, place, own, sighting, correlation):
+def test_the_own_look_counts_by_its_drift_where_it_is_alike(found, turned, seen, drift, sighting, correlation, held):
     tracker, asked = looking(found, turned)
-    corrected = tracker._by_look(np.zeros(1), GRAY, np.array([10.0, 20.0]), 0.5)
-    np.testing.assert_allclose(corrected, place, atol=1e-9)
-    assert tracker._own.deviation == pytest.approx(own)
-    assert tracker._own.apart == pytest.approx(np.hypot(*(np.array(place) - [10, 20])))  # half of how far it is off
+    tracker.held = held
+    place, covariance = tracker._by_look(np.zeros(1), GRAY, np.array([10.0, 20.0]), 0.25 * np.eye(2))
+    expected = known(seen, drift)
+    np.testing.assert_allclose(place, expected[0], atol=1e-9)
+    np.testing.assert_allclose(covariance, expected[1], atol=1e-9)
     np.testing.assert_equal(tracker._sighting, None if sighting is None else np.array(sighting, float))
     assert tracker.correlation[0] == np.float32(correlation)
-    ((affine, covariance),) = asked
+    ((affine, sought),) = asked
     np.testing.assert_array_equal(affine, [[1, 2], [3, 4]])
-    # 1.5 deviations of 0.1 along (30, 40), half a pixel beside it.
-    np.testing.assert_allclose(covariance, np.outer([4.5, 6.0], [4.5, 6.0]) + 0.25 * np.eye(2))
+    # 1.5 deviations of 0.1 along (30, 40), what it is beside that, and 1.2 px of what is tied to no first image.
+    beside = 0.25 + 0.09 + (0.0 if held else 1.44)
+    np.testing.assert_allclose(sought, 1.5**2 * np.outer(BY_DEPTH, BY_DEPTH) + beside * np.eye(2))
 
 
 def test_the_own_look_is_sought_and_taken_where_a_point_that_is_farther_away_would_be():
@@ -195,36 +199,27 @@ def test_the_own_look_is_sought_and_taken_where_a_point_that_is_farther_away_wou
     tracker._look.found = lambda gray, place, affine, covariance: (
         np.testing.assert_allclose(place, [10.6, 20.8]) or found(gray, place, affine, covariance)
     )
-    corrected = tracker._by_look(np.zeros(1), GRAY, np.array([10.0, 20.0]), 0.5)
-    np.testing.assert_allclose(corrected, [10.3, 19.6])  # halfway to (0.6, -0.8) off, as without
-    assert tracker._own.apart == pytest.approx(0.5)
+    place, _ = tracker._by_look(np.zeros(1), GRAY, np.array([10.0, 20.0]), 0.25 * np.eye(2))
+    np.testing.assert_allclose(place, known([10.6, 19.2], 0.1)[0])  # as without
     np.testing.assert_allclose(tracker._sighting, [11.2, 20.0])  # as it is seen
 
 
-@pytest.mark.parametrize(("found", "own"), [(0.86, np.inf), (0.87, 0.7 * 1.3), (0.88, 0.7 * 1.2)])
-def test_beside_features_of_its_own_image_a_look_that_is_less_alike_counts(found, own):
-    tracker, _ = looking(found, 0.0)
-    tracker.held = True
-    tracker._by_look(np.zeros(1), GRAY, np.array([10.0, 20.0]), 0.5)
-    assert tracker._own.deviation == pytest.approx(own)
-
-
 @pytest.mark.parametrize(
-    ("found", "turned", "middle", "place", "own", "correlation"),
+    ("found", "turned", "middle", "seen", "drift", "correlation"),
     [
-        (0.79, -1.0, 0.95, [10, 21], 0.7 * 1.0, 0.95),  # seen where the whole look is not, with a drift of its own
-        (0.79, -1.0, 0.85, [10, 20 + 5 / 7], np.inf, 0.85),
-        (0.79, -1.0, 0.84, [10, 20], np.inf, 0.79),
-        (0.79, 0.95, 0.99, [10, 22], 0.5, 0.95),  # the whole look tells more, also where it is turned otherwise
-        (0.99, -1.0, 1.00, [10.3, 19.6], 0.5, 0.99),
+        (0.79, -1.0, 0.95, [10, 22], 1.0, 0.95),  # seen where the whole look is not, with a drift of its own
+        (0.79, -1.0, 0.85, None, 0.0, 0.85),
+        (0.79, -1.0, 0.84, None, 0.0, 0.79),
+        (0.79, 0.95, 0.99, None, 0.0, 0.95),  # the whole look comes first, also where it is turned otherwise
+        (0.99, -1.0, 1.00, [10.6, 19.2], 0.1, 0.99),
     ],
 )
-def test_the_middle_of_the_own_look_counts_where_the_whole_is_not_seen(found, turned, middle, place, own, correlation):
+def test_the_middle_of_the_own_look_counts_where_the_whole_is_not_seen(found, turned, middle, seen, drift, correlation):
     tracker, _ = looking(found, turned, middle)
-    tracker.held = True
-    corrected = tracker._by_look(np.zeros(1), GRAY, np.array([10.0, 20.0]), 0.5)
-    np.testing.assert_allclose(corrected, place, atol=1e-9)
-    assert tracker._own.deviation == pytest.approx(own)
+    place, covariance = tracker._by_look(np.zeros(1), GRAY, np.array([10.0, 20.0]), 0.25 * np.eye(2))
+    expected = known(seen, drift)
+    np.testing.assert_allclose(place, expected[0], atol=1e-9)
+    np.testing.assert_allclose(covariance, expected[1], atol=1e-9)
     assert tracker.correlation[0] == np.float32(correlation)
     by_middle = correlation == middle
     assert (tracker._sighting is None) == (not by_middle and found < 0.8)
@@ -234,26 +229,23 @@ def test_the_middle_of_the_own_look_counts_where_the_whole_is_not_seen(found, tu
 def test_a_search_leaves_some_depth_open(deviation, left_open):
     tracker, _ = looking(0.0, 0.0)
     tracker.on_link.depth = PointDepth(1.0, deviation)
-    covariance = tracker._covariance(np.array([10.0, -20.0]), 2.0)
+    covariance = tracker._searched(np.array([10.0, -20.0]), 4 * np.eye(2))
     off = left_open * np.array([10.0, -20.0])
     np.testing.assert_allclose(covariance, np.outer(off, off) + 4 * np.eye(2))
 
 
 def test_uncertainty_is_of_what_the_tracker_knows():
-    """The depth's deviation of 0.02 moves the place by 1 px, as its view says; the joints' positions say nothing."""
     tracker, _ = looking(0.0, 0.0)
-    tracker.on_link.depth = PointDepth(1.0, 0.02)
-    tracker._aside, tracker._own = 0.7, OwnLook(0.9, 0.5, 0.2)
-    tracker._offset, tracker._told, tracker.held = np.array([0.9, -1.2]), 3, True
-    expected = place_uncertainty(np.array([0.6, 0.8]), np.array([0.9, -1.2]), True, 3, 0.7, tracker._own)
-    for q in ([0.5, 0.5], [3.0, 1.7]):
-        assert tracker._uncertainty(np.array(q)) == pytest.approx(expected)
+    tracker._covariance, tracker._own = np.diag([0.7, 0.4]), 0.9
+    tracker._offset, tracker.held = np.array([0.9, -1.2]), True
+    expected = place_uncertainty(np.diag([0.7, 0.4]), np.array([0.9, -1.2]), True, 0.9)
+    assert tracker._uncertainty() == pytest.approx(expected)
     tracker._doubt = 1.7  # of the body as a whole
-    assert tracker._uncertainty(np.zeros(2)) == pytest.approx(1.7 * expected)
+    assert tracker._uncertainty() == pytest.approx(1.7 * expected)
     tracker._doubt, tracker.held = 1.0, False
-    assert tracker._uncertainty(np.zeros(2)) > expected
+    assert tracker._uncertainty() == pytest.approx(np.hypot(expected, untied(0.9)))
     tracker.on_link.depth = None
-    assert tracker._uncertainty(np.zeros(2)) == np.inf
+    assert tracker._uncertainty() == np.inf
 
 
 @pytest.mark.parametrize(
@@ -289,7 +281,7 @@ def test_a_place_that_an_image_shows_much_worse_than_usual_is_not_certain(now, c
 def test_what_is_known_of_a_place_is_kept_for_as_many_images_as_make_it_certain():
     tracker = bare(Features(np.zeros((1, 2)), np.zeros((1, 2))))
     told = iter(np.arange(1.0, 20.0))
-    tracker._uncertainty = lambda q: next(told)
+    tracker._uncertainty = lambda: next(told)
     for k in range(12):
         tracker._locate(np.array([0.1 * k, 0.0]), GRAY, directions_of(tracker))
     assert tracker.uncertainty == 12

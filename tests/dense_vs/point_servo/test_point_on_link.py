@@ -5,8 +5,9 @@ import pytest
 
 from dense_vs.body_model.chain import Chain
 from dense_vs.point_servo.body_features import BodyFeatures, FeatureState, Keyframe
+from dense_vs.point_servo.place_errors import PlaceErrors
 from dense_vs.point_servo.point_depth import PointDepth, witnessed
-from dense_vs.point_servo.point_on_link import POINT, PointOnLink, mean_about
+from dense_vs.point_servo.point_on_link import POINT, PointOnLink
 from dense_vs.point_servo.surface_place import SurfacePlace
 
 FOCAL, CENTER = 300.0, np.array([159.5, 119.5])
@@ -181,18 +182,29 @@ def test_features_about_the_point_tell_most_of_what_it_is_off():
     assert point.astray(np.zeros(1))[0] > 0.25
 
 
-def test_features_to_one_side_of_the_point_tell_less_of_it():
-    """Beside their middle a mean is known as a line is beyond what it was fitted to: by the root of 1 + d^2 / r^2."""
-    places = np.array([[100.0, 50.0], [104.0, 50.0], [100.0, 54.0], [104.0, 54.0]])
-    off = np.array([[0.5, 0.0], [-0.5, 0.0], [0.5, 0.0], [-0.5, 0.0]])
-    directions = np.tile(np.eye(2), (4, 1, 1))
-    mean, error = mean_about(np.array([102.0, 52.0]), places, off, directions)
-    np.testing.assert_allclose(mean, 0.0, atol=1e-12)
-    assert error == pytest.approx(0.5 / np.sqrt(4))
-    beside = mean_about(np.array([102.0, 60.0]), places, off, directions)[1]
-    assert beside == pytest.approx(0.25 * np.sqrt(1 + 8.0**2 / 8.0), rel=0.05)  # weights differ a little
-    alike = mean_about(np.array([102.0, 60.0]), places[:1].repeat(4, axis=0), off, directions)[1]
-    assert alike == pytest.approx(0.25 * np.sqrt(1 + 10.0**2 + 2.0**2))  # an extent of at least 1 px
+def test_the_chain_s_place_is_known_as_its_lines_and_to_half_a_pixel():
+    """By the chain as it is now: lines, focal length and the point's depth change as features come."""
+    random = np.random.default_rng(2)
+    features = features_at([2.0] * 4)
+    surface = SurfacePlace(0, 2.0, (0.01 * random.normal(size=(3, 5)), 0.02 * random.normal(size=3)))
+    point = PointOnLink(features, PIXEL, np.zeros(1), surface)
+    point.place(np.arange(5))
+    for q in (np.array([0.4]), np.array([-0.2])):
+        for _ in range(2):
+            by_lines = PlaceErrors(features, PIXEL, np.zeros(1), point.depth, surface, 0)(q[None])[0, :-1]
+            assert np.trace(by_lines.T @ by_lines) > 0.1
+            np.testing.assert_allclose(point.covariance(q), by_lines.T @ by_lines + 0.25 * np.eye(2))
+            features.chain = features.chain.moved(0.02 * random.normal(size=(1, 4)))
+            features.focal *= 1.01
+    np.testing.assert_allclose(point.covariance(np.zeros(1)), 0.25 * np.eye(2), atol=1e-9)  # where it was defined
+
+
+@pytest.mark.parametrize("surface", [None, (0, 1.7), (1, 1.7)])
+def test_a_model_that_knows_no_errors_knows_the_chain_s_place_less(surface):
+    point = PointOnLink(features_at([]), PIXEL, np.zeros(1), surface and SurfacePlace(*surface))
+    for _ in range(2):
+        np.testing.assert_allclose(point.covariance(np.array([0.3])), 1.44 * np.eye(2))
+        point.place(np.arange(1))
 
 
 def test_unless_said_otherwise_an_image_is_textured_and_a_surface_faces_the_camera():
