@@ -12,7 +12,6 @@ times slower.
 import numpy as np
 
 from dense_vs.body_model.chain import Chain
-from dense_vs.generative.rotations import cross_matrices
 from dense_vs.point_servo.body_features import NEAREST, BodyFeatures
 from dense_vs.point_servo.point_depth import PointDepth
 from dense_vs.point_servo.surface_place import SurfacePlace
@@ -54,8 +53,7 @@ class PlaceErrors:
         self._home, self._center = chain.home, features.center
         self._focals = features.focal * wider
         self._lines, self._travel = (np.array([getattr(one, name) for one in chains]) for name in ("points", "travel"))
-        self._crosses = cross_matrices(np.array([one.axes for one in chains]))
-        self._squares = self._crosses @ self._crosses
+        self._crosses, self._squares = (np.array([one.crosses[k] for one in chains]) for k in (0, 1))
         self._joints = [n for n in reversed(chain.order) if chain.moved_by[link, n]]  # the point's own first
         rays = np.tile(features.rays(pixel[None])[0], (len(chains), 1))
         rays[:, :2] /= wider[:, None]

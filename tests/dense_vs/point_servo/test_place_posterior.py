@@ -16,21 +16,27 @@ def edges(angles, along):
     return np.einsum("ki,kj->kij", across, across) + along * np.einsum("ki,kj->kij", beside, beside)
 
 
+def weighed(prior, off, directions, weights):
+    """Rows of a prior about 0 and of every feature, over their deviations."""
+    rows, values = [np.linalg.inv(np.linalg.cholesky(prior))], [np.zeros(2)]
+    for weight, one, direction in zip(weights, off, directions, strict=True):
+        rows.append(np.sqrt(weight) / 0.7 * direction)
+        values.append(rows[-1] @ one)
+    matrix = np.vstack(rows)
+    return np.linalg.lstsq(matrix, np.concatenate(values), rcond=None)[0], np.linalg.inv(matrix.T @ matrix)
+
+
 def by_least_squares(prior, off, directions, distances):
-    """Rows of the prior and of every feature over their deviations, three times, with weights by the time before."""
+    """Features alone, twice weighed by how they agree; then with the chain, which may be off by two deviations."""
     near = np.exp(-(distances**2) / (2 * 28.0**2)) + 1e-3
     weights = near
-    for _ in range(3):
-        rows = [np.linalg.inv(np.linalg.cholesky(prior))]
-        values = [np.zeros(2)]
-        for weight, one, direction in zip(weights, off, directions, strict=True):
-            rows.append(np.sqrt(weight) / 0.7 * direction)
-            values.append(rows[-1] @ one)
-        matrix = np.vstack(rows)
-        mean = np.linalg.lstsq(matrix, np.concatenate(values), rcond=None)[0]
+    for _ in range(2):
+        mean, _ = weighed(100 * np.eye(2), off, directions, weights)
         apart = [direction @ (one - mean) for one, direction in zip(off, directions, strict=True)]
         weights = near / (1 + np.sum(np.square(apart), axis=1))
-    return mean, np.linalg.inv(matrix.T @ matrix)
+    mean, covariance = weighed(100 * np.eye(2), off, directions, weights)
+    deviations = mean @ np.linalg.inv(prior + covariance) @ mean
+    return weighed(prior * max(1.0, deviations / 4.0), off, directions, weights)
 
 
 @pytest.mark.parametrize("count", [1, 2, 5, 40])
@@ -52,7 +58,7 @@ def test_no_features_leave_the_chains_place():
 def test_features_along_one_edge_tell_nothing_along_it():
     off = np.array([[2.0, -3.0], [2.2, 1.0], [1.8, 4.0]])
     mean, covariance = off_by_features(9 * np.eye(2), off, edges(np.zeros(3), 0.0), np.zeros(3))
-    assert mean[0] == pytest.approx(2.0 / (1 + 0.49 / 27), abs=0.02)  # three of 0.7 px, and a chain of 3 px
+    assert mean[0] == pytest.approx(2.0 / (1 + 0.49 / 27), abs=0.03)  # three of 0.7 px, and a chain of 3 px
     assert mean[1] == 0.0
     assert covariance[0, 0] == pytest.approx(1 / (1 / 9 + 3 / 0.49), abs=0.02)
     assert covariance[1, 1] == pytest.approx(9.0)
@@ -66,6 +72,14 @@ def test_a_feature_far_away_and_one_unlike_the_others_count_for_little():
     assert off_by_features(ANYWHERE, off, upright, far)[1][0, 0] == pytest.approx(known[0, 0] * 4 / 3, rel=0.01)
     off[3] = [9.0, 9.0]
     assert np.hypot(*(off_by_features(ANYWHERE, off, upright, np.zeros(4))[0] - [1.0, 0.0])) < 0.3
+
+
+@pytest.mark.parametrize("far", [3.0, 6.0, 12.0])
+def test_features_that_agree_are_believed_however_far_off_they_have_the_chain(far):
+    off = np.array([[far, 0.1], [far, -0.1], [far + 0.1, 0.0], [-5.0, 5.0]])
+    mean, _ = off_by_features(0.25 * np.eye(2), off, np.tile(np.eye(2), (4, 1, 1)), np.zeros(4))
+    assert mean[0] == pytest.approx(far, rel=0.15)
+    assert abs(mean[1]) < 0.6
 
 
 def test_features_that_slide_along_their_edges():

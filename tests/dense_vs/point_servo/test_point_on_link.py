@@ -182,7 +182,7 @@ def test_features_about_the_point_tell_most_of_what_it_is_off():
     assert point.astray(np.zeros(1))[0] > 0.25
 
 
-def test_the_chain_s_place_is_known_as_its_lines_and_to_half_a_pixel():
+def test_the_chain_s_place_is_known_half_as_well_as_its_lines_and_to_half_a_pixel():
     """By the chain as it is now: lines, focal length and the point's depth change as features come."""
     random = np.random.default_rng(2)
     features = features_at([2.0] * 4)
@@ -193,7 +193,7 @@ def test_the_chain_s_place_is_known_as_its_lines_and_to_half_a_pixel():
         for _ in range(2):
             by_lines = PlaceErrors(features, PIXEL, np.zeros(1), point.depth, surface, 0)(q[None])[0, :-1]
             assert np.trace(by_lines.T @ by_lines) > 0.1
-            np.testing.assert_allclose(point.covariance(q), by_lines.T @ by_lines + 0.25 * np.eye(2))
+            np.testing.assert_allclose(point.covariance(q), 4 * by_lines.T @ by_lines + 0.25 * np.eye(2))
             features.chain = features.chain.moved(0.02 * random.normal(size=(1, 4)))
             features.focal *= 1.01
     np.testing.assert_allclose(point.covariance(np.zeros(1)), 0.25 * np.eye(2), atol=1e-9)  # where it was defined
