@@ -12,12 +12,12 @@ said to be known best none is more than 1.4 px off, where by sums of terms of be
 import numpy as np
 
 CHAIN = 0.5  # px, deviation of the chain's place each way, beside what its lines leave open
-LINES = 2.0  # times what they leave open: with 7 joints, at far postures, a chain was off by several times that
+FARTHER = 2.0  # times what :class:`.PlaceErrors` has them leave open: with 7 joints a chain was off by far more
 UNKNOWN_LINES = 1.2  # px in its place, where a body model does not say what its lines leave open
 FEATURE = 0.7  # px, deviation of a feature across its edge; one that is :data:`LOOSE` off the others counts half
 LOOSE = 1.0  # px
 ROUNDS = 2  # of weighing them by how they agree
-ANYWHERE = 10.0  # px, within which they are sought to agree
+WITHIN = 10.0  # px, in which they are sought to agree
 SURPRISE = (
     4.0  # squared deviations of the two that a chain is believed to be off by; one that is off more is known less
 )
@@ -50,10 +50,10 @@ def off_by_features(
     near = (np.exp(-(distances**2) / (2 * WIDE**2)) + SMALLEST) / FEATURE**2
     weights = near
     for _ in range(ROUNDS):
-        mean, alone = _mean_of(off, squares, weights, np.eye(2) / ANYWHERE**2)
+        mean, alone = _mean_of(off, squares, weights, np.eye(2) / WITHIN**2)
         apart = np.einsum("kij,kj->ki", directions, off - mean)
         weights = near / (1 + np.sum(apart**2, axis=1) / LOOSE**2)
-    mean, alone = _mean_of(off, squares, weights, np.eye(2) / ANYWHERE**2)
+    mean, alone = _mean_of(off, squares, weights, np.eye(2) / WITHIN**2)
     surprise = float(mean @ np.linalg.solve(prior + alone, mean))
     known = np.linalg.inv(prior * max(1.0, surprise / SURPRISE))
     return _mean_of(off, squares, weights, known)

@@ -6,7 +6,7 @@ import numpy as np
 
 from dense_vs.point_servo.body_features import BodyFeatures, FeatureState
 from dense_vs.point_servo.place_errors import PlaceErrors
-from dense_vs.point_servo.place_posterior import CHAIN, LINES, UNKNOWN_LINES, off_by_features
+from dense_vs.point_servo.place_posterior import CHAIN, FARTHER, UNKNOWN_LINES, off_by_features
 from dense_vs.point_servo.plainness import FEATURES_SLIP, OWN_SLIP, SURFACE_SLIP
 from dense_vs.point_servo.planned_posture import planned_posture
 from dense_vs.point_servo.point_depth import (
@@ -171,7 +171,7 @@ class PointOnLink:
         """Of the place ``(2, 2)`` [px^2] that the chain has it at in a posture ``(N,)`` [rad], its own depth aside."""
         if self.depth is None or self._surface is None or self._surface.steps is None:
             return UNKNOWN_LINES**2 * np.eye(2)
-        by_lines = LINES * self._place_errors()(q[None])[0, :-1]
+        by_lines = FARTHER * self._place_errors()(q[None])[0, :-1]
         return by_lines.T @ by_lines + CHAIN**2 * np.eye(2)
 
     def _place_errors(self) -> PlaceErrors:
