@@ -4,10 +4,12 @@ A patch counts only where it shows the body: what is behind it is another thing 
 normalized cross-correlation with that mask, so exposure and shade do not matter (beyond the papers).
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import cv2
 import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
 
 from dense_vs.body_model.model import BodyImage, BodyModel
 
@@ -72,14 +74,17 @@ def distinct_pixels(drawn: DrawnBody) -> np.ndarray:
     shows[~body | (cv2.blur(body.astype(np.float32), (WINDOW, WINDOW)) < LEAST_BODY)] = 0
     for border in (np.s_[:HALF], np.s_[-HALF:], np.s_[:, :HALF], np.s_[:, -HALF:]):
         shows[border] = 0
-    y, x = np.nonzero(shows > LEAST_CONTRAST**2)
+    enough = np.flatnonzero(shows > LEAST_CONTRAST**2)
+    order = enough[np.argsort(-shows.ravel()[enough], kind="stable")]
     chosen: list[tuple[int, int]] = []
-    near = np.zeros(body.shape, bool)
-    for k in np.argsort(-shows[y, x], kind="stable"):
-        if near[y[k], x[k]]:
+    near = bytearray(body.size)  # asked pixel by pixel, ten times as fast as an array
+    marked = np.frombuffer(near, np.uint8).reshape(body.shape)
+    for at in order.tolist():
+        if near[at]:
             continue
-        chosen.append((int(x[k]), int(y[k])))
-        near[max(0, y[k] - APART) : y[k] + APART + 1, max(0, x[k] - APART) : x[k] + APART + 1] = True
+        y, x = divmod(at, body.shape[1])
+        chosen.append((x, y))
+        marked[max(0, y - APART) : y + APART + 1, max(0, x - APART) : x + APART + 1] = 1
         if len(chosen) == PATCHES:
             break
     return np.array(chosen, int).reshape(-1, 2)
@@ -92,23 +97,20 @@ def seek(drawn: DrawnBody, pixels: np.ndarray, image: np.ndarray, reach: int) ->
         drawn: the body.
         pixels: middles of the patches, whole numbers ``(K, 2)`` [px].
         image: float32 ``(H, W)`` of :func:`smooth`.
-        reach: how far from where it is drawn each is sought [px].
+        reach: how far from where it is drawn each is sought [px], 1 or more.
     """
-    weights, found = drawn.there.body.astype(np.float32), []
-    for x, y in pixels:
-        patch = np.s_[y - HALF : y + HALF + 1, x - HALF : x + HALF + 1]
+    patches, found = _patches(drawn, pixels), []
+    for k, (x, y) in enumerate(patches.pixels):
         left, top = max(0, x - HALF - reach), max(0, y - HALF - reach)
         around = image[top : y + HALF + reach + 1, left : x + HALF + reach + 1]
-        correlation = _correlation(drawn.gray[patch], weights[patch], around)
-        if correlation is not None:
-            best = np.unravel_index(correlation.argmax(), correlation.shape)
-            v, u = (
-                _peak(line, int(at))
-                for line, at in ((correlation[:, best[1]], best[0]), (correlation[best[0]], best[1]))
-            )
-            found.append((x, y, left + HALF + u, top + HALF + v, correlation[best]))
-    rows = np.array(found).reshape(-1, 5)
-    return SeenPatches(rows[:, :2].astype(int), rows[:, 2:4], rows[:, 4])
+        correlation = _sought(patches, k, around)
+        best = np.unravel_index(correlation.argmax(), correlation.shape)
+        v, u = (
+            _peak(line, int(at)) for line, at in ((correlation[:, best[1]], best[0]), (correlation[best[0]], best[1]))
+        )
+        found.append((left + HALF + u, top + HALF + v, correlation[best]))
+    rows = np.array(found).reshape(-1, 3)
+    return SeenPatches(patches.pixels, rows[:, :2], rows[:, 2])
 
 
 def agreement(model: BodyModel, q: np.ndarray, gray: np.ndarray) -> float:
@@ -132,21 +134,76 @@ def correlations(model: BodyModel, q: np.ndarray, image: np.ndarray) -> np.ndarr
         image: float32 ``(H, W)`` of :func:`smooth`.
     """
     drawn = draw(model, q)
-    return np.maximum(seek(drawn, distinct_pixels(drawn), image, 0).correlations, 0)
+    return np.maximum(_where_drawn(_patches(drawn, distinct_pixels(drawn)), image), 0)
 
 
-def _correlation(patch: np.ndarray, weights: np.ndarray, around: np.ndarray) -> np.ndarray | None:
-    """Normalized cross-correlation of a weighted patch wherever it lies in an image; None of a plain one."""
-    total = float(weights.sum())
-    off = (patch - np.float32((patch * weights).sum() / total)) * weights
-    squares = float((off**2).sum())
-    if squares < LEAST_SPREAD**2 * total:
-        return None
-    products, sums, square_sums = (
-        cv2.matchTemplate(*pair, cv2.TM_CCORR) for pair in ((around, off), (around, weights), (around**2, weights))
-    )
-    spread = np.maximum(square_sums - sums**2 / total, 0)
-    plain = spread < 0.5 * LEAST_SPREAD**2 * total
+@dataclass(frozen=True)
+class _Patches:
+    """K patches that are not plain.
+
+    Attributes:
+        pixels: middles, whole numbers ``(K, 2)`` [px].
+        off: ``(K, 17, 17)``, what their gray levels are off the mean of what is body, 0 elsewhere.
+        weights: ``(K, 17, 17)``, 1 on the body, else 0.
+        totals: ``(K,)`` sums of the weights.
+        squares: ``(K,)`` sums of what is off, squared.
+    """
+
+    pixels: np.ndarray
+    off: np.ndarray
+    weights: np.ndarray
+    totals: np.ndarray
+    squares: np.ndarray
+
+
+def _patches(drawn: DrawnBody, pixels: np.ndarray) -> _Patches:
+    """Those at pixels ``(K, 2)`` that are not plain."""
+    gray, weights = _windows(drawn.gray, pixels), _windows(drawn.there.body.astype(np.float32), pixels)
+    totals = weights.sum(axis=(1, 2), dtype=np.float64)
+    means = (gray * weights).sum(axis=(1, 2)) / totals
+    off = (gray - means[:, None, None].astype(np.float32)) * weights
+    squares = (off**2).sum(axis=(1, 2), dtype=np.float64)
+    kept = squares >= LEAST_SPREAD**2 * totals
+    return _Patches(pixels[kept], off[kept], weights[kept], totals[kept], squares[kept])
+
+
+def _windows(image: np.ndarray, pixels: np.ndarray) -> np.ndarray:
+    """Squares ``(K, 17, 17)`` of an image about pixels ``(K, 2)`` that are as far off its border."""
+    x, y = pixels.T
+    return sliding_window_view(image, (WINDOW, WINDOW))[y - HALF, x - HALF]
+
+
+def _sought(patches: _Patches, k: int, around: np.ndarray) -> np.ndarray:
+    """Correlations of the k-th patch wherever it lies in an image."""
+    one = patches.off[k], patches.weights[k], patches.totals[k], patches.squares[k]
+    return _correlation(lambda image, weights: cv2.matchTemplate(image, weights, cv2.TM_CCORR), around, *one)
+
+
+def _where_drawn(patches: _Patches, image: np.ndarray) -> np.ndarray:
+    """Correlations ``(K,)`` of all patches where they are drawn."""
+    there = _windows(image, patches.pixels)
+    every = patches.off, patches.weights, patches.totals, patches.squares
+    return _correlation(lambda ones, weights: np.einsum("kji,kji->k", ones, weights, dtype=np.float64), there, *every)
+
+
+def _correlation(
+    summed: Callable[[np.ndarray, np.ndarray], np.ndarray],
+    there: np.ndarray,
+    off: np.ndarray,
+    weights: np.ndarray,
+    totals: np.ndarray,
+    squares: np.ndarray,
+) -> np.ndarray:
+    """Normalized cross-correlation of weighted patches with what an image shows, 0 where that is plain.
+
+    Args:
+        summed: gives the sum over a patch of products of what an image shows with weights.
+        there: what the image shows.
+        off, weights, totals, squares: of one of :class:`_Patches`, or of all.
+    """
+    products, sums, square_sums = summed(there, off), summed(there, weights), summed(there**2, weights)
+    spread = np.maximum(square_sums - sums**2 / totals, 0)
+    plain = spread < 0.5 * LEAST_SPREAD**2 * totals
     return np.where(plain, 0, products / np.sqrt(np.where(plain, 1, squares * spread)))
 
 

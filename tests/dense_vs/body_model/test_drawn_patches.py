@@ -6,15 +6,18 @@ import numpy as np
 import pytest
 from textured_arm import SIZE, TexturedArm, postures
 
+from dense_vs.body_model import drawn_patches
 from dense_vs.body_model.chain import BACKGROUND
 from dense_vs.body_model.drawn_patches import (
     APART,
     HALF,
+    LEAST_SPREAD,
     PATCHES,
     WINDOW,
     DrawnBody,
-    _correlation,
+    _patches,
     _peak,
+    _sought,
     agreement,
     correlations,
     distinct_pixels,
@@ -52,31 +55,40 @@ def reference(patch, weights, around):
     return found
 
 
+MIDDLE = np.array([[HALF, HALF]])
+
+
+def correlation(patch, weights, around):
+    """Of a patch that counts where weights are 1, wherever it lies in an image; None of a plain one."""
+    one = _patches(drawn(patch, weights > 0), MIDDLE)
+    return _sought(one, 0, around) if len(one.pixels) else None
+
+
 def test_the_correlation_is_that_of_what_is_body():
     image = texture()
     weights = (RNG.random((WINDOW, WINDOW)) < 0.6).astype(np.float32)
     patch, around = image[10 : 10 + WINDOW, 20 : 20 + WINDOW].copy(), image[5:35, 12:50]
     patch[weights == 0] = 1e3  # what is behind does not matter
-    found = _correlation(patch, weights, around)
+    found = correlation(patch, weights, around)
     np.testing.assert_allclose(found, reference(patch, weights, around), atol=2e-3)
     assert np.unravel_index(found.argmax(), found.shape) == (5, 8)
-    dimmed = _correlation(patch, weights, (0.5 * around + 30).astype(np.float32))
+    dimmed = correlation(patch, weights, (0.5 * around + 30).astype(np.float32))
     np.testing.assert_allclose(dimmed, found, atol=5e-3)  # exposure does not matter
 
 
 def test_what_is_plain_tells_nothing():
     image, ones = texture(), np.ones((WINDOW, WINDOW), np.float32)
     faint = (1.9 * np.sign(RNG.normal(size=(WINDOW, WINDOW))) + 90).astype(np.float32)  # deviates by less than 2
-    assert _correlation(faint, ones, image) is None
-    assert _correlation(1.2 * faint, ones, image) is not None
-    assert not _correlation(image[:WINDOW, :WINDOW], ones, np.full((30, 30), 90, np.float32)).any()
+    assert correlation(faint, ones, image) is None
+    assert correlation(1.2 * faint, ones, image) is not None
+    assert not correlation(image[:WINDOW, :WINDOW], ones, np.full((30, 30), 90, np.float32)).any()
 
 
 @pytest.mark.parametrize(("deviation", "counts"), [(1.3, False), (1.6, True)])  # gray levels; half of 2^2 is 1.41^2
 def test_an_image_that_is_plain_there_looks_like_nothing(deviation, counts):
     patch, ones = texture()[:WINDOW, :WINDOW], np.ones((WINDOW, WINDOW), np.float32)
     faint = (90 + deviation * (patch - patch.mean()) / patch.std()).astype(np.float32)
-    np.testing.assert_allclose(_correlation(patch, ones, faint), float(counts), atol=2e-3)
+    np.testing.assert_allclose(correlation(patch, ones, faint), float(counts), atol=2e-3)
 
 
 @pytest.mark.parametrize("shift", [(0, 0), (3, -2), (-5, 4)])
@@ -138,6 +150,42 @@ def test_patches_that_show_most_are_taken_apart_and_on_the_body():
     thin = np.zeros((60, 80), bool)
     thin[30:35] = True  # less than a third of any patch
     assert len(distinct_pixels(drawn(texture(), thin))) == 0
+
+
+def test_patches_where_they_are_drawn_correlate_as_written_out(monkeypatch):
+    gray, image, body = texture(), texture(), np.zeros((60, 80), bool)
+    body[5:50, 10:70] = True
+    gray[5:30, 5:45] = 90  # plain
+    image[26:55, 5:45] = 90
+    shown = drawn(gray, body)
+    x, y = np.meshgrid(np.arange(HALF, 72, 9), np.arange(HALF, 52, 9))
+    pixels = np.column_stack([x.ravel(), y.ravel()])
+    pixels = np.array([(u, v) for u, v in pixels if body[v, u]])
+    monkeypatch.setattr(drawn_patches, "draw", lambda model, q: shown)
+    monkeypatch.setattr(drawn_patches, "distinct_pixels", lambda given: pixels)
+    expected = []
+    for u, v in pixels:
+        window = np.s_[v - HALF : v + HALF + 1, u - HALF : u + HALF + 1]
+        weights = body[window].astype(float)
+        if gray[window][weights > 0].std() >= LEAST_SPREAD:
+            plain = image[window][weights > 0].std() < np.sqrt(0.5) * LEAST_SPREAD
+            expected.append(0.0 if plain else reference(gray[window], weights, image[window])[0, 0])
+    found = correlations(None, np.zeros(1), image)
+    assert 0 < len(expected) < len(pixels)
+    assert 0.0 in expected
+    np.testing.assert_allclose(found, np.maximum(expected, 0), atol=1e-4)
+    monkeypatch.setattr(drawn_patches, "distinct_pixels", lambda given: np.zeros((0, 2), int))
+    assert correlations(None, np.zeros(1), image).shape == (0,)
+
+
+def test_the_most_distinct_come_first_and_of_equals_the_upper_left():
+    gray = np.zeros((80, 120))
+    for u, v, high in ((20, 20, 100), (60, 20, 150), (100, 20, 100), (60, 60, 100)):
+        gray[v, u] = high  # a window that holds the whole spot shows as much wherever it lies
+    pixels = distinct_pixels(drawn(gray))
+    np.testing.assert_array_equal(pixels[0], [60 - HALF + 1, 20 - HALF + 1])
+    left = pixels[(pixels[:, 0] < 40) & (pixels[:, 1] < 40)]
+    np.testing.assert_array_equal(left[0], [20 - HALF + 1, 20 - HALF + 1])
 
 
 def test_a_body_is_drawn_as_it_looked_and_agrees_with_its_image():
