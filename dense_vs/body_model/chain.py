@@ -108,8 +108,7 @@ class Chain:
     @cached_property
     def crosses(self) -> tuple[np.ndarray, np.ndarray]:
         """What crosses a vector with each axis, ``(N, 3, 3)``, and the same twice; zero for a slide."""
-        cross = cross_matrices(self.axes)
-        return cross, cross @ cross
+        return crosses_of(self.axes)
 
     def screws(self, joints: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Where the joints' lines are at a posture ``(N,)``: directions w ``(N, 3)`` and moments m ``(N, 3)``.
@@ -141,17 +140,22 @@ class Chain:
         return velocity * self.moved_by[links][:, :, None]
 
     def moved(self, step: np.ndarray) -> "Chain":
-        """The chain a step further, by ``(N, 4)``.
+        """The chain a step further, by ``(N, 4)``, see :meth:`moved_lines`."""
+        axes, points, travel = self.moved_lines(step)
+        return replace(self, axes=axes, points=points, travel=travel)
+
+    def moved_lines(self, steps: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Axes, points and travel ``(..., N, 3)`` of the chains that are a step further each, by ``(..., N, 4)``.
 
         Each hinge's line is turned about its point and shifted, by two numbers each along :attr:`across`. Each slide's
         shift is changed by the first three, the fourth says nothing.
         """
         across, slides = self.across, self.slides[:, None]
-        turn = rotation_matrices(np.einsum("nk,nki->ni", step[:, :2], across))
-        axes = np.einsum("nij,nj->ni", turn, self.axes)
-        axes = np.where(slides, 0.0, axes / np.maximum(np.linalg.norm(axes, axis=1, keepdims=True), 1e-300))
-        points = self.points + np.where(slides, 0.0, np.einsum("nk,nki->ni", step[:, 2:], across))
-        return replace(self, axes=axes, points=points, travel=self.travel + np.where(slides, step[:, :3], 0.0))
+        turn = rotation_matrices(np.einsum("...nk,nki->...ni", steps[..., :2], across))
+        axes = np.einsum("...nij,nj->...ni", turn, self.axes)
+        axes = np.where(slides, 0.0, axes / np.maximum(np.linalg.norm(axes, axis=-1, keepdims=True), 1e-300))
+        points = self.points + np.where(slides, 0.0, np.einsum("...nk,nki->...ni", steps[..., 2:], across))
+        return axes, points, self.travel + np.where(slides, steps[..., :3], 0.0)
 
     def turned(self, rotation: np.ndarray, shift: np.ndarray, offsets: np.ndarray) -> "Chain":
         """As a camera sees it to which X is R X + shift, and with readings that are larger by offsets.
@@ -178,6 +182,12 @@ class Chain:
         """The same in another unit of length, its lines' points put next to the camera."""
         along = np.sum(self.points * self.axes, axis=1, keepdims=True) * self.axes
         return replace(self, points=factor * (self.points - along), travel=factor * self.travel)
+
+
+def crosses_of(axes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """What crosses a vector with axes ``(..., 3)``, ``(..., 3, 3)``, and the same twice."""
+    cross = cross_matrices(axes)
+    return cross, cross @ cross
 
 
 def tree_order(parents: np.ndarray) -> list[int]:

@@ -11,7 +11,7 @@ times slower.
 
 import numpy as np
 
-from dense_vs.body_model.chain import Chain
+from dense_vs.body_model.chain import crosses_of
 from dense_vs.point_servo.body_features import NEAREST, BodyFeatures
 from dense_vs.point_servo.point_depth import PointDepth
 from dense_vs.point_servo.surface_place import SurfacePlace
@@ -45,17 +45,17 @@ class PlaceErrors:
         chain, joints = features.chain, features.chain.joint_count
         nothing = np.zeros((0, 4 * joints + 1)), np.zeros(0)
         lines, follows = nothing if surface is None or surface.steps is None else surface.steps
-        moved = [chain.moved(SMALL * LINES * line[:-1].reshape(joints, 4)) for line in lines]
         # As it is, with each step of the lines, and with its depth a step farther.
-        chains: list[Chain] = [chain, *moved, chain]
-        wider = np.exp(SMALL * LINES * np.concatenate([[0.0], lines[:, -1], [0.0]]))
+        steps = np.zeros((len(lines) + 2, 4 * joints + 1))
+        steps[1:-1] = SMALL * LINES * lines
+        wider = np.exp(steps[:, -1])
         farther = np.exp(SMALL * np.concatenate([[0.0], LINES * follows, [depth.deviation]]))
         self._home, self._center = chain.home, features.center
         self._focals = features.focal * wider
-        self._lines, self._travel = (np.array([getattr(one, name) for one in chains]) for name in ("points", "travel"))
-        self._crosses, self._squares = (np.array([one.crosses[k] for one in chains]) for k in (0, 1))
+        axes, self._lines, self._travel = chain.moved_lines(steps[:, :-1].reshape(-1, joints, 4))
+        self._crosses, self._squares = crosses_of(axes)
         self._joints = [n for n in reversed(chain.order) if chain.moved_by[link, n]]  # the point's own first
-        rays = np.tile(features.rays(pixel[None])[0], (len(chains), 1))
+        rays = np.tile(features.rays(pixel[None])[0], (len(steps), 1))
         rays[:, :2] /= wider[:, None]
         self._points = self._back(depth.depth * farther[:, None] * rays, positions)
 
