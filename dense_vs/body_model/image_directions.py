@@ -27,7 +27,7 @@ def direction_weights(gray: np.ndarray, places: np.ndarray) -> np.ndarray:
     column, row = np.rint(np.fmin(np.fmax(places, 0), (width - 1, height - 1))).astype(int).T  # 0 for what is nan
     left, top = max(0, column.min() - MARGIN), max(0, row.min() - MARGIN)
     around = gray[top : row.max() + MARGIN + 1, left : column.max() + MARGIN + 1]
-    smooth = cv2.GaussianBlur(around, (0, 0), 0.8).astype(np.float32)
+    smooth = cv2.GaussianBlur(around, (0, 0), 0.8)
     dx, dy = (cv2.Scharr(smooth, cv2.CV_32F, *order, scale=1 / 32) for order in ((1, 0), (0, 1)))
     products = cv2.blur(cv2.merge([dx * dx, dx * dy, dy * dy]), (WINDOW, WINDOW))
     xx, xy, yy = products[row - top, column - left].T.astype(np.float64)
