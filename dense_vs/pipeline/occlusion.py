@@ -123,4 +123,4 @@ def _parts_on(mask: np.ndarray, body: np.ndarray) -> np.ndarray:
     count, parts = cv2.connectedComponents(mask.astype(np.uint8), connectivity=4)
     kept = np.bincount(parts[body], minlength=count) >= LEAST_PIXELS
     kept[0] = False
-    return kept[parts]
+    return kept.take(parts)  # half the time of an index
