@@ -64,7 +64,7 @@ class BodyProcess:
         self._kept: np.ndarray | None = None  # joints of the last image that it can learn from
         self._news = threading.Condition()
         self._waiting: deque[tuple[Any, ...]] = deque([(size, group)])
-        self._answers: deque[tuple[int, dict[int, SeenPoint]]] = deque(maxlen=4 * MOST_WAITING)
+        self._answers: deque[tuple[int, dict[int, SeenPoint | None]]] = deque(maxlen=4 * MOST_WAITING)
         self._over = False
         self._folder = tempfile.TemporaryDirectory(prefix="dense-vs-body-")
         ours, theirs = socket.socketpair()
@@ -142,8 +142,8 @@ class BodyProcess:
         self.state, self.sought_in_vain = BodyState.UNKNOWN, False
         self._forget_images("forget")
 
-    def answers(self) -> list[tuple[int, dict[int, SeenPoint]]]:
-        """What was seen since last asked: the frames' numbers, and the points by theirs."""
+    def answers(self) -> list[tuple[int, dict[int, SeenPoint | None]]]:
+        """What was seen since last asked: frames' numbers, and points by theirs, None for one that is on no link."""
         return [self._answers.popleft() for _ in range(len(self._answers))]
 
     def end(self) -> None:

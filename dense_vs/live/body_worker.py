@@ -107,9 +107,11 @@ class BodyWorker:
         estimator, shown = self._pipeline.estimator, shown_frame(gray, positions, False)
         estimator.blend(J, np.ones(J.shape[:2], np.float32))
         tracker = self._body.tracker(place, shown, window=WINDOW, lost_after=LOST_AFTER)
-        if tracker is not None:  # else it is on no link that is known
-            self._points[point] = tracker
-            self._tell(number, point)
+        if tracker is None:  # it is on no link that is known
+            self._say(("seen", number, {point: None}))
+            return
+        self._points[point] = tracker
+        self._tell(number, point)
 
     def drop(self, point: int) -> None:
         """Follow a point no longer."""

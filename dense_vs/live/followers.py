@@ -58,18 +58,21 @@ class PatchFollower:
     Args:
         tracker: of the point alone.
         body: the process that seeks the body; None where none is learned.
+
+    Attributes:
+        linkless: whether the body is known, and has no link that the point is on.
     """
 
     fresh = True
 
     def __init__(self, tracker: PointTracker, body: BodyProcess | None):
         self.tracker, self._body = tracker, body
-        self.place = tracker.points[0]
+        self.place, self.linkless = tracker.points[0], False
 
     @property
     def doubted(self) -> bool:
-        """Whether the body was sought in vain: what hides the arm, or is wrong with J, misleads a patch as well."""
-        return self._body is not None and self._body.sought_in_vain
+        """Whether it should have had a link: what hides the arm, or is wrong with J, misleads a patch as well."""
+        return self._body is not None and (self._body.sought_in_vain or (self.linkless and self._body.knows))
 
     @property
     def certain(self) -> bool:
@@ -86,7 +89,10 @@ class PatchFollower:
         """Why it is lost, or not believed."""
         if self.lost:
             return "its surroundings look otherwise now"
-        return "followed by its surroundings alone, as the body was not found" if self.doubted else ""
+        if not self.doubted:
+            return ""
+        cause = "it is on no link that is known" if self.linkless else "the body was not found"
+        return f"followed by its surroundings alone, as {cause}"
 
     def update(self, flow: np.ndarray, now: ProcessedFrame, pipeline: FramePipeline) -> None:
         """Take the point into a frame by the flow since the last."""
@@ -199,6 +205,9 @@ class Following:
             for point, one in seen.items():
                 follower = followers.get(point)
                 if isinstance(follower, BodyFollower):
-                    follower.take(number, one)
-                elif follower is not None:
+                    if one is not None:
+                        follower.take(number, one)
+                elif isinstance(follower, PatchFollower) and one is None:
+                    follower.linkless = True
+                elif follower is not None and one is not None:
                     followers[point] = BodyFollower(body, follower.place, number, one)

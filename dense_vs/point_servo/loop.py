@@ -287,8 +287,8 @@ class ServoLoop:
         TrackerOptions(method=kind, **options)  # also where it is followed by its link
         place, frame = point_array(point, "point"), self.frame
         weights = patch_weights(self.pipeline, place, window)
-        memory = PointMemory(place, frame.positions, frame.gray, weights, {"method": kind, **options})
-        self.tracker = new_tracker(memory, frame, self.learned_body if method == "link" else None)
+        memory = PointMemory(place, frame.positions, frame.gray, weights, {"method": kind, **options}, method == "link")
+        self.tracker = new_tracker(memory, frame, self.learned_body if memory.by_link else None)
         self.memory, self._followed = memory, frame
         self.aim.follow(self.point)
 
@@ -312,7 +312,7 @@ class ServoLoop:
 
         A point that is followed by its link goes far ways by planned moves, and counts as reached only where what is
         seen of the link agrees on its place. One that is followed by its patch alone, as a body was sought and none
-        found, is called lost. A point that is lost is looked for where it was defined, once in a reach.
+        found, or none of its links has it, is called lost. One that is lost is looked for where it was defined, once.
 
         Args:
             target: ``(2,)`` [px]; in a loop with depth also ``(3,)`` [px, px, m].

@@ -18,6 +18,7 @@ class PointMemory:
         gray: uint8 ``(H, W)``.
         weights: of the pixels that move as the point does, see :class:`PointTracker`.
         options: of its tracker.
+        by_link: whether it is to be followed by its link, where the body that it is on is known.
     """
 
     place: np.ndarray
@@ -25,6 +26,7 @@ class PointMemory:
     gray: np.ndarray
     weights: np.ndarray | None
     options: dict[str, Any] = field(default_factory=dict)
+    by_link: bool = False
 
     def tracker(self) -> PointTracker:
         """A tracker that begins in that image."""

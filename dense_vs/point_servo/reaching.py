@@ -92,11 +92,14 @@ class Reaching:
         return arrived and self._certain()
 
     def _certain(self) -> bool:
-        """Whether it is known where the point is, which a patch alone does not tell where no body could be learned.
+        """Whether it is known where the point is, which a patch alone does not tell where it should have had a link.
 
-        What is wrong with J there, or hides the arm, misleads the patch as well.
+        What is wrong with J where no body could be learned, or hides the arm, misleads the patch as well; so does what
+        leaves the point on no link of one that is known.
         """
-        alone = isinstance(self._tracker, PointTracker) and self._loop.learned_body.sought_in_vain
+        body, memory = self._loop.learned_body, self._loop.memory
+        linkless = body.model is not None and memory is not None and memory.by_link
+        alone = isinstance(self._tracker, PointTracker) and (body.sought_in_vain or linkless)
         return self._loop.aim.certain(self._tracker, self._arrival.tolerance) and not alone
 
     def _is_far(self) -> bool:

@@ -18,7 +18,7 @@ class Loop:
         self.estimator = SimpleNamespace(options=SimpleNamespace(width=WIDTH))
         self.target, self.point, self.steps, self.found = np.zeros(2), np.array([away, 0.0]), [], []
         self.speed, self.tracker, self.certain = speed, tracker or point_tracker(), True
-        self.learned_body = SimpleNamespace(sought_in_vain=False)
+        self.learned_body = SimpleNamespace(sought_in_vain=False, model=None)
         self.aim = SimpleNamespace(distance=lambda point: float(np.hypot(*point)), certain=self._is_certain)
         self.joints = SimpleNamespace(newest=np.zeros(2), watch=SimpleNamespace(stuck=np.array([False, True])))
         self.group = SimpleNamespace(limits="limits", clip_step=lambda step, q: np.clip(step, -0.5, 0.5))

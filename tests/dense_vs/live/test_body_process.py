@@ -178,6 +178,16 @@ def test_a_killed_process_is_noticed(process):
     process.frame(99, seen(0.0))  # says nothing, waits for nobody
 
 
+def test_a_point_that_is_on_no_link_is_told_of(monkeypatch):
+    said = []
+    worker = BodyWorker(SIZE, GROUP, said.append)
+    monkeypatch.setattr(worker._body, "tracker", lambda *_, **__: None)
+    worker.follow(3, START, 11, seen(0.0).gray, np.zeros(1), jacobian())
+    assert said == [("seen", 11, {3: None})]
+    worker.frame(12, seen(0.1).gray, np.array([0.1]), True, True)
+    assert len(said) == 1
+
+
 def test_points_are_sought_in_the_newest_of_frames_that_wait():
     said = []
     worker = BodyWorker(SIZE, GROUP, said.append)

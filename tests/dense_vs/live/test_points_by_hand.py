@@ -10,6 +10,7 @@ from dense_vs.live import points as live_points
 from dense_vs.live.followers import BodyFollower, Following, PatchFollower
 from dense_vs.live.points import LivePoint, LivePoints, PointState
 from dense_vs.live.seen_point import SeenPoint
+from dense_vs.point_servo.tracker import PointTracker
 
 
 def seen(certain=True, lost=False, uncertainty=0.4, place=(50.0, 40.0)):
@@ -88,6 +89,25 @@ def test_a_patch_alone_is_not_certain_where_the_body_was_sought_in_vain(body, do
     if process is not None:
         process.sought_in_vain = False  # it is known now, and will follow the point
     assert (one.certain, one.why) == (True, "")
+
+
+def test_a_point_that_the_body_has_no_link_for_is_not_certain_by_its_patch_while_that_body_is_known():
+    tracker = PointTracker(np.array([20.0, 20.0]), np.arange(1600, dtype=np.uint8).reshape(40, 40))
+    answers = [(102, {7: None, 8: None})]
+    body = SimpleNamespace(answers=lambda: answers, alive=True, sought_in_vain=False, knows=True)
+    followers = {7: PatchFollower(tracker, body), 8: BodyFollower(body, np.zeros(2), 101, seen())}
+    place = followers[8].place
+    assert followers[7].certain
+    Following(None, body)._hear(body, followers)
+    assert (followers[7].certain, followers[7].lost) == (False, False)
+    assert followers[7].why == "followed by its surroundings alone, as it is on no link that is known"
+    assert followers[8].place is place
+    body.knows = False  # it is learned anew
+    assert (followers[7].certain, followers[7].why) == (True, "")
+    body.knows = True
+    answers[:] = [(103, {7: seen(place=(21.0, 22.0))})]
+    Following(None, body)._hear(body, followers)
+    assert isinstance(followers[7], BodyFollower)
 
 
 def test_what_goes_by_the_body_moves_by_j_and_is_corrected():

@@ -118,6 +118,13 @@ def test_a_lost_point_is_looked_for_where_it_was_defined(planar):
     assert np.linalg.norm(true - [70.0, 44.0]) < 2.0
 
 
+def test_a_point_is_remembered_with_what_it_was_to_be_followed_by(planar):
+    _, loop = planar
+    assert loop.memory.by_link
+    loop.define_point(loop.point, method="aligned")
+    assert not loop.memory.by_link
+
+
 def test_a_point_that_looks_otherwise_there_stays_lost(planar):
     robot, loop = planar
     memory = loop.memory

@@ -8,6 +8,7 @@ from counting_loop import Arrival, Loop, body_tracker, point_tracker
 
 from dense_vs.point_servo import following
 from dense_vs.point_servo.body_tracker import BodyTracker
+from dense_vs.point_servo.point_memory import PointMemory
 from dense_vs.point_servo.reach import ReachEnd
 from dense_vs.point_servo.reaching import Reaching
 
@@ -55,6 +56,16 @@ def test_a_patch_alone_is_not_believed_where_a_body_was_sought_in_vain():
     by_link = Loop(away=10.0, tracker=tracker)
     by_link.learned_body.sought_in_vain = True  # after a change, and it is followed by the body from before
     assert Reaching(by_link, Arrival(), 400).run().end is ReachEnd.REACHED
+
+
+@pytest.mark.parametrize(("by_link", "model", "end"), [
+    (True, "a body", ReachEnd.LOST), (True, None, ReachEnd.REACHED), (False, "a body", ReachEnd.REACHED),
+])  # fmt: skip
+def test_a_patch_alone_is_not_believed_where_a_body_has_no_link_for_it(by_link, model, end):
+    loop = Loop(away=10.0)
+    nothing = np.zeros(2)
+    loop.memory, loop.learned_body.model = PointMemory(nothing, nothing, nothing, None, by_link=by_link), model
+    assert Reaching(loop, Arrival(), 400).run().end is end
 
 
 def test_frames_at_the_target_count_though_it_is_left_between_them():
