@@ -5,7 +5,8 @@ do not have in common, |u - p|^2 / (|u|^2 + |p|^2), summed over a small window a
 the body, 1 where something stands still before the moving body or moves by itself before it, see :class:`MotionCheck`,
 which asks the same of the whole image. Where J as it is now explains the flow better than the model does, it counts
 instead: a model that is wrong in some place covers nothing, and a tool in the hand, whose J is learned, does not. What
-covers some of the body covers also what is beside it, as far as it is strange in the same way.
+covers some of the body covers also what is beside it, as far as it is strange in the same way. Flow is smooth over more
+than a window, so every second pixel of every second row is looked at, and speaks for the three beside it.
 """
 
 from functools import cached_property
@@ -21,12 +22,13 @@ from dense_vs.kernels.body.unshared_motion import unshared_motion
 from dense_vs.kernels.launch import PixelLaunch
 from dense_vs.kernels.views import seen_as
 
-WINDOW = 11  # px, side of the window
+GRID = 2  # px between the pixels that are looked at
+WINDOW = 5  # of them, side of the window
 DECAY = 0.3  # of the sums, from one measured motion to the next
 STRANGE = 0.35  # share from which a pixel counts as covered
 FAINT = 0.05  # px^2 a pixel: sums below say nothing
 SAYS = 0.25  # of the squared motion, from which J as it is now says anything of it
-LEAST_PIXELS = 60  # of a connected part that are on the body: flow fails in smaller ones
+LEAST_PIXELS = 15  # looked at, of a connected part, that are on the body: flow fails in smaller ones
 LATELY = 12  # measured motions for which labels go by the model where something was in front
 BESIDE = 6  # px around it that are covered too, as flow bleeds over outlines
 MOST_COVERED = 0.75  # share of the body that moves, beyond which either flow has failed or the model is wrong
@@ -47,7 +49,8 @@ class Occlusion:
 
     def __init__(self, size: tuple[int, int]):
         self.cover, self.hidden, self.around, self.lately = (np.zeros(size, bool) for _ in range(4))
-        self._since = np.zeros((1, *size), np.int16)  # motions that each has been covered for
+        self._cover = self.cover[_LOOKED_AT].copy()
+        self._since = np.zeros((1, *self._cover.shape), np.int16)  # motions that each has been covered for
         self._ago = np.full(size, LATELY + 1, np.int16)
         self._doubted, self.doubtful = 0, False
 
@@ -59,20 +62,23 @@ class Occlusion:
             flow: ``(H, W, 2)`` measured [px].
             by_model, by_estimate: ``(H, W, 2)`` what joints cause by the model, 0 off the body, and by J as it is [px].
         """
-        strange = self._strange(body, flow, by_model, by_estimate)
-        self.cover = _parts_on(strange, body)
+        on_body, *motions = (image[_LOOKED_AT] for image in (body, flow, by_model, by_estimate))
+        self._cover = _parts_on(self._strange(on_body, *motions), on_body)
+        self.cover = self._cover.repeat(GRID, axis=0).repeat(GRID, axis=1)[: body.shape[0], : body.shape[1]]
         self.hidden = self.cover & body
         self.around = self._about()
-        self._since[0] += self.cover
+        self._since[0] += self._cover
         self._ago += self._ago <= LATELY
         np.putmask(self._ago, self.around, 0)
         self.lately = self._ago <= LATELY
         return self.hidden
 
     def _strange(self, body: np.ndarray, flow: np.ndarray, by_model: np.ndarray, by_estimate: np.ndarray) -> np.ndarray:
-        """Pixels ``(H, W)`` that are covered, on the body or not, by the last motions."""
+        """Pixels that are looked at and covered, on the body or not, by the last motions."""
         (compare, judge), (*given, on_body, cover), motions, (found, counts) = self._launches
-        for array, image in zip((*given, on_body, cover), (flow, by_model, by_estimate, body, self.cover), strict=True):
+        for array, image in zip(
+            (*given, on_body, cover), (flow, by_model, by_estimate, body, self._cover), strict=True
+        ):
             array[...] = image
         compare()
         for motion in motions:
@@ -89,8 +95,7 @@ class Occlusion:
 
         A J of nearly 0 explains anything that stands still: it has to explain what is seen to move.
         """
-        height, width = self.cover.shape
-        shape = (1, height, width)
+        shape = self._since.shape
 
         def memory(count: int, dtype: Any) -> tuple[Any, ...]:
             return tuple(wp.zeros(shape, dtype=dtype, device="cpu") for _ in range(count))
@@ -116,7 +121,7 @@ class Occlusion:
 
 
 def _parts_on(mask: np.ndarray, body: np.ndarray) -> np.ndarray:
-    """Connected parts of a mask ``(H, W)`` with at least :data:`LEAST_PIXELS` on the body."""
+    """Connected parts of a mask ``(h, w)`` with at least :data:`LEAST_PIXELS` on the body."""
     if np.count_nonzero(mask & body) < LEAST_PIXELS:
         return np.zeros_like(mask)
     parts: Any
@@ -124,3 +129,6 @@ def _parts_on(mask: np.ndarray, body: np.ndarray) -> np.ndarray:
     kept = np.bincount(parts[body], minlength=count) >= LEAST_PIXELS
     kept[0] = False
     return kept.take(parts)  # half the time of an index
+
+
+_LOOKED_AT = np.s_[::GRID, ::GRID]
