@@ -169,6 +169,8 @@ def _patches(drawn: DrawnBody, pixels: np.ndarray) -> _Patches:
 
 def _windows(image: np.ndarray, pixels: np.ndarray) -> np.ndarray:
     """Squares ``(K, 17, 17)`` of an image about pixels ``(K, 2)`` that are as far off its border."""
+    if not len(pixels):  # as of every image that is smaller than a patch
+        return np.zeros((0, WINDOW, WINDOW), image.dtype)
     x, y = pixels.T
     return sliding_window_view(image, (WINDOW, WINDOW))[y - HALF, x - HALF]
 

@@ -209,3 +209,11 @@ def test_a_body_is_drawn_as_it_looked_and_agrees_with_its_image():
         surface=model.surface,
     )
     assert agreement(away, q, arm.image(q)) == 0
+
+
+def test_an_image_that_is_smaller_than_a_patch_has_none(monkeypatch):
+    small = drawn(texture(WINDOW - 1, 80))
+    monkeypatch.setattr(drawn_patches, "draw", lambda *_: small)
+    assert correlations(None, np.zeros(2), small.gray).shape == (0,)
+    assert agreement(None, np.zeros(2), small.gray.astype(np.uint8)) == 0.0
+    assert len(seek(small, distinct_pixels(small), small.gray, 3).pixels) == 0
