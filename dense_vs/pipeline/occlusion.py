@@ -95,7 +95,8 @@ class Occlusion:
 
         A J of nearly 0 explains anything that stands still: it has to explain what is seen to move.
         """
-        shape = self._since.shape
+        height, width = self._cover.shape
+        shape = (1, height, width)
 
         def memory(count: int, dtype: Any) -> tuple[Any, ...]:
             return tuple(wp.zeros(shape, dtype=dtype, device="cpu") for _ in range(count))
