@@ -41,7 +41,7 @@ BELIEVED = 0.72  # correlation from which a place of the point's own look tells 
 LEAST_OPEN = 0.05  # of the logarithm of the depth, left open in a search: places that repeat a guess tell nothing
 MOST_UNCERTAIN = 0.7  # of the tolerance: standard deviation by which a place is certain, the middle of LATELY images
 LATELY = 9  # images: what is seen of a look comes and goes, and a place is no better known for one lucky image
-DOUBT = 1.5  # times the depth's standard deviation: depths in 44 views were off by 1.4 times that (root mean square)
+DOUBT = 1.5  # times the depth's standard deviation: places of features around share their errors
 VOTES = 7  # features around, which say what link the point is on where its own places do not
 
 
@@ -283,7 +283,7 @@ class BodyTracker:
         seen = self._look.seen(gray, place + slip, affine[0], self._searched(by_depth[0], beside))
         self._own = seen.correlation
         self._sighting = seen.place if seen.correlation > LIKE and seen.as_expected else None
-        off = DOUBT * self.on_link.depth.deviation * by_depth[0]
+        off = self.on_link.depth.deviation * by_depth[0]
         covariance = covariance + np.outer(off, off)
         if seen.correlation < ALIKE or not seen.as_expected:
             return place, covariance

@@ -157,8 +157,8 @@ BY_DEPTH = np.array([3.0, 4.0])  # px, by one deviation of the depth of 0.1
 
 
 def known(seen, drift):
-    """Place and covariance, of (10, 20) with 0.25 px^2 each way and 1.5 deviations of the depth, and of a look."""
-    covariance = 0.25 * np.eye(2) + 1.5**2 * np.outer(BY_DEPTH, BY_DEPTH)
+    """Place and covariance, of (10, 20) with a covariance of 0.25 px^2 each way and the depth's, and of a look."""
+    covariance = 0.25 * np.eye(2) + np.outer(BY_DEPTH, BY_DEPTH)
     place = np.array([10.0, 20.0])
     return (place, covariance) if seen is None else with_look(place, covariance, np.array(seen), drift)
 
