@@ -96,7 +96,7 @@ class Chain:
         translation = np.zeros((steps, self.joint_count + 1, 3))
         rotation[:, -1] = np.eye(3)
         since = (joints - self.home)[..., None, None]
-        cross, square = self.crosses
+        cross, square = self._crosses
         turns = np.eye(3) + np.sin(since) * cross + (1 - np.cos(since)) * square  # Rodrigues
         shifts = self.points - (turns @ self.points[..., None])[..., 0] + since[..., 0] * self.travel
         for n in self.order:
@@ -106,7 +106,7 @@ class Chain:
         return rotation, translation
 
     @cached_property
-    def crosses(self) -> tuple[np.ndarray, np.ndarray]:
+    def _crosses(self) -> tuple[np.ndarray, np.ndarray]:
         """What crosses a vector with each axis, ``(N, 3, 3)``, and the same twice; zero for a slide."""
         return crosses_of(self.axes)
 

@@ -89,9 +89,9 @@ class PatchFollower:
         """Why it is lost, or not believed."""
         if self.lost:
             return "its surroundings look otherwise now"
-        if not self.doubted:
+        if self._body is None or not self.doubted:
             return ""
-        cause = "it is on no link that is known" if self.linkless else "the body was not found"
+        cause = "the body was not found" if self._body.sought_in_vain else "it is on no link that is known"
         return f"followed by its surroundings alone, as {cause}"
 
     def update(self, flow: np.ndarray, now: ProcessedFrame, pipeline: FramePipeline) -> None:
@@ -204,10 +204,10 @@ class Following:
         for number, seen in body.answers():
             for point, one in seen.items():
                 follower = followers.get(point)
-                if isinstance(follower, BodyFollower):
-                    if one is not None:
-                        follower.take(number, one)
-                elif isinstance(follower, PatchFollower) and one is None:
-                    follower.linkless = True
-                elif follower is not None and one is not None:
+                if one is None:
+                    if isinstance(follower, PatchFollower):
+                        follower.linkless = True
+                elif isinstance(follower, BodyFollower):
+                    follower.take(number, one)
+                elif follower is not None:
                     followers[point] = BodyFollower(body, follower.place, number, one)

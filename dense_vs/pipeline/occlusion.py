@@ -34,6 +34,7 @@ BESIDE = 6  # px around it that are covered too, as flow bleeds over outlines
 MOST_COVERED = 0.75  # share of the body that moves, beyond which either flow has failed or the model is wrong
 PATIENCE = 5  # measured motions of this kind in a row, after which it is the model, and nothing is covered
 LONGEST = 200  # measured motions, after which what is seen counts again: not covered, the body has changed
+_LOOKED_AT = np.s_[::GRID, ::GRID]
 
 
 class Occlusion:
@@ -49,8 +50,7 @@ class Occlusion:
 
     def __init__(self, size: tuple[int, int]):
         self.cover, self.hidden, self.around, self.lately = (np.zeros(size, bool) for _ in range(4))
-        self._cover = self.cover[_LOOKED_AT].copy()
-        self._since = np.zeros((1, *self._cover.shape), np.int16)  # motions that each has been covered for
+        self._since = np.zeros((1, *self.cover[_LOOKED_AT].shape), np.int16)  # motions that each has been covered for
         self._ago = np.full(size, LATELY + 1, np.int16)
         self._doubted, self.doubtful = 0, False
 
@@ -63,11 +63,11 @@ class Occlusion:
             by_model, by_estimate: ``(H, W, 2)`` what joints cause by the model, 0 off the body, and by J as it is [px].
         """
         on_body, *motions = (image[_LOOKED_AT] for image in (body, flow, by_model, by_estimate))
-        self._cover = _parts_on(self._strange(on_body, *motions), on_body)
-        self.cover = self._cover.repeat(GRID, axis=0).repeat(GRID, axis=1)[: body.shape[0], : body.shape[1]]
+        cover = _parts_on(self._strange(on_body, *motions), on_body)
+        self._since[0] += cover
+        self.cover = cover.repeat(GRID, axis=0).repeat(GRID, axis=1)[: body.shape[0], : body.shape[1]]
         self.hidden = self.cover & body
         self.around = self._about()
-        self._since[0] += self._cover
         self._ago += self._ago <= LATELY
         np.putmask(self._ago, self.around, 0)
         self.lately = self._ago <= LATELY
@@ -76,9 +76,8 @@ class Occlusion:
     def _strange(self, body: np.ndarray, flow: np.ndarray, by_model: np.ndarray, by_estimate: np.ndarray) -> np.ndarray:
         """Pixels that are looked at and covered, on the body or not, by the last motions."""
         (compare, judge), (*given, on_body, cover), motions, (found, counts) = self._launches
-        for array, image in zip(
-            (*given, on_body, cover), (flow, by_model, by_estimate, body, self._cover), strict=True
-        ):
+        images = flow, by_model, by_estimate, body, self.cover[_LOOKED_AT]
+        for array, image in zip((*given, on_body, cover), images, strict=True):
             array[...] = image
         compare()
         for motion in motions:
@@ -95,7 +94,7 @@ class Occlusion:
 
         A J of nearly 0 explains anything that stands still: it has to explain what is seen to move.
         """
-        height, width = self._cover.shape
+        height, width = self.cover[_LOOKED_AT].shape
         shape = (1, height, width)
 
         def memory(count: int, dtype: Any) -> tuple[Any, ...]:
@@ -130,6 +129,3 @@ def _parts_on(mask: np.ndarray, body: np.ndarray) -> np.ndarray:
     kept = np.bincount(parts[body], minlength=count) >= LEAST_PIXELS
     kept[0] = False
     return kept.take(parts)  # half the time of an index
-
-
-_LOOKED_AT = np.s_[::GRID, ::GRID]

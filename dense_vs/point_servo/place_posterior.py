@@ -18,9 +18,7 @@ FEATURE = 0.7  # px, deviation of a feature across its edge; one that is :data:`
 LOOSE = 1.0  # px
 ROUNDS = 2  # of weighing them by how they agree
 WITHIN = 10.0  # px, in which they are sought to agree
-SURPRISE = (
-    4.0  # squared deviations of the two that a chain is believed to be off by; one that is off more is known less
-)
+SURPRISE = 4.0  # squared deviations by which features may have a chain off; by more, and it is known less
 WIDE = 28.0  # px, standard deviation of the weight by which features tell what the point is off
 LOOK, LEAST_LOOK = 1.5, 0.5  # times what a look may have drifted by, and px that count as that at least
 BASIC = 0.3  # px, of any place

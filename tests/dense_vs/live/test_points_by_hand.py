@@ -104,7 +104,9 @@ def test_a_point_that_the_body_has_no_link_for_is_not_certain_by_its_patch_while
     assert followers[8].place is place
     body.knows = False  # it is learned anew
     assert (followers[7].certain, followers[7].why) == (True, "")
-    body.knows = True
+    body.sought_in_vain = True
+    assert followers[7].why == "followed by its surroundings alone, as the body was not found"
+    body.knows, body.sought_in_vain = True, False
     answers[:] = [(103, {7: seen(place=(21.0, 22.0))})]
     Following(None, body)._hear(body, followers)
     assert isinstance(followers[7], BodyFollower)

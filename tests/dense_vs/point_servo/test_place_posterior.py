@@ -58,7 +58,7 @@ def test_no_features_leave_the_chains_place():
 def test_features_along_one_edge_tell_nothing_along_it():
     off = np.array([[2.0, -3.0], [2.2, 1.0], [1.8, 4.0]])
     mean, covariance = off_by_features(9 * np.eye(2), off, edges(np.zeros(3), 0.0), np.zeros(3))
-    assert mean[0] == pytest.approx(2.0 / (1 + 0.49 / 27), abs=0.03)  # three of 0.7 px, and a chain of 3 px
+    assert mean[0] == pytest.approx(2.0 / (1 + 0.49 / 27), abs=0.02)  # three of 0.7 px, and a chain of 3 px
     assert mean[1] == 0.0
     assert covariance[0, 0] == pytest.approx(1 / (1 / 9 + 3 / 0.49), abs=0.02)
     assert covariance[1, 1] == pytest.approx(9.0)
