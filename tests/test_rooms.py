@@ -38,7 +38,7 @@ ROOMS = {
     "body": {"jacobian"},
     "pipeline": {"health", "recording", "flow", "jacobian", "body"},
     "generative": set(),
-    "body_model": {"generative"},
+    "body_model": {"generative", "flow"},
     "point_servo": {"robot", "health", "recording", "flow", "jacobian", "body", "body_model", "pipeline"},
     "segmentation": set(),
     "mask_servo": {"robot", "segmentation"},

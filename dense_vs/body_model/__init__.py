@@ -2,7 +2,8 @@
 
 Where its motion does not tell the joints apart, as in reaches, J is remembered by posture instead.
 
-May import: the ground and :mod:`dense_vs.generative`, whose least squares and rotations it uses.
+May import: the ground, :mod:`dense_vs.generative`, whose least squares and rotations it uses, and
+:mod:`dense_vs.flow`, which tells a swaying camera.
 """
 
 from dense_vs.body_model.body_change import BodyChange, ChangeKind

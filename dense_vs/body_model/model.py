@@ -22,15 +22,16 @@ from dense_vs.body_model.body_views import BodyImage, BodyPoints
 from dense_vs.body_model.chain import BACKGROUND, Chain
 from dense_vs.body_model.dense_motion import DenseMotion
 from dense_vs.body_model.fit import BodyFit, BodyFitOptions, fit_body
+from dense_vs.body_model.fitted_surface import surface_of
 from dense_vs.body_model.lens import Lens
 from dense_vs.body_model.metric_scale import meters_by_unit
 from dense_vs.body_model.model_file import WHAT, ModelContent, body_arrays, body_content
 from dense_vs.body_model.nearest_point import nearest_point
 from dense_vs.body_model.precision import covariances, precision_of
 from dense_vs.body_model.refit import refit
-from dense_vs.body_model.surface import Surface, SurfaceOptions, find_surface
+from dense_vs.body_model.surface import Surface, SurfaceOptions
 from dense_vs.body_model.surface_image import SurfaceImage
-from dense_vs.body_model.tracks import PointTrackOptions, PointTracks, follow_points, gray_images, moving_pixels
+from dense_vs.body_model.tracks import PointTrackOptions, PointTracks, follow_points, gray_images
 from dense_vs.checks import check_kind, check_options, is_list
 from dense_vs.errors import DenseVSError
 from dense_vs.files import atomic_write, read_arrays
@@ -131,12 +132,7 @@ class BodyModel:
             joints: ``(K, N)`` of these images [rad].
             options: of the surface, as given, or the defaults.
         """
-        state = found.state
-        anchors = state.points, found.links
-        images = Lens.of_center(np.array(found.center), found.bend).straightened(images)
-        surface = find_surface(
-            state.chain, state.focal, found.center, images, joints, moving_pixels(images), anchors, options
-        )
+        state, surface = found.state, surface_of(found, images, joints, options)
         joint_range = np.stack([joints.min(axis=0), joints.max(axis=0)], axis=1)
         precision = precision_of(found, surface, joints) if len(surface.links) else None
         return cls(

@@ -9,26 +9,33 @@ from dense_vs.body_model.fit import fit_body
 from dense_vs.body_model.lens import Lens
 from dense_vs.body_model.model import BodyModel
 from dense_vs.body_model.refit import refit
+from dense_vs.body_model.surface import Surface
 from dense_vs.errors import DenseVSError
 from dense_vs.flow import to_gray
+from dense_vs.flow.camera_motion import CameraMotion
 from dense_vs.robot import Babbling
 from dense_vs.sims import SimWorld
 
 SIZE, BEND = (120, 160), -0.08
 
 
-@pytest.fixture(scope="module")
-def babbled():
+def babbling(robot):
     """A world, 60 of its gray images while it babbled, and their joints."""
-    world = SimWorld("arm", seed=7, height=SIZE[0], width=SIZE[1], device="cpu")
-    babbling = Babbling(4, seed=7)
+    world = SimWorld(robot, seed=7, height=SIZE[0], width=SIZE[1], device="cpu")
+    steps = Babbling(len(world.joint_names), seed=7)
     images, joints = [], []
     for k in range(180):
-        world.step(babbling.step())
+        world.step(steps.step())
         if k % 3 == 0:
             images.append(to_gray(world.frame().rgb))
             joints.append(world.joints()[0])
     return world, images, np.array(joints)
+
+
+@pytest.fixture(scope="module")
+def babbled():
+    """A world with our arm, images and joints, see above."""
+    return babbling("arm")
 
 
 @pytest.fixture(scope="module", params=[0.0, BEND], ids=["straight", "bent"])
@@ -112,6 +119,56 @@ def test_places_are_as_a_pinhole_would_show_them(fits):
     assert np.nanmedian(np.linalg.norm(expected - fit.tracks.pixels, axis=2)) < 0.5
 
 
+def share_on_the_robot(world, fit, joints):
+    """Of a fit's points, those that are on the robot in their own images."""
+    on = []
+    for row in np.unique(fit.tracks.references):
+        q = joints[row]
+        for _ in range(60):
+            world.step(np.clip(q - world.joints()[0], -0.02, 0.02))
+        mask = world.robot_mask()
+        own = fit.tracks.references == row
+        at = int(np.flatnonzero((fit.tracks.joints == q).all(axis=1))[0])
+        x, y = np.rint(fit.tracks.pixels[at, own]).astype(int).T
+        on.append(mask[y, x])
+    return float(np.concatenate(on).mean())
+
+
+def test_its_points_are_on_the_body(monkeypatch):
+    """Of a plain arm many of those about the first fit's points are beside it."""
+    world, images, joints = babbling("painted")
+    tracks = follow_points(images, joints, PointTrackOptions(stride=1))
+    first, prior = fit_body(tracks, BodyFitOptions(slides=(False,) * joints.shape[1])), (SIZE[1], 0.15)
+    second = refit(first, tracks, images, prior)
+    nothing = Surface(np.zeros((0, 3)), *(np.zeros(0, int) for _ in range(4)))
+    monkeypatch.setattr("dense_vs.body_model.refit.surface_of", lambda *_: nothing)
+    about = refit(first, tracks, images, prior)
+    shares = [share_on_the_robot(world, fit, joints) for fit in (about, second)]
+    print(shares)
+    assert shares[1] > 0.94
+    assert 1 - shares[1] < 0.6 * (1 - shares[0])
+
+
+def test_a_sway_of_the_camera_is_taken_out(fits, monkeypatch):
+    """Places are explained by the chain as well as without it, and worse where it stays in."""
+    bend, images, first, second, _ = fits
+    if bend:
+        pytest.skip("one lens is enough")
+    shifts = np.random.default_rng(2).normal(0, 0.6, (len(images), 2))
+    shifts[0] = 0
+    swayed = [
+        cv2.warpAffine(image, np.column_stack([np.eye(2), shift]), SIZE[::-1], borderMode=cv2.BORDER_REPLICATE)
+        for image, shift in zip(images, shifts, strict=True)
+    ]
+    prior = BodyFitOptions().focal_prior(SIZE[1])
+    without = refit(first, fits[4], swayed, prior)
+    assert without.error < 1.3 * second.error
+    monkeypatch.setattr(
+        "dense_vs.body_model.refit.motions_to_first", lambda images, _: [CameraMotion.none() for _ in images]
+    )
+    assert refit(first, fits[4], swayed, prior).error > 1.5 * without.error
+
+
 def test_where_nothing_is_seen_again_the_fit_stays(fits):
     bend, images, first, _, tracks = fits
     black = [np.zeros_like(image) for image in images]
@@ -125,6 +182,7 @@ def test_where_nothing_is_seen_again_the_fit_stays(fits):
 def test_a_given_focal_length_is_held(fits, monkeypatch):
     monkeypatch.setattr("dense_vs.body_model.refit.IMAGES", 12)
     monkeypatch.setattr("dense_vs.body_model.refit.EVERY", (1,))
+    monkeypatch.setattr("dense_vs.body_model.refit.ON_SURFACE", (1,))
     _, images, first, _, tracks = fits
     held = refit(first, tracks, images, (first.state.focal, 0.0))
     assert held is not first

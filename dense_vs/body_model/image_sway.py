@@ -1,0 +1,35 @@
+"""How far a camera that sways moved each of some images, by what stands still in them."""
+
+from collections.abc import Sequence
+
+import cv2
+import numpy as np
+
+from dense_vs.body_model.feature_flow import carried, new_features
+from dense_vs.flow.camera_motion import CameraMotion, fit_camera_motion
+
+FEATURES, APART = 250, 6  # corners of the first image, and px between them
+BESIDE = 8  # px from the body, within which nothing counts as standing still
+LEAST_AGREE = 0.5  # of the corners
+MOST = 3.0  # px at the image's corners; more is a camera that was moved
+
+
+def motions_to_first(images: Sequence[np.ndarray], covered: Sequence[np.ndarray]) -> list[CameraMotion]:
+    """What takes places of each image to the first one's; none where what stands still does not tell.
+
+    Args:
+        images: gray uint8 ``(H, W)``.
+        covered: bool ``(H, W)`` of each, where the body is.
+    """
+    still = [cv2.dilate(body.astype(np.uint8), np.ones((2 * BESIDE + 1,) * 2, np.uint8)) == 0 for body in covered]
+    begun = new_features(images[0], still[0], FEATURES, APART)
+    height, width = images[0].shape
+    motions = [CameraMotion.none()]
+    for image, free in zip(images[1:], still[1:], strict=True):
+        there, seen = carried(images[0], image, begun, begun)
+        x, y = np.clip(np.rint(there).astype(int), 0, [width - 1, height - 1]).T
+        seen &= free[y, x]
+        motion = fit_camera_motion(begun[seen], begun[seen] - there[seen])
+        told = motion is not None and motion.inliers >= LEAST_AGREE and motion.largest(height, width) <= MOST
+        motions.append(motion if motion is not None and told else CameraMotion.none())
+    return motions

@@ -1,0 +1,67 @@
+"""What a swaying camera moved is told by what stands still, whatever the body does; else nothing is said."""
+
+import cv2
+import numpy as np
+import pytest
+
+from dense_vs.body_model.image_sway import MOST, motions_to_first
+
+SIZE = 120, 160
+PLACES = np.array([[20.0, 15.0], [140.0, 20.0], [80.0, 100.0]])
+
+
+def textured(seed, size=SIZE):
+    """Blurred noise, uint8."""
+    random = np.random.default_rng(seed).normal(0, 1, size)
+    smooth = cv2.GaussianBlur(random, (0, 0), 1.5)
+    return np.clip(128 + 60 * smooth / smooth.std(), 0, 255).astype(np.uint8)
+
+
+def seen(shift, turn, body_at):
+    """A scene as a camera sees it that is shifted [px] and turned [rad], with a body before it; and the body's mask."""
+    center = (SIZE[1] - 1) / 2, (SIZE[0] - 1) / 2
+    moved = cv2.getRotationMatrix2D(center, np.degrees(turn), 1.0)
+    moved[:, 2] += shift
+    image = cv2.warpAffine(textured(1), moved, SIZE[::-1], flags=cv2.INTER_CUBIC, borderMode=cv2.BORDER_REFLECT)
+    body = np.zeros(SIZE, bool)
+    body[30:90, body_at : body_at + 50] = True
+    image[body] = textured(2)[30:90, 40:90].ravel()
+    return image, body, moved
+
+
+@pytest.mark.parametrize(("shift", "turn"), [((0.4, -0.3), 0.0), ((-0.8, 0.2), 0.004), ((0.0, 0.0), -0.01)])
+def test_places_go_back_to_where_the_first_image_has_them(shift, turn):
+    first, covered, _ = seen((0.0, 0.0), 0.0, 40)
+    image, body, moved = seen(shift, turn, 70)
+    there = PLACES @ moved[:, :2].T + moved[:, 2]
+    none, motion = motions_to_first([first, image], [covered, body])
+    np.testing.assert_allclose(motion.moved(there), PLACES, atol=0.08)
+    np.testing.assert_array_equal(none.moved(PLACES), PLACES)
+
+
+def test_a_body_that_fills_more_than_half_is_no_camera():
+    """It moves by 2 px and what stands still does not."""
+    body = np.zeros(SIZE, bool)
+    body[:, :100] = True
+    still, on = textured(1), textured(2)
+    first, image = still.copy(), still.copy()
+    first[body] = on[body]
+    image[body] = np.roll(on, 2, axis=1)[body]
+    _, motion = motions_to_first([first, image], [body, body])
+    np.testing.assert_allclose(motion.moved(PLACES), PLACES, atol=0.05)
+
+
+@pytest.mark.parametrize("other", ["black", "unlike", "far"])
+def test_where_what_stands_still_does_not_tell_nothing_is_said(other):
+    first, body, _ = seen((0.0, 0.0), 0.0, 40)
+    images = {"black": np.zeros(SIZE, np.uint8), "unlike": textured(5), "far": seen((MOST + 2, 0.0), 0.0, 40)[0]}
+    _, motion = motions_to_first([first, images[other]], [body, body])
+    np.testing.assert_array_equal(motion.moved(PLACES), PLACES)
+
+
+def test_where_the_body_is_everywhere_nothing_is_said():
+    first, _, _ = seen((0.0, 0.0), 0.0, 40)
+    image, _, _ = seen((1.0, 0.0), 0.0, 40)
+    everywhere = np.ones(SIZE, bool)
+    _, motion = motions_to_first([first, image], [everywhere, everywhere])
+    np.testing.assert_array_equal(motion.moved(PLACES), PLACES)
