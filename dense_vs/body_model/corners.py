@@ -54,7 +54,7 @@ def corners_about(found: BodyFit, image: np.ndarray, q: np.ndarray) -> Corners:
     position = np.einsum("mij,mj->mi", rotation[found.links], state.points) + translation[found.links]
     front = position[:, 2] > 1e-3
     position, links = position[front], found.links[front]
-    places = state.focal * position[:, :2] / position[:, 2:] + center
+    places = lens_of(found, found.bend).bent(state.focal * position[:, :2] / position[:, 2:] + center)
     near = np.zeros(image.shape, np.uint8)
     for x, y in np.rint(np.clip(places, -99, 9999)).astype(int):
         cv2.circle(near, (int(x), int(y)), int(NEAR), 1, -1)

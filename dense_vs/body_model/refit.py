@@ -7,8 +7,8 @@ across the whole recording and do not drift, and the lens's bend shows in them: 
 to five times nearer than by the first tracks.
 
 That is done twice. At first points are corners on and about those of the fit, most of which are outlines: of plain arms
-up to two in three are beside the arm, where its outline crosses a line of the floor. With the surface that it shows
-they are corners within it, and what a swaying camera moved is taken out. Beyond the papers.
+up to two in three are beside the arm, where its outline crosses a line of the floor. So a first surface is found by
+this fit, the points are corners within it then, and what a swaying camera moved is taken out. Beyond the papers.
 """
 
 from collections.abc import Callable, Sequence
@@ -65,9 +65,9 @@ def refit(
     looked, joints = [images[int(k)] for k in where], tracks.joints[where]
 
     def sought(choose: Callable[[np.ndarray, np.ndarray], Corners]) -> SoughtPoints:
-        points = SoughtPoints(looked, joints, where, found.center)
-        for k in where[spread(len(where), REFERENCES)]:
-            points.add(choose(images[int(k)], tracks.joints[k]), images[int(k)], tracks.joints[k], int(k))
+        points = SoughtPoints(looked, joints, found.center)
+        for row in spread(len(looked), REFERENCES):
+            points.add(choose(looked[row], joints[row]), int(row))
         return points
 
     near = sought(lambda image, q: corners_about(found, image, q))

@@ -21,37 +21,31 @@ class SoughtPoints:
     Args:
         images: T gray uint8 ``(H, W)``, in which they are sought.
         joints: ``(T, N)`` of these [rad].
-        numbers: ``(T,)`` of these in the recording.
         center: principal point (x, y) [px].
 
     Attributes:
         joints: as given.
         links: ``(M,)`` that they are on.
         points: ``(M, 3)`` in the home posture, as they were chosen.
-        references: ``(M,)`` number of each one's own image.
+        references: ``(M,)`` which of the images is each one's own.
     """
 
-    def __init__(
-        self, images: Sequence[np.ndarray], joints: np.ndarray, numbers: np.ndarray, center: tuple[float, float]
-    ):
-        self._images, self.joints, self._numbers, self._center = images, joints, numbers, np.array(center)
+    def __init__(self, images: Sequence[np.ndarray], joints: np.ndarray, center: tuple[float, float]):
+        self._images, self.joints, self._center = images, joints, np.array(center)
         self._patches = SurfacePatches(WINDOW)
         self.links, self.references = np.zeros(0, int), np.zeros(0, int)
         self.points, self._begun = np.zeros((0, 3)), np.zeros((0, 2))
-        self._postures = np.zeros((0, joints.shape[1]))
         self._pixels = np.zeros((0, WINDOW**2, 2), np.float32)
 
-    def add(self, corners: Corners, image: np.ndarray, q: np.ndarray, number: int) -> None:
-        """Take corners of an image, a number of the recording, in posture ``(N,)`` [rad]."""
-        count = len(corners.links)
-        if not count:
+    def add(self, corners: Corners, row: int) -> None:
+        """Take corners of one of the images."""
+        if not len(corners.links):
             return
         self.links = np.append(self.links, corners.links)
-        self.references = np.append(self.references, np.full(count, number))
+        self.references = np.append(self.references, np.full(len(corners.links), row))
         self.points = np.vstack([self.points, corners.points])
         self._begun = np.vstack([self._begun, corners.places])
-        self._postures = np.vstack([self._postures, np.tile(q, (count, 1))])
-        self._pixels = np.concatenate([self._pixels, self._patches.taken(image, corners.places)])
+        self._pixels = np.concatenate([self._pixels, self._patches.taken(self._images[row], corners.places)])
 
     def places(self, state: BodyState, every: int) -> tuple[np.ndarray, np.ndarray]:
         """Places ``(T, M, 2)`` [px], NaN where not seen, and what their errors are multiplied by ``(T, M, 2, 2)``.
@@ -67,7 +61,7 @@ class SoughtPoints:
         sought_at = np.isfinite(maps).all(axis=(2, 3)), np.all((expected > BORDER) & (expected < beyond), axis=2)
         inside = np.logical_and(*sought_at)
         for row, image in list(enumerate(self._images))[::every]:
-            own = self.references == self._numbers[row]
+            own = self.references == row
             sought = np.flatnonzero(inside[row] & ~own)
             there, _, correlation = self._patches.align(
                 self._pixels[sought], image, expected[row, sought], maps[row, sought]
@@ -87,7 +81,7 @@ class SoughtPoints:
         """
         lens, chain, center = Lens.of_center(self._center, state.bend), state.chain, self._center
         every = np.arange(len(self.links))
-        rotation, translation = chain.link_poses(self._postures)
+        rotation, translation = chain.link_poses(self.joints[self.references])
         rotation, translation = rotation[every, self.links], translation[every, self.links]
         depth = np.einsum("mj,mj->m", rotation[:, 2], state.points) + translation[:, 2]
 

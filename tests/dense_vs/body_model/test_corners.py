@@ -87,12 +87,14 @@ def test_a_plain_image_has_none(fit):
     assert not len(corners_on(fit, surface, drawn, np.full(SIZE, 90, np.uint8), HOME).links)
 
 
-def test_corners_about_points_take_the_link_and_depth_of_those_around(fit):
-    corners = corners_about(fit, NOISE, HOME)
-    places, depths = projected(fit, corners, HOME)
-    np.testing.assert_allclose(places, corners.places, atol=1e-9)
-    x, y = corners.places.T
-    assert ((x > 30 - NEAR - 1) & (x < 90 + NEAR) & (y > 20 - NEAR - 1) & (y < 100 + NEAR)).all()
+@pytest.mark.parametrize("bend", [0.0, -0.1])
+def test_corners_about_points_take_the_link_and_depth_of_those_around(fit, bend):
+    bent = replace(fit, bend=bend)
+    corners = corners_about(bent, NOISE, HOME)
+    places, depths = projected(bent, corners, HOME)
+    np.testing.assert_allclose(places, corners.places, atol=1e-6)
+    x, y = lens_of(bent, bend).straight(corners.places).T
+    assert ((x > 30 - NEAR - 2) & (x < 90 + NEAR + 2) & (y > 20 - NEAR - 2) & (y < 100 + NEAR + 2)).all()
     clear = np.abs(y - 59.5) > 2
     np.testing.assert_array_equal(corners.links[clear], (y > 59.5)[clear])
     np.testing.assert_allclose(depths[clear], np.where(y > 59.5, 2.0, 1.0)[clear])
