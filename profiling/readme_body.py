@@ -43,7 +43,8 @@ def body_lines() -> list[str]:
     rows.insert(0, ["bodies found", *(f"{bodies.found} of {bodies.count}" for *_, bodies in columns)])
     return [
         f"Body models from {arguments['seconds']:g} s of babbling, asked at postures that they have not seen: medians "
-        "of all bodies (the worst), and how many keep to the goal. What a model takes for the background it predicts "
+        "of all bodies (of an even number the worse of the two in the middle; in parentheses the worst), and how many "
+        "keep to the goal. What a model takes for the background it predicts "
         "to stay where it is, so its J is 1 off there; of the points there it says that it does not know them, so they "
         "count as infinitely far off unless it is said otherwise "
         f"(`profiling/body_model.py`; {seeds_in_words(arguments['seeds'])}, which nothing was tuned on, "
