@@ -132,10 +132,8 @@ def run(arguments: argparse.Namespace) -> None:
     print(table(["quality", "value"], _rows(seen, learned, body)))
     if isinstance(body, BodyModel):
         print(table(["joint", "kind", "carried by", "surface points"], joint_rows(body, seen.names)))
-        if body.error > POOR:
-            print(
-                f"- tracks are {body.error:.2f} px off the model; above {POOR} px links and axes are not to be trusted"
-            )
+        if doubt := learned.doubt:
+            print(f"- {doubt}")
     else:
         print(
             f"- {learned.why_no_chain(arguments.kind)}: J is remembered by posture, for the steps that the joints made"
@@ -196,6 +194,16 @@ class Learned:
         enough = self.by_chain.share >= max(LEAST_EXPLAINED, self.by_memory.share - BETTER)
         return self.chain if enough else self.memory
 
+    @property
+    def doubt(self) -> str:
+        """Why the chain is not to be trusted; empty where nothing speaks against it, or nothing was held out."""
+        if not self.by_chain.share < LEAST_EXPLAINED:
+            return ""
+        return (
+            f"the chain explains {self.by_chain.share:.2f} of the motion held out; below {LEAST_EXPLAINED} its links "
+            "and axes are not to be trusted"
+        )
+
     def why_no_chain(self, kind: str) -> str:
         """Why the memory was kept."""
         if kind == "posture":
@@ -235,7 +243,7 @@ def _learn(seen: SeenBody, arguments: argparse.Namespace) -> Learned:
             found.reason = str(error)
     if arguments.kind != "chain":
         found.memory = _learn_memory(seen, cut, found.by_memory)
-    if part is not None and arguments.kind == "auto":
+    if part is not None:
         flow = FlowEstimator("dis-medium", *seen.images[0].shape)
         for k, step in seen.steps(cut, len(seen.images)):
             found.by_chain.add(flow(seen.images[k - 1], seen.images[k]), part.flow(seen.joints[k], step))
@@ -287,7 +295,7 @@ def _rows(seen: SeenBody, learned: Learned, body: BodyModel | PostureMemory) -> 
         assert learned.tracks is not None
         rows += [
             ["points followed", str(learned.tracks.pixels.shape[1])],
-            ["median distance of tracks from the model [px]", f"{body.error:.2f}"],
+            ["median distance of its points' places from the model [px]", f"{body.error:.2f}"],
             ["focal length [px]", f"{body.focal_length:.0f}"],
             ["points of the surface", str(len(body.surface.links))],
         ]

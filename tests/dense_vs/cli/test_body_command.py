@@ -1,5 +1,6 @@
 """``dense-vs body`` on small recordings, what ``dense-vs estimate`` makes of it, and the clear refusals of both."""
 
+import argparse
 import json
 import sys
 from types import SimpleNamespace
@@ -12,9 +13,10 @@ from small_recordings import lerobot_v2
 from dense_vs import DenseJacobian
 from dense_vs.body_model import BodyModel, PostureMemory, load_body
 from dense_vs.body_model.held_out import ExplainedFlow
+from dense_vs.cli import body as body_command
 from dense_vs.cli import main
 from dense_vs.cli.body import Learned
-from dense_vs.cli.body_recordings import SeenBody, recording_paths
+from dense_vs.cli.body_recordings import SeenBody, read_recordings, recording_paths
 from dense_vs.errors import DenseVSError
 from dense_vs.flow.estimator import FlowEstimator
 from dense_vs.recording import open_recording
@@ -86,6 +88,30 @@ def test_what_explains_the_motion_held_out_is_kept():
     assert kept(np.nan, np.nan, error=0.8) == "memory"
     with pytest.raises(DenseVSError, match="no point to follow"):
         kept(np.nan, np.nan, "chain", chain=None)
+
+
+def test_a_chain_that_explains_little_of_what_was_held_out_is_not_to_be_trusted():
+    def doubt(share):
+        return Learned(None, None, None, None, SimpleNamespace(share=share), SimpleNamespace(share=0.7), "").doubt
+
+    assert "explains 0.31 of the motion held out; below 0.5" in doubt(0.31)
+    assert not doubt(0.5)
+    assert not doubt(np.nan)  # nothing was held out
+
+
+@pytest.mark.parametrize("kind", ["auto", "chain"])
+def test_a_chain_is_judged_by_what_was_held_out_also_where_it_is_asked_for(kind, recording, tmp_path, monkeypatch):
+    parser = argparse.ArgumentParser()
+    body_command.add_arguments(parser)
+    video = recording / "video.mp4", recording / "joints.csv"
+    given = [*video, "--out", tmp_path / "body.npz", "--time-offset", 0, "--kind", kind]
+    arguments = parser.parse_args([str(one) for one in given])
+    seen = read_recordings(arguments)
+    still = SimpleNamespace(flow=lambda q, step: np.zeros((*seen.images[0].shape, 2)))
+    monkeypatch.setattr(body_command, "_learn_chain", lambda *_: still)
+    learned = body_command._learn(seen, arguments)
+    assert learned.by_chain.share == pytest.approx(0.0)
+    assert learned.doubt
 
 
 def test_an_estimate_begins_with_a_body_or_a_saved_j(body, recording, tmp_path):
