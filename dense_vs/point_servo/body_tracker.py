@@ -266,6 +266,8 @@ class BodyTracker:
             off = self._places[among] - there - self.on_link.astray(q)
             distances = np.linalg.norm(there - expected, axis=1)
             self._offset, covariance = off_by_features(covariance, off, directions[among], distances)
+        else:
+            self._offset = np.zeros(2)  # the last that were seen were being covered: what covers them took them along
         place = expected + self._offset
         self._own, self._sighting = -1.0, None
         if self.on_link.depth is not None:
