@@ -14,7 +14,7 @@ from dense_vs.body_model.surface_image import SurfaceImage
 
 PER_IMAGE, OF_PIXELS, LEAST_IN_ONE = 60, 320 * 240, 20  # corners of an image so large at most; of any image
 APART = 4  # px
-AROUND, NEAR = 3, 12.0  # points of the fit that a new one takes its link and depth from, and px that they may be away
+AROUND, NEAR = 3, 12.0  # points of the fit that a new one's link and depth are from; px about one where it may be
 INSIDE, FLAT = 1, 0.12  # px from the outline of a link's surface, and share by which depths differ within these
 
 

@@ -15,7 +15,7 @@ MOST = 3.0  # px at the image's corners; more is a camera that was moved
 
 
 def motions_to_first(images: Sequence[np.ndarray], covered: Sequence[np.ndarray]) -> list[CameraMotion]:
-    """What takes places of each image to the first one's; none where what stands still does not tell.
+    """What takes places of each image to the first one's; no motion where too little of what stands still agrees.
 
     Args:
         images: gray uint8 ``(H, W)``.

@@ -32,7 +32,7 @@ from dense_vs.flow.camera_motion import CameraMotion
 
 IMAGES = 40  # at most, in which points are sought
 REFERENCES = 12  # of these, in which they are chosen
-EVERY = 2, 1  # one in so many of these, in each round of looking and adjusting
+EVERY = 2, 1  # one in so many of IMAGES is looked through, in each round of looking and adjusting
 ON_SURFACE = 1, 1, 1  # the same for points on the surface
 ROUGH = SurfaceOptions(keyframes=5)  # of that surface, which need not be complete
 LEAST_SEEN = 8  # images

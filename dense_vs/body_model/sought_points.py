@@ -27,7 +27,7 @@ class SoughtPoints:
         joints: as given.
         links: ``(M,)`` that they are on.
         points: ``(M, 3)`` in the home posture, as they were chosen.
-        references: ``(M,)`` which of the images is each one's own.
+        references: ``(M,)`` index of the image that each was chosen in.
     """
 
     def __init__(self, images: Sequence[np.ndarray], joints: np.ndarray, center: tuple[float, float]):
