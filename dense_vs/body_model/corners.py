@@ -14,7 +14,10 @@ from dense_vs.body_model.surface_image import SurfaceImage
 
 PER_IMAGE, OF_PIXELS, LEAST_IN_ONE = 60, 320 * 240, 20  # corners of an image so large at most; of any image
 APART = 4  # px
-AROUND, NEAR = 3, 12.0  # points of the fit that a new one's link and depth are from; px about one where it may be
+AROUND, NEAR = (
+    3,
+    12.0,
+)  # points of the fit, at most, that a new one's link and depth are from, and px that they are away
 INSIDE, FLAT = 1, 0.12  # px from the outline of a link's surface, and share by which depths differ within these
 
 
@@ -61,8 +64,10 @@ def corners_about(found: BodyFit, image: np.ndarray, q: np.ndarray) -> Corners:
     corners = new_features(image, near > 0, _most(image), APART).reshape(-1, 2)
     apart = np.linalg.norm(places[None] - corners[:, None], axis=2)
     around = np.argsort(apart, axis=1)[:, :AROUND]
-    voted = np.array([np.bincount(links[some]).argmax() for some in around], int)
-    depths = np.where(np.equal(links[around], voted[:, None]), position[around, 2], np.nan)
+    counted = np.take_along_axis(apart, around, axis=1) <= NEAR
+    counted[:, 0] = True  # the nearest, which it may be a rounded pixel farther from
+    voted = np.array([_most_named(links[some[on]]) for some, on in zip(around, counted, strict=True)], int)
+    depths = np.where(counted & np.equal(links[around], voted[:, None]), position[around, 2], np.nan)
     return Corners.at(found, corners, voted, np.nanmedian(depths, axis=1), q)
 
 
@@ -96,6 +101,12 @@ def corners_on(found: BodyFit, surface: Surface, drawn: SurfaceImage, image: np.
 def lens_of(found: BodyFit, bend: float) -> Lens:
     """A lens with such a bend about the fit's principal point."""
     return Lens.of_center(np.array(found.center), bend)
+
+
+def _most_named(links: np.ndarray) -> int:
+    """The link that is named most often, of several the one that is named first."""
+    counts = np.bincount(links)[links]
+    return int(links[np.argmax(counts)])
 
 
 def _most(image: np.ndarray) -> int:

@@ -10,7 +10,7 @@ from dense_vs.flow.camera_motion import CameraMotion, fit_camera_motion
 
 FEATURES, APART = 250, 6  # corners of the first image, and px between them
 BESIDE = 8  # px from the body, within which nothing counts as standing still
-LEAST_AGREE = 0.5  # of the corners
+LEAST_AGREE = 0.5  # of the corners that the body does not cover
 MOST = 3.0  # px at the image's corners; more is a camera that was moved
 
 
@@ -27,9 +27,17 @@ def motions_to_first(images: Sequence[np.ndarray], covered: Sequence[np.ndarray]
     motions = [CameraMotion.none()]
     for image, free in zip(images[1:], still[1:], strict=True):
         there, seen = carried(images[0], image, begun, begun)
-        x, y = np.clip(np.rint(there).astype(int), 0, [width - 1, height - 1]).T
-        seen &= free[y, x]
+        uncovered, seen_free = (_at(free, places) for places in (begun, there))
+        seen &= seen_free
         motion = fit_camera_motion(begun[seen], begun[seen] - there[seen])
-        told = motion is not None and motion.inliers >= LEAST_AGREE and motion.largest(height, width) <= MOST
-        motions.append(motion if motion is not None and told else CameraMotion.none())
+        agree = 0.0 if motion is None else motion.inliers * np.count_nonzero(seen)
+        told = agree >= LEAST_AGREE * max(np.count_nonzero(uncovered), 1)
+        small = motion is not None and motion.largest(height, width) <= MOST
+        motions.append(motion if motion is not None and told and small else CameraMotion.none())
     return motions
+
+
+def _at(mask: np.ndarray, places: np.ndarray) -> np.ndarray:
+    """A mask ``(H, W)`` at places ``(K, 2)`` [px], or next to them where they are outside."""
+    x, y = np.clip(np.rint(places).astype(int), 0, [mask.shape[1] - 1, mask.shape[0] - 1]).T
+    return mask[y, x]

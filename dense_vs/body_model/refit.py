@@ -71,7 +71,8 @@ def refit(
         return points
 
     near = sought(lambda image, q: corners_about(found, image, q))
-    first = _adjusted(found, near, EVERY, focal_prior, tracks.size)
+    every = EVERY if len(looked) >= max(EVERY) * LEAST_SEEN else ON_SURFACE  # few images are all looked through
+    first = _adjusted(found, near, every, focal_prior, tracks.size)
     if first is found:
         return found
     surface = surface_of(first, images, tracks.joints, ROUGH)

@@ -6,7 +6,17 @@ import numpy as np
 import pytest
 
 from dense_vs.body_model.chain import Chain
-from dense_vs.body_model.corners import APART, INSIDE, LEAST_IN_ONE, NEAR, Corners, corners_about, corners_on, lens_of
+from dense_vs.body_model.corners import (
+    APART,
+    INSIDE,
+    LEAST_IN_ONE,
+    NEAR,
+    Corners,
+    _most_named,
+    corners_about,
+    corners_on,
+    lens_of,
+)
 from dense_vs.body_model.fit import BodyFit
 from dense_vs.body_model.surface import Surface
 from dense_vs.body_model.surface_image import SurfaceImage
@@ -69,8 +79,10 @@ def test_where_depths_jump_within_a_link_there_are_none(fit):
     """Both rectangles are on one link now, one twice as far away."""
     one = replace(fit, links=np.zeros_like(fit.links))
     surface, drawn = surface_and_drawing(one)
-    rows = np.abs(corners_on(one, surface, drawn, NOISE, HOME).places[:, 1] - 59.5)
-    assert rows.min() > INSIDE
+    for seed in range(6):
+        noise = np.random.default_rng(seed).integers(0, 255, SIZE).astype(np.uint8)
+        rows = np.abs(corners_on(one, surface, drawn, noise, HOME).places[:, 1] - 59.5)
+        assert rows.min() > INSIDE
 
 
 def test_a_bent_lens_is_taken_out(fit):
@@ -98,6 +110,27 @@ def test_corners_about_points_take_the_link_and_depth_of_those_around(fit, bend)
     clear = np.abs(y - 59.5) > 2
     np.testing.assert_array_equal(corners.links[clear], (y > 59.5)[clear])
     np.testing.assert_allclose(depths[clear], np.where(y > 59.5, 2.0, 1.0)[clear])
+
+
+@pytest.mark.parametrize("other", [0, 1])
+def test_points_far_away_have_no_say(fit, other):
+    """Of a lone point's corners, where the two that come next are 60 px away, and of another link or depth."""
+    chosen = [np.argmin(np.linalg.norm(fit.state.points[:, :2] / fit.state.points[:, 2:] - at, axis=1))
+              for at in (np.array([[30, 60], [85, 20], [86, 21]]) - CENTER) / FOCAL]  # fmt: skip
+    chosen = np.array(chosen)
+    links = np.array([1, 0, other])
+    alone = replace(fit, state=replace(fit.state, points=fit.state.points[chosen]), links=links)
+    corners = corners_about(alone, NOISE, HOME)
+    near = np.linalg.norm(corners.places - (30, 60), axis=1) < NEAR + 1
+    assert near.sum() >= 3
+    np.testing.assert_array_equal(corners.links[near], 1)
+    np.testing.assert_allclose(projected(alone, corners, HOME)[1][near], fit.state.points[chosen[0], 2])
+
+
+def test_of_links_that_are_named_as_often_the_nearest_is_taken():
+    assert _most_named(np.array([3, 1])) == 3
+    assert _most_named(np.array([3, 1, 1])) == 1
+    assert _most_named(np.array([2, 0, 1])) == 2
 
 
 def test_points_are_put_into_the_home_posture(fit):

@@ -4,7 +4,7 @@ import cv2
 import numpy as np
 import pytest
 
-from dense_vs.body_model.image_sway import MOST, motions_to_first
+from dense_vs.body_model.image_sway import motions_to_first
 
 SIZE = 120, 160
 PLACES = np.array([[20.0, 15.0], [140.0, 20.0], [80.0, 100.0]])
@@ -51,11 +51,38 @@ def test_a_body_that_fills_more_than_half_is_no_camera():
     np.testing.assert_allclose(motion.moved(PLACES), PLACES, atol=0.05)
 
 
+def test_what_the_body_covers_by_then_tells_nothing():
+    """A body that looks as the scene behind it comes before most of it, and moves by 2 px."""
+    first, body = textured(1), np.zeros(SIZE, bool)
+    body[:, :100] = True
+    image = first.copy()
+    image[body] = np.roll(first, 2, axis=1)[body]
+    _, motion = motions_to_first([first, image], [np.zeros(SIZE, bool), body])
+    np.testing.assert_allclose(motion.moved(PLACES), PLACES, atol=0.05)
+
+
 @pytest.mark.parametrize("other", ["black", "unlike", "far"])
 def test_where_what_stands_still_does_not_tell_nothing_is_said(other):
     first, body, _ = seen((0.0, 0.0), 0.0, 40)
-    images = {"black": np.zeros(SIZE, np.uint8), "unlike": textured(5), "far": seen((MOST + 2, 0.0), 0.0, 40)[0]}
+    images = {"black": np.zeros(SIZE, np.uint8), "unlike": textured(5), "far": seen((5.0, 0.0), 0.0, 40)[0]}
     _, motion = motions_to_first([first, images[other]], [body, body])
+    np.testing.assert_array_equal(motion.moved(PLACES), PLACES)
+
+
+@pytest.mark.parametrize(("shift", "told"), [(2.9, True), (3.1, False)])
+def test_more_than_a_sway_is_a_camera_that_was_moved(shift, told):
+    first, body, _ = seen((0.0, 0.0), 0.0, 40)
+    _, motion = motions_to_first([first, seen((shift, 0.0), 0.0, 40)[0]], [body, body])
+    expected = PLACES - (shift, 0.0) if told else PLACES
+    np.testing.assert_allclose(motion.moved(PLACES), expected, atol=0.05 if told else 0.0)
+
+
+def test_a_part_that_agrees_with_itself_alone_is_no_camera():
+    """All but a patch of the scene is another one, so few corners are found again, and these agree."""
+    first, nothing = textured(1), np.zeros(SIZE, bool)
+    image = textured(5)
+    image[20:80, 22:92] = first[20:80, 20:90]
+    _, motion = motions_to_first([first, image], [nothing, nothing])
     np.testing.assert_array_equal(motion.moved(PLACES), PLACES)
 
 

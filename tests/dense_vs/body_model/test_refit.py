@@ -111,8 +111,10 @@ def test_a_saved_model_keeps_its_lens(babbled, fits, tmp_path):
 
 
 def test_places_are_as_a_pinhole_would_show_them(fits):
-    """The chain explains them without a lens."""
+    """The chain explains them without a lens, in the unit in which its points are 1 away; its lines are doubted."""
     fit = fits[3]
+    assert np.median(fit.state.points[:, 2]) == pytest.approx(1.0, abs=0.2)
+    assert fit.doubt == 2.5
     rotation, translation = fit.state.chain.link_poses(fit.tracks.joints)
     there = np.einsum("tmij,mj->tmi", rotation[:, fit.links], fit.state.points) + translation[:, fit.links]
     expected = fit.state.focal * there[..., :2] / there[..., 2:] + np.array(fit.center)
@@ -159,6 +161,16 @@ def test_a_sway_of_the_camera_is_taken_out(fits, monkeypatch):
     assert taken_out.error < 1.3 * second.error
     monkeypatch.setattr("dense_vs.body_model.refit.motions_to_first", lambda some, _: [CameraMotion.none()] * len(some))
     assert refit(first, tracks, swayed, prior).error > 1.5 * taken_out.error
+
+
+def test_few_images_are_all_looked_through(fits):
+    """Every second of 14 would be fewer than a point has to be seen in."""
+    _, images, _, _, tracks = fits
+    some = np.linspace(0, len(images) - 1, 14).round().astype(int)
+    few = [images[k] for k in some]
+    followed = follow_points(few, tracks.joints[some], PointTrackOptions(stride=1))
+    first = fit_body(followed, BodyFitOptions(slides=(False,) * 4))
+    assert refit(first, followed, few, (160.0, 0.15)) is not first
 
 
 def test_where_nothing_is_seen_again_the_fit_stays(fits):
