@@ -61,8 +61,12 @@ class JointStream:
 
     def restart(self) -> None:
         """Forget earlier readings, as after a gap."""
-        self._buffer = JointBuffer(len(self._group.names), READINGS)
         self.watch.restart()
+        self._forget()
+
+    def _forget(self) -> None:
+        """What was known by earlier readings; how they are judged stays."""
+        self._buffer = JointBuffer(len(self._group.names), READINGS)
         self._motion: list[tuple[float, float, np.ndarray]] = []  # stamps of two images and the flow between them
         self._begin: float | None = None  # stamp of the image that the next flow begins at
         self._trial: DelayTrial | None = None
@@ -81,6 +85,8 @@ class JointStream:
         if not any(fault.stops for fault in faults):
             if before is not None:
                 self.slipped += (self.gains - 1) * (reading - before)
+            if not self._buffer.continues(stamp):  # none was believed for so long that where joints were is not known
+                self._forget()
             self._buffer.add(reading + self.slipped, stamp)
         slips = (self._slips(int(joint)) for joint in np.flatnonzero(self.gains != 1))
         return (*faults, *slips)

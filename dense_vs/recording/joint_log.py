@@ -197,6 +197,10 @@ class JointBuffer:
         """Forget all readings, as after a pause or when a clock was set."""
         self._count = 0
 
+    def continues(self, time: float) -> bool:
+        """Whether a reading of that time [s] would follow on the last one; any does where none is kept."""
+        return not self._count or time - self.last_time <= self._most_gap
+
     def add(self, positions: np.ndarray, time: float) -> None:
         """Take a reading; one with the stamp of the last is the same reading again and is left out.
 

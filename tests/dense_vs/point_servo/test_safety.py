@@ -5,6 +5,7 @@ import pytest
 from planar_robot import PlanarRobot, PlaneCamera
 
 from dense_vs import DenseVSError, ServoLoop
+from dense_vs.health import FaultKind
 
 MOST = 0.1  # rad a command; babbling and servo stay well below
 
@@ -93,6 +94,31 @@ def test_after_a_pause_it_goes_on_where_the_robot_is_now(scene):
     loop.babble(61.0)
     assert not any(flagged)
     np.testing.assert_allclose(loop.frame.positions, robot.q, atol=1e-9)
+
+
+@pytest.mark.parametrize("seconds", [1.9, 2.5])
+@pytest.mark.parametrize("how", ["nan", "frozen"])
+def test_readings_that_were_not_believed_for_long_are_taken_up_again(scene, seconds, how):
+    """Images go on meanwhile, and nothing but the readings themselves says that they were not there."""
+    robot = PlanarRobot(0.5)
+    loop = ServoLoop(PlaneCamera(robot, scene), robot, device="cpu", seed=2, body_model=False)
+    loop.babble(1.0)
+    begin, last = robot.time, [robot.joints()]
+
+    def reads(q, time):
+        if begin + 0.2 < time < begin + 0.2 + seconds:
+            return (q * np.nan, time) if how == "nan" else last[0]
+        last[0] = q.copy(), time
+        return last[0]
+
+    robot.reads = reads
+    said = set()
+    loop.on_frame = lambda loop: said.update(fault.kind for fault in loop.faults)
+    loop.babble(seconds + 1.5)
+    assert said & {FaultKind.READING, FaultKind.CLOCK}
+    assert robot.time - begin > seconds + 1.4
+    np.testing.assert_allclose(loop.joints.newest, robot.q, atol=1e-6)
+    assert np.abs(robot.sent[-1]).max() > 0  # it babbles on
 
 
 def test_a_joint_that_is_stuck_is_named_and_the_others_go_on(scene):
