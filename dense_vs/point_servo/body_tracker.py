@@ -24,7 +24,7 @@ from dense_vs.point_servo.more_features import APART, LEAST_SEEN, more_features
 from dense_vs.point_servo.place_posterior import BASIC, UNTIED, off_by_features, place_uncertainty, with_look
 from dense_vs.point_servo.plainness import plainness
 from dense_vs.point_servo.point_look import LIKE, PointLook
-from dense_vs.point_servo.point_on_link import POINT, PointOnLink
+from dense_vs.point_servo.point_on_link import ANYWHERE, POINT, PointOnLink
 from dense_vs.point_servo.regained import regained
 from dense_vs.point_servo.surface_place import SurfacePlace
 
@@ -33,6 +33,7 @@ MOST_FEATURES = 600  # from which those that no keyframe holds are forgotten
 AROUND = 3  # known features around a young one, which it is taken along with
 HELD, OTHERS_HELD = 3, 5  # images, in one of which a feature of the point's link, or another's, is held to its look
 KEYFRAME_MOTION = 15.0  # px that a feature moves by between keyframes
+AWAY = 1e4  # px of motion that says nothing: one of the places is behind the camera
 ALIKE = 0.87  # correlation from which the point's own look tells its place
 ASIDE = 1.0  # px, standard deviation of the expected place, the depth aside, while looking back
 ROUNDS = 3  # of looking back for the point itself, each with the depth that the former gave
@@ -234,13 +235,14 @@ class BodyTracker:
     def _moved(self, features: np.ndarray, q: np.ndarray) -> float:
         """How far some features moved since the last keyframe at most [px]."""
         before, now = self.features.project(features, self._kept_at), self.features.project(features, q)
-        return float(np.linalg.norm(now - before, axis=1).max())
+        moved = np.linalg.norm(now - before, axis=1)
+        return float(moved[moved < AWAY].max(initial=0.0))  # nor nan: one behind the camera has not moved
 
     def _expected(self, there: np.ndarray) -> np.ndarray:
         """Where features in sight, which the chain has ``there``, should be by now [px]; young ones as those around."""
         step = there - self.features.project(self._live, self._positions)
         known = self.features.states[self._live] == FeatureState.KNOWN
-        step[~known | (np.abs(step).max(axis=1, initial=0) > 1e4)] = 0.0
+        step[~known | (np.abs(step).max(axis=1, initial=0) > AWAY)] = 0.0
         if known.any() and not known.all():
             across, down = (self._places[known, k] - self._places[~known, k, None] for k in (0, 1))
             near = np.argpartition(across**2 + down**2, min(AROUND, known.sum()) - 1, axis=1)[:, :AROUND]
@@ -257,8 +259,9 @@ class BodyTracker:
         self.unseen = 0 if enough else self.unseen + 1
         first = self._own_image(on)
         self.held = enough and len(first) >= LEAST_SEEN
+        self._own, self._sighting = -1.0, None
         if not (np.abs(expected) < 1e5).all():  # behind the camera, or nan, by a chain that is wrong
-            self.unseen = max(self.unseen, 1)
+            self.unseen, self._covariance = max(self.unseen, 1), ANYWHERE
             return
         if enough:
             there = features.project(first, q)
@@ -269,7 +272,6 @@ class BodyTracker:
         else:
             self._offset = np.zeros(2)  # the last that were seen were being covered: what covers them took them along
         place = expected + self._offset
-        self._own, self._sighting = -1.0, None
         if self.on_link.depth is not None:
             place, covariance = self._by_look(q, gray, place, covariance)
         self.point, self._covariance = place, covariance

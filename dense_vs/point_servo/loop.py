@@ -297,12 +297,11 @@ class ServoLoop:
 
         From there on it is followed as before or, where a body model can be learned by now, by its link.
         """
-        found = None if self.memory is None else found_again(self.memory, self.tracker, self.frame)
-        if found is None:
+        if (memory := self.memory) is None or (found := found_again(memory, self.tracker, self.frame)) is None:
             return False
-        self.tracker = found
-        if isinstance(found, PointTracker) and self.learned_body.wanted and self.learn_body():
-            self.define_point(found.points[0])
+        self.tracker, by_patch = found, isinstance(found, PointTracker) and memory.by_link
+        if by_patch and self.learned_body.wanted and self.learn_body():
+            self.define_point(found.points[0], **{**memory.options, "method": "link"})
         self.aim.follow(self.point)
         return True
 

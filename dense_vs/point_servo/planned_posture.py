@@ -17,7 +17,7 @@ from scipy.optimize import least_squares
 TRIED, REFINED = 1000, 4  # postures at random, and those of them that a search begins at,
 APART = 0.4  # rad from each other at least
 RANGE = 1.5  # rad about the present posture, for joints without limits
-MARGIN = 0.03  # rad, kept from the limits
+MARGIN, MARGIN_SHARE = 0.03, 0.05  # rad (m), kept from the limits; at most a share of what is between them
 AIM = 5.0  # times that the way to the target counts more than errors, which a plan does not stay away from it for
 # px that a change of the view by 1 (about 60 degrees), 1 rad of way and 1 rad since it was defined weigh as much as
 LOOK, TRAVEL, TURNED = 1.6, 0.2, 0.25
@@ -63,8 +63,9 @@ def planned_posture(
     """
     q = np.asarray(positions, dtype=np.float64)
     defined = q if home is None else np.asarray(home, dtype=np.float64)
-    least = np.where(np.isfinite(limits[:, 0]), limits[:, 0] + MARGIN, q - RANGE)
-    most = np.where(np.isfinite(limits[:, 1]), limits[:, 1] - MARGIN, q + RANGE)
+    margin = np.minimum(MARGIN, MARGIN_SHARE * np.maximum(limits[:, 1] - limits[:, 0], 0.0))
+    least = np.where(np.isfinite(limits[:, 0]), limits[:, 0] + margin, q - RANGE)
+    most = np.where(np.isfinite(limits[:, 1]), limits[:, 1] - margin, q + RANGE)
     free = ~np.asarray(fixed, dtype=bool) & (least < most)
     if not free.any():
         return None

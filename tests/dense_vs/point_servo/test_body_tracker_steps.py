@@ -32,6 +32,10 @@ def test_motion_since_the_last_keyframe_is_that_of_the_feature_that_moves_most()
     tracker = bare(features, _kept_at=np.array([1.0]))
     assert tracker._moved(np.array([1, 2, 3]), np.array([3.0])) == pytest.approx(10.0)
     assert tracker._moved(np.array([1, 3]), np.array([3.0])) == pytest.approx(4.0)
+    features.rate[2] = 1e6, 0  # behind the camera by now
+    assert tracker._moved(np.array([1, 2, 3]), np.array([3.0])) == pytest.approx(4.0)
+    features.rate[2] = np.nan
+    assert tracker._moved(np.array([2]), np.array([3.0])) == 0.0
 
 
 def by_features(at, off, told, astray=(0.0, 0.0)):
@@ -99,9 +103,12 @@ def test_features_of_the_first_image_that_look_as_at_first_tell_of_the_point(sur
 @pytest.mark.parametrize(("place", "taken"), [(0.99e5, True), (1.01e5, False), (-1.01e5, False), (np.nan, False)])
 def test_a_place_far_outside_leaves_the_point_and_counts_as_unseen(place, taken):
     at = np.array([[40.0, place], [40, 30], [41, 30], [42, 30]])
-    tracker = bare(Features(at, np.zeros_like(at)), [1, 2, 3], at[1:])
+    tracker = bare(Features(at, np.zeros_like(at)), [1, 2, 3], at[1:], _own=0.99, _sighting=np.array([7.0, 7.0]))
     tracker._correct(np.zeros(1), 1, GRAY, directions_of(tracker))
     assert tracker.unseen == (0 if taken else 1)
+    assert taken or tracker._covariance[0, 0] > 1e6  # nothing is known of it, and of no image before
+    assert tracker._sighting is None
+    assert tracker._own == -1.0
     np.testing.assert_array_equal(tracker.point, [40.0, place] if taken else [7.0, 7.0])
 
 

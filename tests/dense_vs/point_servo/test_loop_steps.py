@@ -330,8 +330,9 @@ def test_a_point_is_defined_with_its_memory(monkeypatch, method):
 
 @pytest.mark.parametrize("found", [None, "link", "patch"])
 @pytest.mark.parametrize("wanted", [False, True])
-def test_a_point_that_is_found_again_is_followed_by_its_link_where_that_can_be_learned(monkeypatch, found, wanted):
-    loop = bare(memory="memory", tracker="before")
+@pytest.mark.parametrize("by_link", [False, True])
+def test_a_point_found_again_is_followed_by_its_link_where_it_can_be_and_was_to_be(monkeypatch, found, wanted, by_link):
+    loop = bare(memory=SimpleNamespace(by_link=by_link, options={"method": "aligned", "window": 31}), tracker="before")
     followed, defined = [], []
     loop.aim = SimpleNamespace(follow=followed.append)
     given = None
@@ -342,11 +343,11 @@ def test_a_point_that_is_found_again_is_followed_by_its_link_where_that_can_be_l
     monkeypatch.setattr(module, "found_again", lambda memory, tracker, frame: given)
     loop.learned_body.wanted = wanted
     loop.learn_body = lambda: True
-    loop.define_point = defined.append
+    loop.define_point = lambda point, **options: defined.append((point, options))
     assert loop.find_again() == (found is not None)
     assert loop.tracker is (given if found else "before")
     assert followed == ["p"] * (found is not None)
-    assert defined == ["p"] * (found == "patch" and wanted)
+    assert defined == [("p", {"method": "link", "window": 31})] * (found == "patch" and wanted and by_link)
     loop.memory = None
     assert not loop.find_again()
 

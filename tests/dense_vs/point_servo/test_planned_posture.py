@@ -134,12 +134,27 @@ def test_a_way_in_the_image_is_taken_though_it_is_farther(size, right):
 
 
 def test_a_joint_with_no_room_between_its_limits_stays():
-    """It may stand a margin from both, to the last bit."""
     limits = LIMITS.copy()
-    limits[2] = 0.0, 2 * MARGIN
-    now = np.array([0.0, 0.0, MARGIN, 0.0])
-    assert limits[2, 0] + MARGIN == limits[2, 1] - MARGIN
-    target = seen(np.array([[0.3, -0.2, MARGIN, 0.1]]))[0][0]
+    limits[2] = 0.03, 0.03
+    now = np.array([0.0, 0.0, 0.03, 0.0])
+    target = seen(np.array([[0.3, -0.2, 0.03, 0.1]]))[0][0]
     posture = planned_posture(seen, VIEW, target, now, limits, fixed=FREE)
-    assert posture[2] == MARGIN
+    assert posture[2] == 0.03
     assert np.linalg.norm(seen(posture[None])[0][0] - target) < 1.0
+
+
+@pytest.mark.parametrize("room", [0.02, 0.05, 0.3, 3.0])
+def test_the_margin_is_a_share_of_little_room(room):
+    """As of a slide of some centimeters: it goes to within a twentieth of its limits, and no nearer."""
+    limits = np.array([[0.0, room]])
+
+    def seen_so(postures):
+        places = np.column_stack([100.0 / room * postures[:, 0], np.zeros(len(postures))])
+        return places, np.tile(VIEW, (len(postures), 1)), np.zeros((len(postures), 1))
+
+    margin = min(MARGIN, 0.05 * room)
+    for at, reached in ((room - 1.01 * margin, True), (0.5 * room, True), (room + 0.04 * room, False)):
+        target = np.array([100.0 / room * at, 0.0])
+        posture = planned_posture(seen_so, VIEW, target, np.array([0.3 * room]), limits, fixed=np.zeros(1, bool))
+        assert (posture is not None) == reached
+        assert posture is None or margin * 0.999 <= posture[0] <= room - margin * 0.999
