@@ -8,16 +8,12 @@ import numpy as np
 from dense_vs.body_model.chain import BACKGROUND
 from dense_vs.body_model.feature_flow import new_features
 from dense_vs.body_model.fit import BodyFit
-from dense_vs.body_model.lens import Lens
 from dense_vs.body_model.surface import Surface
 from dense_vs.body_model.surface_image import SurfaceImage
 
 PER_IMAGE, OF_PIXELS, LEAST_IN_ONE = 60, 320 * 240, 20  # corners of an image so large at most; of any image
 APART = 4  # px
-AROUND, NEAR = (
-    3,
-    12.0,
-)  # points of the fit, at most, that a new one's link and depth are from, and px that they are away
+AROUND, NEAR = 3, 12.0  # points of the fit that give a new one its link and depth, and px that they are away, at most
 INSIDE, FLAT = 1, 0.12  # px from the outline of a link's surface, and share by which depths differ within these
 
 
@@ -38,7 +34,7 @@ class Corners:
     @classmethod
     def at(cls, found: BodyFit, places: np.ndarray, links: np.ndarray, depths: np.ndarray, q: np.ndarray) -> "Corners":
         """Those at places ``(K, 2)`` [px] and depths ``(K,)`` of an image in posture ``(N,)`` [rad]."""
-        away = (lens_of(found, found.bend).straight(places) - np.array(found.center)) / found.state.focal
+        away = (found.lens.straight(places) - np.array(found.center)) / found.state.focal
         rotation, translation = (pose[0] for pose in found.state.chain.link_poses(q[None]))
         here = np.column_stack([away, np.ones(len(away))]) * depths[:, None] - translation[links]
         return cls(places, links, np.einsum("mji,mj->mi", rotation[links], here))
@@ -57,7 +53,7 @@ def corners_about(found: BodyFit, image: np.ndarray, q: np.ndarray) -> Corners:
     position = np.einsum("mij,mj->mi", rotation[found.links], state.points) + translation[found.links]
     front = position[:, 2] > 1e-3
     position, links = position[front], found.links[front]
-    places = lens_of(found, found.bend).bent(state.focal * position[:, :2] / position[:, 2:] + center)
+    places = found.lens.bent(state.focal * position[:, :2] / position[:, 2:] + center)
     near = np.zeros(image.shape, np.uint8)
     for x, y in np.rint(np.clip(places, -99, 9999)).astype(int):
         cv2.circle(near, (int(x), int(y)), int(NEAR), 1, -1)
@@ -96,11 +92,6 @@ def corners_on(found: BodyFit, surface: Surface, drawn: SurfaceImage, image: np.
     corners = new_features(image, inside & flat & (links != BACKGROUND), _most(image), APART).reshape(-1, 2)
     x, y = np.rint(corners).astype(int).T
     return Corners.at(found, corners, links[y, x], depths[y, x].astype(np.float64), q)
-
-
-def lens_of(found: BodyFit, bend: float) -> Lens:
-    """A lens with such a bend about the fit's principal point."""
-    return Lens.of_center(np.array(found.center), bend)
 
 
 def _most_named(links: np.ndarray) -> int:

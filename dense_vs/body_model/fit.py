@@ -19,6 +19,7 @@ from dense_vs.body_model.chain import BACKGROUND
 from dense_vs.body_model.dense_motion import DenseMotion
 from dense_vs.body_model.joint_kinds import with_slides
 from dense_vs.body_model.joint_tree import joint_parents
+from dense_vs.body_model.lens import Lens
 from dense_vs.body_model.link_assignment import Placed, place_points
 from dense_vs.body_model.start import FOCAL_HELD, LEAST_TRACKS, WELL_SEEN, Start, find_starts, in_order
 from dense_vs.body_model.track_jacobian import LEAST_SEEN, TrackJacobians, track_jacobians
@@ -119,6 +120,11 @@ class BodyFit:
     all_links: np.ndarray
     bend: float = 0.0
     doubt: float = 1.0
+
+    @property
+    def lens(self) -> Lens:
+        """The camera's."""
+        return Lens.of_center(np.array(self.center), self.bend)
 
 
 UNKNOWN = -2  # link of a track that no link explains

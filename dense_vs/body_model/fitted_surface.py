@@ -5,7 +5,6 @@ from collections.abc import Sequence
 import numpy as np
 
 from dense_vs.body_model.fit import BodyFit
-from dense_vs.body_model.lens import Lens
 from dense_vs.body_model.surface import Surface, SurfaceOptions, find_surface
 from dense_vs.body_model.tracks import moving_pixels
 
@@ -22,7 +21,7 @@ def surface_of(
         options: as given, or the defaults.
     """
     state = found.state
-    straight = Lens.of_center(np.array(found.center), found.bend).straightened(images)
+    straight = found.lens.straightened(images)
     anchors = state.points, found.links
     moving = moving_pixels(straight)
     return find_surface(state.chain, state.focal, found.center, straight, joints, moving, anchors, options)

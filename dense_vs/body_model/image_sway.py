@@ -27,13 +27,12 @@ def motions_to_first(images: Sequence[np.ndarray], covered: Sequence[np.ndarray]
     motions = [CameraMotion.none()]
     for image, free in zip(images[1:], still[1:], strict=True):
         there, seen = carried(images[0], image, begun, begun)
-        uncovered, seen_free = (_at(free, places) for places in (begun, there))
-        seen &= seen_free
+        seen &= _at(free, there)
         motion = fit_camera_motion(begun[seen], begun[seen] - there[seen])
-        agree = 0.0 if motion is None else motion.inliers * np.count_nonzero(seen)
-        told = agree >= LEAST_AGREE * max(np.count_nonzero(uncovered), 1)
-        small = motion is not None and motion.largest(height, width) <= MOST
-        motions.append(motion if motion is not None and told and small else CameraMotion.none())
+        least = LEAST_AGREE * np.count_nonzero(_at(free, begun))
+        if motion is None or motion.inliers * np.count_nonzero(seen) < least:
+            motion = CameraMotion.none()
+        motions.append(motion if motion.largest(height, width) <= MOST else CameraMotion.none())
     return motions
 
 

@@ -18,7 +18,7 @@ import numpy as np
 
 from dense_vs.body_model.adjustment import adjust
 from dense_vs.body_model.chain import BACKGROUND
-from dense_vs.body_model.corners import Corners, corners_about, corners_on, lens_of
+from dense_vs.body_model.corners import Corners, corners_about, corners_on
 from dense_vs.body_model.fit import BodyFit, assign_links, in_units
 from dense_vs.body_model.fitted_surface import surface_of
 from dense_vs.body_model.image_sway import motions_to_first
@@ -79,9 +79,7 @@ def refit(
     if not len(surface.links):
         return first
     state = first.state
-    drawn = SurfaceImage(
-        state.chain, surface.points, surface.links, state.focal, lens_of(first, first.bend), tracks.size
-    )
+    drawn = SurfaceImage(state.chain, surface.points, surface.links, state.focal, first.lens, tracks.size)
     sways = motions_to_first(looked, [drawn.front(q).index >= 0 for q in joints])
     on = sought(lambda image, q: corners_on(first, surface, drawn, image, q))
     return _adjusted(first, on, ON_SURFACE, focal_prior, tracks.size, sways)
@@ -141,5 +139,5 @@ def _straight(
 ) -> PointTracks:
     """Places as a lens that does not bend would show them."""
     straight, seen = np.full_like(places, np.nan), np.isfinite(places[..., 0])
-    straight[seen] = lens_of(found, bend).straight(places[seen])
+    straight[seen] = replace(found, bend=bend).lens.straight(places[seen])
     return PointTracks(sought.joints, straight, sought.references, size, directions)

@@ -213,7 +213,7 @@ class JointBuffer:
             last = float(self._times[self._count - 1])
             if time == last:
                 return
-            if not last < time <= last + self._most_gap:
+            if time < last or not self.continues(time):
                 raise DenseVSError(
                     f"joint time stamp is {time} s after {last} s; expected increasing stamps at most "
                     f"{self._most_gap:g} s apart, of one clock"

@@ -15,7 +15,6 @@ from dense_vs.body_model.corners import (
     _most_named,
     corners_about,
     corners_on,
-    lens_of,
 )
 from dense_vs.body_model.fit import BodyFit
 from dense_vs.body_model.surface import Surface
@@ -47,14 +46,14 @@ def fit():
 def surface_and_drawing(fit):
     count = len(fit.links)
     surface = Surface(fit.state.points, fit.links, np.ones(count), np.zeros(count, np.uint8))
-    lens = lens_of(fit, fit.bend)
+    lens = fit.lens
     return surface, SurfaceImage(fit.state.chain, surface.points, surface.links, FOCAL, lens, SIZE)
 
 
 def projected(fit, corners, q):
     rotation, translation = (pose[0] for pose in fit.state.chain.link_poses(q[None]))
     there = np.einsum("kij,kj->ki", rotation[corners.links], corners.points) + translation[corners.links]
-    return lens_of(fit, fit.bend).bent(FOCAL * there[:, :2] / there[:, 2:] + np.array(CENTER)), there[:, 2]
+    return fit.lens.bent(FOCAL * there[:, :2] / there[:, 2:] + np.array(CENTER)), there[:, 2]
 
 
 @pytest.mark.parametrize("posture", [HOME, np.array([0.15, 0.05])], ids=["home", "turned"])
@@ -105,7 +104,7 @@ def test_corners_about_points_take_the_link_and_depth_of_those_around(fit, bend)
     corners = corners_about(bent, NOISE, HOME)
     places, depths = projected(bent, corners, HOME)
     np.testing.assert_allclose(places, corners.places, atol=1e-6)
-    x, y = lens_of(bent, bend).straight(corners.places).T
+    x, y = bent.lens.straight(corners.places).T
     assert ((x > 30 - NEAR - 2) & (x < 90 + NEAR + 2) & (y > 20 - NEAR - 2) & (y < 100 + NEAR + 2)).all()
     clear = np.abs(y - 59.5) > 2
     np.testing.assert_array_equal(corners.links[clear], (y > 59.5)[clear])
