@@ -16,8 +16,9 @@ from dense_vs.point_servo.turned_view import turned_view
 
 MOST_OFF = 5.0  # px from where it is expected
 AGREED = 1.0  # px from how far the others are off, in the direction in which a place counts
-LEAST_AGREED = 4  # features, and of those that are sure a share
+LEAST_AGREED = 4  # features, and a share of those that are sure
 LEAST_SHARE = 0.5
+LEAST_FOUND = 0.3  # of those that are sought: sought image after image, four of 39 agreed that were not there
 ROUNDS = 3  # of taking those that agree with the middle of the ones that did before
 LEAST_SCALE, MOST_SCALE = 0.5, 2.0  # by which a look may have shrunk or grown in any direction
 MARGIN = 8  # px from the image's border
@@ -65,6 +66,6 @@ def regained(
         agreed = np.linalg.norm(np.einsum("kij,kj->ki", directions, off - usual), axis=1) < AGREED
         if not agreed.any():
             break
-    if agreed.sum() < max(LEAST_AGREED, LEAST_SHARE * len(off)):
+    if agreed.sum() < max(LEAST_AGREED, LEAST_SHARE * len(off), LEAST_FOUND * ready.sum()):
         return numbers[:0], places[:0]
     return numbers[agreed], places[agreed]

@@ -228,3 +228,20 @@ def test_those_that_agree_are_about_the_middle_of_their_own(equally):
     np.testing.assert_allclose(places[4] - PLACES[4], [0.6, 0.0], atol=1e-9)
     looks.unsure = [3]
     assert not len(regained(features, looks, numbers[:4], FIRST, seen(0.0)[0], FIRST, np.zeros(2))[0])
+
+
+@pytest.mark.parametrize(("sought", "found"), [(14, 5), (17, 0)])
+def test_of_those_that_are_sought_a_third_or_so_has_to_be_seen(equally, sought, found):
+    """Five agree, and all others are not sure: some looks are alike anywhere, so few of many are not the features."""
+    features, _ = known_body()
+    others = sought - len(NUMBERS)
+    numbers = np.append(NUMBERS, features.added(others))
+    features.links[:], features.states[:] = 0, FeatureState.KNOWN
+    features.points = features.rays(np.vstack([PLACES, np.tile(CENTER, (others, 1))])) * 2.0
+    looks = Told(unsure=numbers[5:])
+    outside = features.added(30)  # of the image, as where they should be seen: they have no say
+    features.links[outside], features.states[outside] = 0, FeatureState.KNOWN
+    features.points[outside] = features.rays(np.tile([-20.0, 50.0], (30, 1))) * 2.0
+    numbers = np.append(numbers, outside)
+    seen_again, _ = regained(features, looks, numbers, FIRST, seen(0.0)[0], FIRST, np.zeros(2))
+    assert seen_again.tolist() == list(range(found))
