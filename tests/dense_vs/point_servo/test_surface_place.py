@@ -36,3 +36,16 @@ def test_its_depth_follows_the_lines_as_those_points_of_the_surface_do():
     on = [30 * y + x for y in range(8, 12) for x in range(10, 13)]  # not those of link 0 beside it
     np.testing.assert_array_equal(lines, precision.lines)
     np.testing.assert_allclose(follows, precision.depth_steps[on].mean(axis=0))
+
+
+def test_its_relief_is_that_of_its_link_five_pixels_about_it():
+    """What lies set back beside a place is where its own depth may be off to."""
+    seen, place = body_seen(), np.array([14.2, 8.8])
+    seen.links[:], seen.depths[:] = 2, 1.5
+    seen.links[9, 12], seen.depths[9, 12] = 0, 0.5  # another link
+    assert surface_at(seen, place).relief == pytest.approx(0.0, abs=1e-12)
+    seen.depths[13, 17] = seen.depths[9, 8] = seen.depths[15, 14] = 3.0  # 5, 6 and 6 px away
+    everything = [seen.depths[v, u] for v, u in np.argwhere(seen.links == 2) if (u - 14) ** 2 + (v - 9) ** 2 <= 25]
+    assert everything.count(3.0) == 1
+    assert surface_at(seen, place).relief == pytest.approx(np.log(everything).std())
+    assert surface_at(seen, place).depth == 1.5
