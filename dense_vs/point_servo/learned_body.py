@@ -43,7 +43,7 @@ LEAST_ALIKE = 0.7  # mean correlation of its patches with its images, by which i
 NEAR = 0.45  # rad, m, of a joint from the middle of the motion, where images have to look as it says
 WELL_EXPLAINED, SHOWN = 0.6, 24  # share of the motion by which it is believed whatever it looks like; patches that tell
 ALIKE = 0.84  # correlation below which it is fitted anew, and else doubted; right ones have more
-TRIES, DOUBT = 3, 2.0  # fits then, the later ones with twice the starts; times that places are not known
+TRIES, DOUBT = 3, 2.0  # fits then, the later ones with twice the starts; times that places are not known at LEAST_ALIKE
 SAME_END = 0.01  # difference in both by which two fits have come to the same, where a third would come to as well
 MOST_ERROR = 1.0  # px, median distance of its tracks from it; blur, noise and a rolling shutter make up to 0.8
 
@@ -213,7 +213,7 @@ class LearnedBody:
         _, model, explained, alike = best
         if explained < LEAST_EXPLAINED or (explained < WELL_EXPLAINED and alike < LEAST_ALIKE):
             return False
-        self.use(model, positions, explained, DOUBT if alike < ALIKE else 1.0)
+        self.use(model, positions, explained, doubt_of(alike))
         return True
 
     def _fitted(
@@ -301,6 +301,11 @@ class LearnedBody:
             doubt=self._place_doubt,
         )  # fmt: skip
         return tracker if tracker.known else None
+
+
+def doubt_of(alike: float) -> float:
+    """Times that places are not known by a body of some likeness: 1 from :data:`ALIKE` on, more below."""
+    return 1.0 + (DOUBT - 1.0) * float(np.clip((ALIKE - alike) / (ALIKE - LEAST_ALIKE), 0.0, 1.0))
 
 
 def check_body(model: Any, expected: str = "a BodyModel") -> BodyModel:

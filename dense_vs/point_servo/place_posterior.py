@@ -28,6 +28,8 @@ UNTIED = (
 )
 LIKE, UNLIKE = 0.95, 0.8  # correlations with its look between which it is less, by a share, down to LEAST_UNTIED
 LEAST_UNTIED = 0.3
+UNSEEN = 0.6  # px, where features of its own image tell a place, but what is there is not like its look
+SEEN, NOT_SEEN = 0.85, 0.65  # correlations between which that is so by a share
 SMALLEST = 1e-3  # weight of a feature however far away
 
 
@@ -91,8 +93,13 @@ def place_uncertainty(covariance: np.ndarray, offset: np.ndarray, held: bool, co
         correlation: of what is seen at the place with the point's own look.
     """
     open_ = float(np.sqrt(max(np.trace(covariance), 0.0) / 2))
-    loose = 0.0 if held else untied(correlation)
+    loose = unseen(correlation) if held else untied(correlation)
     return float(np.linalg.norm([BASIC, open_, OFF_SHARE * float(np.linalg.norm(offset)), loose]))
+
+
+def unseen(correlation: float) -> float:
+    """Standard deviation of a place that features tell [px], by its look's correlation: both should be seen there."""
+    return UNSEEN * float(np.clip((SEEN - correlation) / (SEEN - NOT_SEEN), 0.0, 1.0))
 
 
 def untied(correlation: float) -> float:

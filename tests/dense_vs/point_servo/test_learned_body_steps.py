@@ -166,14 +166,14 @@ def test_a_model_is_believed_by_its_tracks_and_the_motion_it_explains(learning, 
 
 @pytest.mark.parametrize(
     ("explained", "alike", "learned", "doubt"),
-    [(0.59, 0.69, False, 1), (0.6, 0.69, True, 2), (0.25, 0.7, True, 2), (0.59, 0.83, True, 2), (0.9, 0.84, True, 1)],
+    [(0.59, 0.69, False, 1), (0.6, 0.69, True, 2), (0.25, 0.7, True, 2), (0.59, 0.77, True, 1.5), (0.9, 0.84, True, 1)],
 )
 def test_a_model_that_explains_little_has_to_look_like_its_images(learning, explained, alike, learned, doubt):
-    """And places by one that looks little like them are doubted, as often as the model is brought up to date."""
+    """And places by one that looks less like them are doubted more, as often as the model is brought up to date."""
     one, _, result, _ = learning
     result.update(explained=explained, alike=alike)
     assert one.learn(POSTURE) == learned
-    assert one._place_doubt == doubt
+    assert one._place_doubt == pytest.approx(doubt)
     assert len(result["judged"]) == 150  # those that it was fitted to
     if learned:
         one.use(one.model, POSTURE)
@@ -184,13 +184,13 @@ def test_a_model_that_explains_little_has_to_look_like_its_images(learning, expl
     ("found", "taken", "fits", "doubt"),
     [
         ([(0.5, 0.84), (0.9, 0.9), (0.9, 0.9)], 0, 1, 1),  # alike: the first is taken
-        ([(0.5, 0.75), (0.509, 0.759), (0.9, 0.9)], 1, 2, 2),  # the same end again
+        ([(0.5, 0.75), (0.509, 0.759), (0.9, 0.9)], 1, 2, 1.58),  # the same end again
         ([(0.5, 0.75), (0.509, 0.761), (0.9, 0.9)], 2, 3, 1),
         ([(0.5, 0.75), (0.511, 0.751), (0.9, 0.9)], 2, 3, 1),
         ([(0.5, 0.83), (0.4, 0.95), (0.9, 0.9)], 1, 2, 1),
         ([(0.8, 0.81), (0.86, 0.83), (0.88, 0.89)], 2, 3, 1),
-        ([(0.8, 0.81), (0.7, 0.82), (0.72, 0.83)], 0, 3, 2),  # together they fell
-        ([(0.3, 0.77), (0.3, 0.78), None], 1, 3, 2),
+        ([(0.8, 0.81), (0.7, 0.82), (0.72, 0.83)], 0, 3, 1.21),  # together they fell
+        ([(0.3, 0.77), (0.3, 0.78), None], 1, 3, 1.43),
         ([None, (0.9, 0.9), (0.9, 0.9)], None, 1, 1),  # what shows no body at all is not asked again
         ([(0.2, 0.75), (0.2, 0.76), (0.2, 0.77)], None, 3, 1),
     ],
@@ -216,7 +216,7 @@ def test_a_fit_that_looks_little_like_its_images_begins_anew_elsewhere(
     assert one.learn(POSTURE) == (taken is not None) != one.sought_in_vain
     assert one.model is (None if taken is None else models[taken])
     assert result["begun"] == [(0, 40), (1, 80), (2, 80)][:fits]
-    assert one._place_doubt == doubt
+    assert one._place_doubt == pytest.approx(doubt, abs=0.005)
 
 
 def test_no_model_without_enough_images_or_joints_or_a_fit(learning):

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from dense_vs.point_servo.place_posterior import off_by_features, place_uncertainty, untied, with_look
+from dense_vs.point_servo.place_posterior import off_by_features, place_uncertainty, unseen, untied, with_look
 
 ANYWHERE = 1e6 * np.eye(2)  # px^2
 PRIOR = np.array([[0.8, 0.3], [0.3, 0.5]])
@@ -108,9 +108,9 @@ def test_a_look_counts_by_its_drift(drift, deviation):
 
 def test_how_well_a_place_is_known_by_hand():
     covariance, offset = np.array([[0.5, 0.1], [0.1, 0.3]]), np.array([0.6, -0.8])  # 1 px
-    assert place_uncertainty(covariance, np.zeros(2), True, 0.0) == pytest.approx(np.sqrt(0.09 + 0.4))
-    assert place_uncertainty(covariance, offset, True, 0.0) == pytest.approx(np.sqrt(0.09 + 0.4 + 0.81))
-    assert place_uncertainty(covariance, 2 * offset, True, 0.0) == pytest.approx(np.sqrt(0.09 + 0.4 + 4 * 0.81))
+    assert place_uncertainty(covariance, np.zeros(2), True, 0.9) == pytest.approx(np.sqrt(0.09 + 0.4))
+    assert place_uncertainty(covariance, offset, True, 0.9) == pytest.approx(np.sqrt(0.09 + 0.4 + 0.81))
+    assert place_uncertainty(covariance, 2 * offset, True, 0.9) == pytest.approx(np.sqrt(0.09 + 0.4 + 4 * 0.81))
     assert place_uncertainty(covariance, offset, False, 0.0) == pytest.approx(np.sqrt(0.09 + 0.4 + 0.81 + 1.44))
 
 
@@ -120,5 +120,14 @@ def test_how_well_a_place_is_known_by_hand():
 )
 def test_a_place_that_is_not_tied_to_its_own_image_is_known_less_the_less_it_looks_like_it(correlation, off):
     assert untied(correlation) == pytest.approx(off)
-    held, loose = (place_uncertainty(np.eye(2), np.zeros(2), tied, correlation) for tied in (True, False))
+    held, loose = (place_uncertainty(np.eye(2), np.zeros(2), *tied) for tied in ((True, 0.9), (False, correlation)))
     assert loose == pytest.approx(np.hypot(held, off))
+
+
+@pytest.mark.parametrize(
+    ("correlation", "off"), [(-1.0, 0.6), (0.4, 0.6), (0.65, 0.6), (0.7, 0.45), (0.8, 0.15), (0.85, 0.0), (1.0, 0.0)]
+)
+def test_a_place_that_features_tell_is_known_less_where_its_own_look_is_not_seen(correlation, off):
+    assert unseen(correlation) == pytest.approx(off, abs=1e-12)
+    seen, not_seen = (place_uncertainty(np.eye(2), np.zeros(2), True, at) for at in (0.9, correlation))
+    assert not_seen == pytest.approx(np.hypot(seen, off))
