@@ -133,6 +133,22 @@ def test_a_way_in_the_image_is_taken_though_it_is_farther(size, right):
     assert posture[0] == pytest.approx(0.0 if right else 2 * np.pi, abs=0.02)
 
 
+@pytest.mark.parametrize(("size", "below"), [(None, True), ((240, 320), False), ((320, 240), True)])
+def test_a_way_leaves_the_image_below_its_height(size, below):
+    """From (220, 120) to (20, 120) it is 0.1 rad less by the lower one, which goes down to row 280."""
+
+    def seen_so(postures):
+        angle = np.asarray(postures)[:, 0]
+        across, down = 120 + 100 * np.cos(angle), 160 * np.sin(angle)
+        places = np.column_stack([across, 120 + np.where(down < 0, 0.5 * down, down)])
+        return places, np.tile([0.0, 0.0, 1.0], (len(angle), 1)), np.zeros((len(angle), 0))
+
+    now, limits = np.array([0.05]), np.array([[-np.pi - 0.5, np.pi + 0.5]])
+    target, view = np.array([20.0, 120.0]), np.array([0.0, 0.0, 1.0])
+    posture = planned_posture(seen_so, view, target, now, limits, fixed=FREE[:1], size=size)
+    assert posture[0] == pytest.approx(np.pi if below else -np.pi, abs=0.02)
+
+
 def test_a_joint_with_no_room_between_its_limits_stays():
     limits = LIMITS.copy()
     limits[2] = 0.03, 0.03

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from dense_vs.body_model.chain import Chain
+from dense_vs.point_servo import point_on_link
 from dense_vs.point_servo.body_features import BodyFeatures, FeatureState, Keyframe
 from dense_vs.point_servo.place_errors import PlaceErrors
 from dense_vs.point_servo.point_depth import PointDepth, witnessed
@@ -142,6 +143,15 @@ def test_a_posture_is_planned_by_how_well_the_model_knows_each_joint():
         assert posture[1 - bad] > 0.3
 
 
+def test_a_way_is_planned_in_the_image_that_the_camera_has(monkeypatch):
+    """Of 240 rows and 320 columns, about the place that is 159.5 px to the right and 119.5 px down."""
+    point, asked = placed(features_at([]), (0, 1.7)), {}
+    monkeypatch.setattr(point_on_link, "planned_posture", lambda *args, **options: asked.update(options))
+    assert point.posture_for(PIXEL, np.zeros(1), np.array([[-1.0, 1.0]]), held=np.zeros(1, bool)) is None
+    assert asked["size"] == (240, 320)
+    np.testing.assert_array_equal(asked["home"], np.zeros(1))
+
+
 @pytest.mark.parametrize("turned", [0.0, 0.4])
 def test_what_features_were_off_where_the_point_was_defined_is_known_and_turns_with_the_link(turned):
     """The chain has all features 3 px left of and 1 px below where they were seen: so does it not have the point."""
@@ -196,6 +206,11 @@ def test_the_chain_s_place_is_known_half_as_well_as_its_lines_and_to_half_a_pixe
             np.testing.assert_allclose(point.covariance(q), 4 * by_lines.T @ by_lines + 0.25 * np.eye(2))
             features.chain = features.chain.moved(0.02 * random.normal(size=(1, 4)))
             features.focal *= 1.01
+        before = point.covariance(q)
+        point.depth = PointDepth(1.3 * point.depth.depth, point.depth.deviation)
+        assert not np.allclose(point.covariance(q), before)
+        by_lines = PlaceErrors(features, PIXEL, np.zeros(1), point.depth, surface, 0)(q[None])[0, :-1]
+        np.testing.assert_allclose(point.covariance(q), 4 * by_lines.T @ by_lines + 0.25 * np.eye(2))
     np.testing.assert_allclose(point.covariance(np.zeros(1)), 0.25 * np.eye(2), atol=1e-9)  # where it was defined
 
 

@@ -270,6 +270,17 @@ def test_a_link_that_is_unseen_for_long_is_gone(unseen, gone):
     assert Reaching(Loop(tracker=point_tracker(lost=gone)), Arrival(), 1)._gone() == gone
 
 
+def test_a_link_that_is_seen_again_is_not_looked_for_any_more():
+    tracker, _ = body_tracker()
+    tracker.unseen = 60
+    loop = Loop(away=8.0, tracker=tracker)
+    loop.memory = SimpleNamespace(positions=np.zeros(2))
+    loop.find_again = lambda: setattr(tracker, "unseen", 0) or True
+    reach = Reaching(loop, Arrival(), 100).run()
+    assert reach.end is ReachEnd.REACHED
+    assert loop.steps[1:] == ["servo"] * (reach.frames - 1)
+
+
 def unseen_from(loop, tracker, frame, to=10_000):
     """Nothing is seen of the tracker's link from one frame on to another."""
     usual = loop.step

@@ -138,7 +138,9 @@ def regaining(monkeypatch, numbers, places):
 
 def test_features_of_its_own_image_that_are_gone_are_sought_and_taken(monkeypatch):
     tracker, asked = regaining(monkeypatch, [1], [[30, 31]])
-    directions = tracker._regain(GRAY, np.array([0.7]), directions_of(tracker))
+    monkeypatch.setattr(body_tracker, "direction_weights", lambda gray, places: places[:, :, None] * np.eye(2))
+    before = directions_of(tracker)
+    directions = tracker._regain(GRAY, np.array([0.7]), before)
     ((gone, defined_at, gray, q, offset),) = asked
     assert gone == [1]  # not the point, nor one in sight, of another link or not known
     assert gray is GRAY
@@ -146,7 +148,7 @@ def test_features_of_its_own_image_that_are_gone_are_sought_and_taken(monkeypatc
     np.testing.assert_array_equal(tracker._live, [4, 5, 1])
     np.testing.assert_array_equal(tracker._places, [[10, 10], [20, 20], [30, 31]])
     np.testing.assert_array_equal(tracker._sure, [1, 5])
-    np.testing.assert_array_equal(directions, directions_of(tracker))
+    np.testing.assert_array_equal(directions, [*before, np.diag([30, 31])])
 
 
 def test_where_none_is_seen_again_nothing_changes(monkeypatch):
