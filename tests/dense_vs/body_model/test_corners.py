@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from dense_vs.body_model.chain import Chain
+from dense_vs.body_model.chain import BACKGROUND, Chain
 from dense_vs.body_model.corners import (
     APART,
     INSIDE,
@@ -82,6 +82,36 @@ def test_where_depths_jump_within_a_link_there_are_none(fit):
         noise = np.random.default_rng(seed).integers(0, 255, SIZE).astype(np.uint8)
         rows = np.abs(corners_on(one, surface, drawn, noise, HOME).places[:, 1] - 59.5)
         assert rows.min() > INSIDE
+
+
+def test_single_pixels_of_what_is_behind_are_no_outline(fit):
+    """Every third one of the nearer rectangle is here, so that all others are next to one of these."""
+    y, x = np.mgrid[: SIZE[0], : SIZE[1]]
+    holes = (y[NEARER] % 3 == 0) & (x[NEARER] % 3 == 1)
+    links = fit.links.copy()
+    links[: holes.size][holes.ravel()] = BACKGROUND
+    surface, drawn = surface_and_drawing(replace(fit, links=links))
+    image = np.full(SIZE, 90, np.uint8)
+    image[NEARER] = NOISE[NEARER]
+    corners = corners_on(fit, surface, drawn, image, HOME)
+    assert len(corners.links) >= LEAST_IN_ONE / 2
+    assert not corners.links.any()
+
+
+@pytest.mark.parametrize("side", [np.s_[:2], np.s_[-2:], np.s_[:, :2], np.s_[:, -2:]])
+def test_a_strip_along_the_image_s_border_is_all_outline(fit, side):
+    """However strong its corners are, those elsewhere are the same as without it."""
+    image = (100 + NOISE % 8).astype(np.uint8)
+    image[side] = np.where(NOISE[side] > 127, 255, 0)
+    alone = corners_on(fit, *surface_and_drawing(fit), image, HOME)
+    y, x = np.mgrid[: SIZE[0], : SIZE[1]]
+    strip = np.column_stack([(x[side].ravel() - CENTER[0]) / FOCAL, (y[side].ravel() - CENTER[1]) / FOCAL])
+    points = np.vstack([fit.state.points, np.column_stack([strip, np.ones(len(strip))])])
+    links = np.append(fit.links, np.zeros(len(strip), int))
+    wider = replace(fit, state=replace(fit.state, points=points), links=links)
+    corners = corners_on(wider, *surface_and_drawing(wider), image, HOME)
+    assert len(alone.places) >= LEAST_IN_ONE / 2
+    np.testing.assert_array_equal(corners.places, alone.places)
 
 
 def test_a_bent_lens_is_taken_out(fit):
