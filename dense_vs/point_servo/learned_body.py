@@ -305,7 +305,7 @@ class LearnedBody:
 
 def doubt_of(alike: float) -> float:
     """Times that places are not known by a body of some likeness: 1 from :data:`ALIKE` on, more below."""
-    return 1.0 + (DOUBT - 1.0) * float(np.clip((ALIKE - alike) / (ALIKE - LEAST_ALIKE), 0.0, 1.0))
+    return float(np.interp(alike, (LEAST_ALIKE, ALIKE), (DOUBT, 1.0)))
 
 
 def check_body(model: Any, expected: str = "a BodyModel") -> BodyModel:

@@ -99,7 +99,7 @@ def place_uncertainty(covariance: np.ndarray, offset: np.ndarray, held: bool, co
 
 def unseen(correlation: float) -> float:
     """Standard deviation of a place that features tell [px], by its look's correlation: both should be seen there."""
-    return UNSEEN * float(np.clip((SEEN - correlation) / (SEEN - NOT_SEEN), 0.0, 1.0))
+    return float(np.interp(correlation, (NOT_SEEN, SEEN), (UNSEEN, 0.0)))
 
 
 def untied(correlation: float) -> float:
