@@ -26,7 +26,7 @@ LEAST_PIXELS = 60  # of the same surface, for others to be left out
 LEAST_TURNED = 200  # of them, to be seen with any turn and shear: with 140 one in four other surfaces looked the same
 LEAST_ALIGNED = 0.85  # correlation from which the chain is right about that
 SHIFT = 2  # px, by which a look is compared with itself
-LEAST_CONTRAST = 1e-3  # of gray values; with less there is nothing to be seen
+LEAST_CONTRAST = 1.0  # of gray values; with less there is nothing to be seen but rounding, which looks like anything
 LIKE = 0.8  # correlation from which the look is seen turned as the chain says
 LEAST_SCALE, MOST_SCALE = 0.4, 2.5  # by which the look may have shrunk or grown in any direction
 MIDDLE = 11  # px, side of the look's middle; of 65 ends 5 more are known by it than by 25 px alone
@@ -104,7 +104,7 @@ class PointLook:
         )
         contrast = np.sqrt(np.maximum(square - mean**2, 0))
         largest = self._contrast * np.maximum(contrast, LEAST_CONTRAST)  # of a look that is not plain
-        return (both / largest).ravel()  # the look's weighted mean is 0
+        return np.clip(both / largest, -1.0, 1.0).ravel()  # the look's weighted mean is 0
 
     def drift(self, correlation: float) -> float:
         """Standard deviation [px] of a place that is seen with such a correlation.
@@ -155,7 +155,7 @@ class PointLook:
         found, correlation = self.found(gray, expected, affine, covariance)
         if correlation >= LIKE:
             return Sighting(found, correlation, self.drift(correlation), True)
-        if self.pixels >= LEAST_TURNED:
+        if self.pixels >= LEAST_TURNED and self._contrast >= LEAST_CONTRAST:
             other, alike = self.turned(gray, expected, affine)
             if alike > 0:
                 return Sighting(other, alike, self.drift(alike), False)

@@ -93,6 +93,27 @@ def test_a_plain_surface_has_no_look():
     assert abs(PointLook(texture(), POINT, None, WINDOW).found(plain, POINT, np.eye(2), WIDE)[1]) < 0.1
 
 
+@pytest.mark.parametrize("window", [25, 11])
+def test_a_surface_that_is_plain_but_for_rounding_has_no_look(window):
+    """A gray level's step was taken for any other one, with correlations above 1."""
+    gray, later = np.full((2, *SIZE[::-1]), 90, np.uint8)
+    gray[:, 62:] = 91
+    later[:40], later[:, 90:], later[60, 66], later[55, 55:58] = 200, 10, 91, 91
+    look = PointLook(gray, POINT, None, window)
+    seen = look.seen(later, POINT + 2.0, np.eye(2), WIDE)
+    assert seen.correlation == -1
+    np.testing.assert_array_equal(seen.place, POINT + 2.0)
+
+
+def test_a_place_that_is_plain_but_for_rounding_is_not_like_a_look():
+    gray = texture()
+    later = np.full_like(gray, 90)
+    later[:, :35] = 220
+    later[50, 64] = 91
+    _, correlation = PointLook(gray, POINT, None, 11).found(later, POINT + 2.0, np.eye(2), WIDE)
+    assert abs(correlation) < 0.2
+
+
 def test_where_only_the_middle_is_of_the_same_plane_it_is_seen_by_that():
     """Around 15 px of the surface that the point is on lies another, which is elsewhere by now."""
     gray, there = texture(), POINT + np.array([2.0, 1.0])
