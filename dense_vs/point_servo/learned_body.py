@@ -22,7 +22,7 @@ from dense_vs.pipeline.frame_pipeline import FramePipeline, ProcessedFrame
 from dense_vs.point_servo.body_tracker import BodyTracker
 from dense_vs.point_servo.body_watch import BodyWatch
 from dense_vs.point_servo.point_link import link_of_point
-from dense_vs.point_servo.same_surface import same_surface
+from dense_vs.point_servo.same_surface import own_part, same_surface
 from dense_vs.point_servo.surface_place import BESIDE, surface_at
 from dense_vs.robot.joint_group import JointGroup
 
@@ -293,11 +293,13 @@ class LearnedBody:
         surface = surface_at(seen, point, model.precision)
         link = link_of_point(model, self._pipeline.estimator.at(point)[0], frame.positions, point, surface)
         near = cv2.dilate(seen.body.astype(np.uint8), np.ones((2 * BESIDE + 1,) * 2, np.uint8)) > 0
+        same = same_surface(self._pipeline.estimator, point)
+        same = None if same is None else own_part(same, seen.body, point, window)
         known = None if model.precision is None else model.precision.information
         tracker = BodyTracker(
             model.chain, model.focal_length, np.asarray(model.center), model.learned, thinned(history, LOOKED_BACK),
             point, near, information=known, bend=model.lens.bend, link=link, trace=model.trace,
-            surface=surface, same=same_surface(self._pipeline.estimator, point), window=window, lost_after=lost_after,
+            surface=surface, same=same, window=window, lost_after=lost_after,
             doubt=self._place_doubt,
         )  # fmt: skip
         return tracker if tracker.known else None

@@ -28,6 +28,7 @@ LEAST_ALIGNED = 0.85  # correlation from which the chain is right about that
 SHIFT = 2  # px, by which a look is compared with itself
 LEAST_CONTRAST = 1.0  # of gray values; with less there is nothing to be seen but rounding, which looks like anything
 LIKE = 0.8  # correlation from which the look is seen turned as the chain says
+LEAST_DISTINCTNESS = 1e-3
 LEAST_SCALE, MOST_SCALE = 0.4, 2.5  # by which the look may have shrunk or grown in any direction
 MIDDLE = 11  # px, side of the look's middle; of 65 ends 5 more are known by it than by 25 px alone
 LEAST_MIDDLE = 0.85  # correlation from which that is seen: it is less distinct
@@ -82,6 +83,7 @@ class PointLook:
         self._weights, self._weighted = weights.astype(np.float32), (weights * look).astype(np.float32)
         self._contrast = float(np.sqrt(np.sum(weights * look**2)))
         self.distinctness = self._distinctness(gray, np.asarray(point, dtype=np.float64))
+        self._looser = max(1.0, self.distinctness / max(self._turned_distinctness(gray, point), LEAST_DISTINCTNESS))
         self.middle = PointLook(gray, point, same, MIDDLE) if window > MIDDLE else None
 
     def _distinctness(self, gray: np.ndarray, point: np.ndarray) -> float:
@@ -94,6 +96,25 @@ class PointLook:
         y, x = np.divmod(np.arange(side * side), side)
         around = np.hypot(x - SHIFT, y - SHIFT).round() == SHIFT
         return max(0.0, 1 - float(correlation[around].max()))
+
+    def _turned_distinctness(self, gray: np.ndarray, point: np.ndarray) -> float:
+        """The same by its gradients, once whatever turn and shear the shift is most like has been taken back.
+
+        Gray values that hardly do more than rise across a look are the same after a shift and a little shear.
+        """
+        inside = np.s_[SHIFT:-SHIFT, SHIFT:-SHIFT]
+        whole = _blurred(_sampled(gray, point, np.eye(2), self._half + SHIFT))
+        down, across = (part[inside] for part in np.gradient(whole))
+        look, steps = whole[inside], np.arange(-self._half, self._half + 1) / self._half
+        y, x = steps[:, None], steps
+        weights = np.sqrt(np.where(self._weights > 0, 1.0, 0.0).ravel())[:, None]  # all alike, as in an alignment
+        told = np.stack([part.ravel() for part in (across, down)], axis=1) * weights
+        other = (np.ones_like(look), look, across * x, across * y, down * x, down * y)
+        free = np.stack([part.ravel() for part in other], axis=1) * weights
+        left = told - free @ np.linalg.lstsq(free, told, rcond=1e-9)[0]
+        spread = free[:, 1] - weights[:, 0] * (free[:, 1].sum() / weights.sum())
+        lost = np.linalg.eigvalsh(left.T @ left)[0] / max(float(spread @ spread), 1e-12)
+        return 0.5 * SHIFT**2 * float(lost)
 
     def _correlations(self, whole: np.ndarray) -> np.ndarray:
         """Correlation of the look with each of the ``S * S`` patches of its size in a larger one, row by row."""
@@ -112,7 +133,7 @@ class PointLook:
         Near its peak correlation falls with the square of the shift, so what it lacks of 1 tells how far away the peak
         may be; more where the look hardly changes along some direction, as along an edge.
         """
-        return SHIFT * float(np.sqrt(max(1 - correlation, 0.0) / max(self.distinctness, 1e-3)))
+        return SHIFT * float(np.sqrt(max(1 - correlation, 0.0) / max(self.distinctness, LEAST_DISTINCTNESS)))
 
     def found(
         self, gray: np.ndarray, expected: np.ndarray, affine: np.ndarray, covariance: np.ndarray
@@ -145,7 +166,7 @@ class PointLook:
         if correlation[best] < LEAST_ALIGNED:
             return place, float(correlation[best])
         found, alike = self.turned(gray, place, affine, ALIGNED)
-        return (found, max(alike, float(correlation[best]))) if alike > 0 else (place, float(correlation[best]))
+        return (found, alike) if alike > correlation[best] else (place, float(correlation[best]))
 
     def seen(self, gray: np.ndarray, expected: np.ndarray, affine: np.ndarray, covariance: np.ndarray) -> Sighting:
         """As :meth:`found`, or else turned otherwise, or else its middle alone.
@@ -155,9 +176,9 @@ class PointLook:
         found, correlation = self.found(gray, expected, affine, covariance)
         if correlation >= LIKE:
             return Sighting(found, correlation, self.drift(correlation), True)
-        if self.pixels >= LEAST_TURNED and self._contrast >= LEAST_CONTRAST:
+        if self.pixels >= LEAST_TURNED:
             other, alike = self.turned(gray, expected, affine)
-            if alike > 0:
+            if alike > max(correlation, 0.0):
                 return Sighting(other, alike, self.drift(alike), False)
         if self.middle is not None:
             place, alike = self.middle.found(gray, expected, affine, covariance)
@@ -170,6 +191,8 @@ class PointLook:
     ) -> tuple[np.ndarray, float]:
         """Where the look is seen with every turn and shear allowed, and its correlation; -1 unless that is sure.
 
+        The correlation is that by a shift alone that would tell its place as well.
+
         Args:
             gray: uint8 ``(H, W)``.
             place: ``(2,)`` [px] and affine ``(2, 2)``: what to begin with.
@@ -177,8 +200,8 @@ class PointLook:
             most: px that it may be away from there.
         """
         found, _, alike = self._patches.align(self._pixels, gray, place[None], affine[None])
-        sure = alike[0] > SURE and np.linalg.norm(found[0] - place) < most
-        return (found[0], float(alike[0])) if sure else (place, -1.0)
+        sure = alike[0] > SURE and np.linalg.norm(found[0] - place) < most and self._contrast >= LEAST_CONTRAST
+        return (found[0], max(1 - self._looser * (1 - float(alike[0])), 0.0)) if sure else (place, -1.0)
 
 
 def _sampled(gray: np.ndarray, place: np.ndarray, affine: np.ndarray, half: int) -> np.ndarray:

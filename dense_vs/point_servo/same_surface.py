@@ -1,7 +1,7 @@
 """Which pixels move as a point does: those whose J is like its own, as they belong to the same part of the body.
 
-J is smooth, so beside an outline it is like the body's on what is not the body. Where a patch is followed alone, the
-labels leave that out: half a patch of something that stands in front holds the other half back.
+J is smooth, so beside an outline it is like the body's on what is not the body. Labels leave that out, or the body of a
+model that is known: half a patch of something that stands in front holds the other half back.
 """
 
 from typing import Any
@@ -41,8 +41,20 @@ def patch_weights(pipeline: FramePipeline, point: np.ndarray, window: int) -> np
     same = same_surface(pipeline.estimator, point)
     if same is None or pipeline.body is None:
         return same
+    return own_part(same, pipeline.labels(), point, window)
+
+
+def own_part(same: np.ndarray, own: np.ndarray, point: np.ndarray, window: int) -> np.ndarray:
+    """Pixels ``(H, W)`` that move as a point does and are the robot's own, where enough about it are known to be.
+
+    Args:
+        same: of :func:`same_surface`.
+        own: bool ``(H, W)``, the robot's own as far as is known.
+        point: ``(2,)`` [px].
+        window: side of the patch about it [px].
+    """
     x, y = np.clip(np.rint(point), 0, (same.shape[1] - 1, same.shape[0] - 1)).astype(int)
     half = window // 2
     patch = np.s_[max(y - half, 0) : y + half + 1, max(x - half, 0) : x + half + 1]
-    both = same & pipeline.labels()
+    both = same & own
     return both if both[patch].sum() >= LEAST_OWN * window**2 else same

@@ -268,7 +268,9 @@ def test_a_point_is_followed_on_the_model_s_outline_and_two_pixels_beside(
         return SimpleNamespace(known=known)
 
     monkeypatch.setattr(learned_body, "BodyTracker", tracker)
-    monkeypatch.setattr(learned_body, "same_surface", lambda estimator, point: ("same", tuple(point)))
+    like = ("same", (12.0, 9.0)) if known else None
+    monkeypatch.setattr(learned_body, "same_surface", lambda estimator, point: like)
+    monkeypatch.setattr(learned_body, "own_part", lambda *given: given)
     monkeypatch.setattr(learned_body, "link_of_point", lambda *given: given)
     one = body()
     one._pipeline.estimator.at = lambda place: [("J at", tuple(place))]
@@ -293,7 +295,7 @@ def test_a_point_is_followed_on_the_model_s_outline_and_two_pixels_beside(
     expected = np.zeros((20, 30), bool)
     expected[6:14, 8:17] = True
     np.testing.assert_array_equal(near, expected)
-    same = ("same", (12.0, 9.0))
+    same = (like, outline, point, 21) if known else None
     used, J, q, place, surface = options.pop("link")
     assert (used, J, q is now.positions, place is point) == (one.model, ("J at", (12.0, 9.0)), True, True)
     assert surface is options["surface"]

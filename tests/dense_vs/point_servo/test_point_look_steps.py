@@ -6,6 +6,7 @@ import cv2
 import numpy as np
 import pytest
 from scipy.ndimage import gaussian_filter
+from scipy.optimize import minimize
 
 from dense_vs.point_servo.point_look import PointLook, _peak, _sampled, _scales, _steps
 
@@ -184,19 +185,63 @@ def test_where_a_look_can_be_seen(expected, affine, seen):
 
 
 @pytest.mark.parametrize(("level", "asked"), [(0.0, True), (150.0, False)])
-def test_only_a_place_that_is_alike_is_aligned(level, asked):
-    """Noise that takes correlation below 0.85 leaves the place as the search has it."""
+@pytest.mark.parametrize(("told", "better"), [(0.5, False), (1.0, True)])
+def test_only_a_place_that_is_alike_is_aligned(level, asked, told, better):
+    """Noise that takes correlation below 0.85 leaves the place as the search has it, as does one that says no more."""
     gray = texture(6)
     look = PointLook(gray, POINT, None, 17)
     calls = []
-    look.turned = lambda one, place, affine, most: calls.append(most) or (place + 0.25, 0.5)
-    later = np.clip(gray + np.random.default_rng(0).normal(0, level, SIZE), 0, 255).astype(np.uint8)
+    look.turned = lambda one, place, affine, most: calls.append(most) or (place + 0.25, told)
+    later = np.clip(gray + np.random.default_rng(0).normal(0, 4 + level, SIZE), 0, 255).astype(np.uint8)
     plain = still(PointLook(gray, POINT, None, 17)).found(later, POINT, np.eye(2), np.eye(2))
     place, alike = look.found(later, POINT, np.eye(2), np.eye(2))
     assert calls == [1.0] * asked
-    np.testing.assert_allclose(place, plain[0] + 0.25 * asked)
-    assert alike == plain[1]  # the better one
+    np.testing.assert_allclose(place, plain[0] + 0.25 * (asked and better))
+    assert alike == (1.0 if asked and better else plain[1])
     assert (alike >= 0.85) == asked
+
+
+def loss_of_a_turned_shift(gray, half, angle):
+    """What correlation lacks after a shift by 2 px, once turn and shear have made up for it as far as they can."""
+    y, x = np.mgrid[-half : half + 1, -half : half + 1].astype(float)
+    smooth = cv2.GaussianBlur(gray.astype(np.float32), (0, 0), 0.8)
+    here, even = smooth[50 - half : 51 + half, 60 - half : 61 + half].astype(float), np.full(x.shape, 1 / x.size)
+
+    def lost(map_):
+        (a, b), (c, d) = map_.reshape(2, 2) / half
+        at = 60 + 2 * np.cos(angle) + x + a * x + b * y, 50 + 2 * np.sin(angle) + y + c * x + d * y
+        seen = cv2.remap(smooth, *(part.astype(np.float32) for part in at), cv2.INTER_CUBIC)
+        return 1 - correlation(even, here, seen.astype(float))
+
+    return minimize(lost, np.zeros(4), method="Nelder-Mead", options={"xatol": 1e-3, "fatol": 1e-7}).fun
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_how_distinct_a_look_is_that_may_turn_and_shear(seed):
+    """By its gradients, so to a third of what a search finds, as two pixels are no small shift."""
+    gray = texture(seed, 5.0)
+    look = PointLook(gray, POINT, None, 17)
+    least = min(loss_of_a_turned_shift(gray, 8, angle) for angle in np.linspace(0, np.pi, 12, endpoint=False))
+    turned = look._turned_distinctness(gray, POINT)
+    assert turned == pytest.approx(least, rel=0.35)
+    assert look._looser == pytest.approx(max(1.0, look.distinctness / turned))
+
+
+def test_an_alignment_of_a_round_surface_s_shade_tells_little():
+    """A shift of it is like a turn and shear, so 0.99 by an alignment is no more than chance."""
+    y, x = np.mgrid[: SIZE[0], : SIZE[1]]
+    rich = texture(1)
+    dome = np.clip(220 - 0.5 * ((x - 65) ** 2 + (y - 46) ** 2) + 0.02 * (rich - 128.0), 0, 255).astype(np.uint8)
+    noise = np.random.default_rng(0).normal(0, 12, SIZE)
+    for gray, loose in ((dome, True), (rich, False)):
+        look = PointLook(gray, POINT, None, 17)
+        look._patches = SimpleNamespace(align=lambda _, one, places, maps: (places + 0.5, maps, np.array([0.99])))
+        later = np.clip(gray + noise, 0, 255).astype(np.uint8)
+        place, alike = look.found(later, POINT, np.eye(2), np.eye(2))
+        still_place, still_alike = still(PointLook(gray, POINT, None, 17)).found(later, POINT, np.eye(2), np.eye(2))
+        assert (look._looser > 4) == loose
+        assert alike == (still_alike if loose else pytest.approx(1 - 0.01 * look._looser))
+        np.testing.assert_allclose(place, still_place + (0.0 if loose else 0.5))
 
 
 @pytest.mark.parametrize(
@@ -210,7 +255,8 @@ def test_a_turned_look_counts_where_it_is_sure_and_near(alike, away, most, sure)
     look._patches = SimpleNamespace(align=lambda *given: (moved[None], None, np.array([alike])))
     place, told = look.turned(texture(), POINT, np.eye(2), most)
     np.testing.assert_allclose(place, moved if sure else POINT)
-    assert told == pytest.approx(alike if sure else -1.0)
+    assert look._looser > 1.1
+    assert told == pytest.approx(1 - look._looser * (1 - alike) if sure else -1.0)
     if most == 3.0:  # which it is where none is given
         assert look.turned(texture(), POINT, np.eye(2))[1] == told
 
