@@ -258,7 +258,7 @@ def test_uncertainty_is_of_what_the_tracker_knows():
 
 @pytest.mark.parametrize(
     ("unseen", "uncertainty", "certain", "lost"),
-    [(0, 0.65, True, False), (0, 0.66, False, False), (1, 0.1, False, False), (4, 0.1, False, False),
+    [(0, 0.8, True, False), (0, 0.81, False, False), (1, 0.1, False, False), (4, 0.1, False, False),
      (5, 0.1, False, True), (6, 9.0, False, True)],
 )  # fmt: skip
 def test_certain_and_lost(unseen, uncertainty, certain, lost):
@@ -269,7 +269,7 @@ def test_certain_and_lost(unseen, uncertainty, certain, lost):
     assert tracker.lost.tolist() == [lost]
 
 
-@pytest.mark.parametrize(("tolerance", "most"), [(0.2, 0.65), (1.0, 0.65), (2.0, 1.3), (10.0, 6.5)])
+@pytest.mark.parametrize(("tolerance", "most"), [(0.2, 0.8), (1.0, 0.8), (2.0, 1.6), (10.0, 8.0)])
 def test_a_place_has_to_be_known_as_well_as_a_tolerance_of_at_least_a_pixel_asks_for(tolerance, most):
     for uncertainty, certain in ((most - 1e-9, True), (most + 1e-9, False)):
         tracker = bare(Features(np.zeros((1, 2)), np.zeros((1, 2))), uncertainty=0.02, lately=[uncertainty] * 9)
@@ -278,7 +278,7 @@ def test_a_place_has_to_be_known_as_well_as_a_tolerance_of_at_least_a_pixel_asks
         assert not tracker.certain(tolerance)
 
 
-@pytest.mark.parametrize(("now", "certain"), [(1.3, True), (1.31, False), (np.inf, False)])
+@pytest.mark.parametrize(("now", "certain"), [(1.6, True), (1.61, False), (np.inf, False)])
 def test_a_place_that_an_image_shows_much_worse_than_usual_is_not_certain(now, certain):
     """In the same image, not once the middle of the last nine has followed."""
     lately = [0.5] * 8 + [now]
