@@ -44,6 +44,7 @@ NEAR = 0.45  # rad, m, of a joint from the middle of the motion, where images ha
 WELL_EXPLAINED, SHOWN = 0.6, 24  # share of the motion by which it is believed whatever it looks like; patches that tell
 ALIKE = 0.84  # correlation below which it is fitted anew, and else doubted; right ones have more
 TRIES, DOUBT = 3, 2.0  # fits then, the later ones with twice the starts; times that places are not known at LEAST_ALIKE
+BARE = 2.0  # times the same, where a body has no surface at the point: by 15 ends of three views of a Fetch's gripper
 SAME_END = 0.01  # difference in both by which two fits have come to the same, where a third would come to as well
 MOST_ERROR = 1.0  # px, median distance of its tracks from it; blur, noise and a rolling shutter make up to 0.8
 
@@ -300,7 +301,7 @@ class LearnedBody:
             model.chain, model.focal_length, np.asarray(model.center), model.learned, thinned(history, LOOKED_BACK),
             point, near, information=known, bend=model.lens.bend, link=link, trace=model.trace,
             surface=surface, same=same, window=window, lost_after=lost_after,
-            doubt=self._place_doubt,
+            doubt=self._place_doubt * (BARE if surface is None else 1.0),
         )  # fmt: skip
         return tracker if tracker.known else None
 

@@ -309,6 +309,25 @@ def test_a_point_is_followed_on_the_model_s_outline_and_two_pixels_beside(
     assert len(asked[1][0][4]) == 1  # the present image alone
 
 
+@pytest.mark.parametrize(("column", "doubt"), [(12, 1.5), (25, 3.0)])
+def test_a_place_is_known_half_as_well_where_the_body_has_no_surface(monkeypatch, drawn, column, doubt):
+    outline = np.zeros((20, 30), bool)
+    outline[8:12, 10:15] = True
+    seen = SimpleNamespace(body=outline, links=np.where(outline, 1, -1), depths=np.where(outline, 2.5, np.inf))
+    asked = []
+    known = SimpleNamespace(known=True)
+    monkeypatch.setattr(learned_body, "BodyTracker", lambda *given, **options: asked.append(options) or known)
+    monkeypatch.setattr(learned_body, "same_surface", lambda estimator, point: None)
+    monkeypatch.setattr(learned_body, "link_of_point", lambda *given: 1)
+    one = body()
+    one._pipeline.estimator.at = lambda place: [0]
+    one.use(model(chain="chain", focal_length=300.0, center=(15.0, 10.0), lens=SimpleNamespace(bend=0.0), learned="all",
+                  image=lambda q: seen, trace="trace", precision=None), None, doubt=1.5)  # fmt: skip
+    assert one.tracker(np.array([column, 9.0]), frame(gray(9)), window=21, lost_after=7) is known
+    assert (asked[0]["surface"] is None) == (column == 25)
+    assert asked[0]["doubt"] == doubt
+
+
 def test_the_share_explained_is_of_absolute_motion_where_the_model_expects_some():
     expected = np.zeros((2, 3, 2))
     expected[0] = [[3.0, 4.0], [0.6, 0.0], [0.4, 0.0]]  # the last moves too little to count
