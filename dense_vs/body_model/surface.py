@@ -40,7 +40,7 @@ class SurfaceOptions:
         same_depth: share of its depth by which two keyframes' points of one place may differ.
     """
 
-    keyframes: int = 9
+    keyframes: int = 21
     compared: int = 10
     reach: int = 40
     depth_steps: int = 12
