@@ -11,7 +11,7 @@ import numpy as np
 from dense_vs.body_model.chain import BACKGROUND
 from dense_vs.body_model.link_sweep import Hypotheses
 
-RADIUS, SMOOTHNESS = 5, 30.0  # px and gray levels^2, of the guided filter
+RADIUS, SMOOTHNESS = 8, 30.0  # px and gray levels^2, of the guided filter
 DEPTH_PRICE, LINK_PRICE = 0.5, 4.0  # gray levels
 BODY_PRICE = 0.2  # gray levels by which a link must explain a pixel better than rest does
 EDGE = 12.0  # gray levels, at which the price of a change of link has fallen to 1 / e

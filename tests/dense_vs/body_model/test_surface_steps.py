@@ -181,7 +181,7 @@ def test_the_surface_is_of_all_keyframes(monkeypatch):
     joints = np.random.default_rng(1).uniform(-0.1, 0.1, (12, 2))
     images = [np.zeros((H, W), np.uint8)] * 12
     found = find_surface(chain(), FOCAL, CENTER, images, joints, np.ones((H, W), bool), None)
-    assert asked == [(12, 3), 2, 5, 9, (12, 9), 2, 5, 9]  # for the background first
+    assert asked == [(12, 3), 2, 5, 9, (12, 21), 2, 5, 9]  # for the background first
     parts = [
         _vote(chain(), FOCAL, CENTER, images, joints, view, list(all_views.values()), 0.08)
         for view in all_views.values()
@@ -193,7 +193,7 @@ def test_the_surface_is_of_all_keyframes(monkeypatch):
 
 def test_defaults_and_keyframes_that_are_spread_over_the_images():
     options = SurfaceOptions()
-    assert (options.keyframes, options.compared, options.reach) == (9, 10, 40)
+    assert (options.keyframes, options.compared, options.reach) == (21, 10, 40)
     assert (options.depth_steps, options.same_depth) == (12, 0.08)
     assert keyframe_indices(13, 5).tolist() == [2, 4, 6, 8, 10]
     assert keyframe_indices(3, 1).tolist() == [1]
