@@ -28,7 +28,7 @@ LEAST_ALIGNED = 0.85  # correlation from which the chain is right about that
 SHIFT = 2  # px, by which a look is compared with itself
 LEAST_CONTRAST = 1.0  # of gray values; with less there is nothing to be seen but rounding, which looks like anything
 LIKE = 0.8  # correlation from which the look is seen turned as the chain says
-LEAST_DISTINCTNESS = 1e-3
+LEAST_DISTINCTNESS = 1e-3  # of correlation, that counts as lost by a shift where less is
 LEAST_SCALE, MOST_SCALE = 0.4, 2.5  # by which the look may have shrunk or grown in any direction
 MIDDLE = 11  # px, side of the look's middle; of 65 ends 5 more are known by it than by 25 px alone
 LEAST_MIDDLE = 0.85  # correlation from which that is seen: it is less distinct
@@ -79,35 +79,38 @@ class PointLook:
         self.pixels = np.count_nonzero(self._pixels[0, :, 1])
         weights /= weights.sum()
         look = _blurred(_sampled(gray, point, np.eye(2), half))
+        around = _blurred(_sampled(gray, point, np.eye(2), half + SHIFT))
         look = look - np.sum(weights * look)
         self._weights, self._weighted = weights.astype(np.float32), (weights * look).astype(np.float32)
         self._contrast = float(np.sqrt(np.sum(weights * look**2)))
-        self.distinctness = self._distinctness(gray, np.asarray(point, dtype=np.float64))
-        self._looser = max(1.0, self.distinctness / max(self._turned_distinctness(gray, point), LEAST_DISTINCTNESS))
+        self.distinctness = self._distinctness(around)
+        self._looser = max(1.0, self.distinctness / max(self._turned_distinctness(around), LEAST_DISTINCTNESS))
         self.middle = PointLook(gray, point, same, MIDDLE) if window > MIDDLE else None
 
-    def _distinctness(self, gray: np.ndarray, point: np.ndarray) -> float:
-        """What correlation loses by a shift of :data:`SHIFT` px in the direction in which it loses least."""
+    def _distinctness(self, whole: np.ndarray) -> float:
+        """What correlation loses by a shift of :data:`SHIFT` px in the direction in which it loses least.
+
+        Args:
+            whole: gray values of the look and as far about it.
+        """
         if self._contrast < LEAST_CONTRAST:
             return 0.0
-        whole = _blurred(_sampled(gray, point, np.eye(2), self._half + SHIFT))
         side = 2 * SHIFT + 1
         correlation = self._correlations(whole)
         y, x = np.divmod(np.arange(side * side), side)
         around = np.hypot(x - SHIFT, y - SHIFT).round() == SHIFT
         return max(0.0, 1 - float(correlation[around].max()))
 
-    def _turned_distinctness(self, gray: np.ndarray, point: np.ndarray) -> float:
+    def _turned_distinctness(self, whole: np.ndarray) -> float:
         """The same by its gradients, once whatever turn and shear the shift is most like has been taken back.
 
-        Gray values that hardly do more than rise across a look are the same after a shift and a little shear.
+        The shade of a round surface is the same after a shift and a little turn and shear.
         """
         inside = np.s_[SHIFT:-SHIFT, SHIFT:-SHIFT]
-        whole = _blurred(_sampled(gray, point, np.eye(2), self._half + SHIFT))
         down, across = (part[inside] for part in np.gradient(whole))
         look, steps = whole[inside], np.arange(-self._half, self._half + 1) / self._half
         y, x = steps[:, None], steps
-        weights = np.sqrt(np.where(self._weights > 0, 1.0, 0.0).ravel())[:, None]  # all alike, as in an alignment
+        weights = (self._weights > 0).astype(np.float64).ravel()[:, None]  # all alike, as in an alignment
         told = np.stack([part.ravel() for part in (across, down)], axis=1) * weights
         other = (np.ones_like(look), look, across * x, across * y, down * x, down * y)
         free = np.stack([part.ravel() for part in other], axis=1) * weights
