@@ -11,7 +11,8 @@ from pathlib import Path
 
 import pytest
 
-from dense_vs.cli.main import _by_interrupt, build_parser, main
+from dense_vs.cli.interrupts import by_interrupt
+from dense_vs.cli.main import build_parser, main
 
 DEVICE = "--device --threads"
 IMAGES = "--geom-groups --height --width --distractor --compliance --samples --realism"
@@ -248,6 +249,63 @@ sys.exit(program.program())
     assert (done.returncode, done.stderr) == (code, "")
 
 
+@pytest.mark.parametrize(("name", "code"), [("SIGINT", 130), ("SIGTERM", 143)])
+def test_an_interrupt_that_code_discards_is_asked_again(name, code):
+    """As compiled modules do while they are imported; what waits is woken."""
+    program = f"""
+import signal, sys, threading
+import dense_vs.__main__ as program
+
+def main(imported):
+    imported()
+    try:
+        signal.raise_signal(signal.{name})
+    except BaseException:
+        pass
+    threading.Event().wait(100)
+    return 0
+
+program.main = main
+sys.exit(program.program())
+"""
+    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, timeout=50, check=False)
+    assert (done.returncode, done.stderr) == (code, "")
+
+
+def test_an_interrupt_that_is_being_answered_is_not_asked_again():
+    """Which may take a while, as files are closed and workers ended; other errors may be handled meanwhile."""
+    program = """
+import signal, sys, time
+import dense_vs.__main__ as program
+
+def slowly():
+    try:
+        yield
+    finally:
+        time.sleep(1)
+        print("closed", flush=True)
+
+def main(imported):
+    imported()
+    try:
+        for _ in slowly():
+            signal.raise_signal(signal.SIGINT)
+    finally:
+        try:
+            raise ValueError
+        except ValueError:
+            time.sleep(1)
+        time.sleep(1)
+        print("ended", flush=True)
+    return 0
+
+program.main = main
+sys.exit(program.program())
+"""
+    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, timeout=50, check=False)
+    assert (done.returncode, done.stdout, done.stderr) == (130, "closed\nended\n", "")
+
+
 def test_an_interrupt_during_imports_is_left_to_the_system():
     """Compiled modules ignore what is raised while they are imported."""
     program = """
@@ -272,5 +330,5 @@ def test_an_interrupt_that_python_wrapped_is_one():
     """As happens while a module with dataclasses is imported."""
     wrapped = RuntimeError("Error calling __set_name__")
     wrapped.__cause__ = KeyboardInterrupt()
-    assert _by_interrupt(wrapped)
-    assert not _by_interrupt(RuntimeError("of its own"))
+    assert by_interrupt(wrapped)
+    assert not by_interrupt(RuntimeError("of its own"))

@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from dense_vs.cli.commands import all_commands
+from dense_vs.cli.interrupts import by_interrupt
 from dense_vs.cli.parsing import LazyParser, from_module
 from dense_vs.errors import DenseVSError
 
@@ -90,7 +91,7 @@ def main(arguments: Sequence[str] | None = None, *, imported: Callable[[], None]
         _discard(sys.stdout)
         return READER_GONE
     except OSError as error:
-        if _by_interrupt(error):
+        if by_interrupt(error):
             _say("interrupted")
             return INTERRUPTED
         if error.errno in (errno.ENOSPC, errno.EIO, errno.EBADF) and error.filename is None:
@@ -104,7 +105,7 @@ def main(arguments: Sequence[str] | None = None, *, imported: Callable[[], None]
     except MemoryError:
         _say("the memory does not suffice; expected smaller images, fewer worlds or a shorter recording")
     except Exception as error:
-        if not _by_interrupt(error):
+        if not by_interrupt(error):
             raise
         _say("interrupted")
         return INTERRUPTED
@@ -119,12 +120,6 @@ def _run(arguments: Sequence[str] | None, imported: Callable[[], None]) -> int:
     imported()
     command.run(parsed)
     return 0
-
-
-def _by_interrupt(error: BaseException) -> bool:
-    """Whether an interrupt stands behind an error: Python wraps one that comes while a class is being made."""
-    cause = error.__cause__ or error.__context__
-    return isinstance(error, KeyboardInterrupt) or (cause is not None and _by_interrupt(cause))
 
 
 def _say(line: str) -> None:
