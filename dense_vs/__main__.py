@@ -15,7 +15,7 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # before NumPy is imported; 
 os.environ.setdefault("MUJOCO_GL", "disable")  # no OpenGL here; MuJoCo would start processes to look for it
 
 from dense_vs.cli.interrupts import Interrupts  # noqa: E402 - what stands above has to be done before
-from dense_vs.cli.main import INTERRUPTED, main  # noqa: E402 - as above
+from dense_vs.cli.main import INTERRUPTED, main  # noqa: E402 - what stands above has to be done before
 
 
 def program() -> int:

@@ -20,11 +20,12 @@ class Interrupts:
     def __init__(self) -> None:
         self.asked: list[int] = []  # numbers of the signals
         self._answered = threading.Event()
-        self._reader, self._writer = os.pipe()
+        self._reader, self._writer = os.pipe()  # a handler may write to it, while whom it interrupts may hold any lock
 
     def take(self) -> None:
         """Take the signals over from the system; to be called in the main thread."""
-        threading.Thread(target=self._watch, name="interrupts", daemon=True).start()
+        main_thread = threading.get_ident()
+        threading.Thread(target=self._watch, args=(main_thread,), name="interrupts", daemon=True).start()
         sys.unraisablehook = self._discarded
         signal.signal(signal.SIGINT, self._stop)
         signal.signal(signal.SIGTERM, self._stop)
@@ -45,14 +46,14 @@ class Interrupts:
         if not (self.asked and isinstance(error.exc_value, KeyboardInterrupt)):
             sys.__unraisablehook__(error)
 
-    def _watch(self) -> None:
+    def _watch(self, main_thread: int) -> None:
         os.read(self._reader, 1)
         unseen = 0.0
         while not self._answered.wait(LOOK):
-            unseen = 0.0 if _under_way() else unseen + LOOK
+            unseen = 0.0 if _under_way(main_thread) else unseen + LOOK
             if unseen >= LOST:
                 unseen = 0.0
-                signal.pthread_kill(_main_thread(), self.asked[-1])
+                signal.pthread_kill(main_thread, self.asked[-1])
 
 
 def by_interrupt(error: BaseException) -> bool:
@@ -61,12 +62,8 @@ def by_interrupt(error: BaseException) -> bool:
     return isinstance(error, KeyboardInterrupt) or (cause is not None and by_interrupt(cause))
 
 
-def _under_way() -> bool:
-    """Whether the main thread handles an interrupt, or closes a generator that one has left."""
-    handled = sys._current_exceptions().get(_main_thread())
+def _under_way(thread: int) -> bool:
+    """Whether a thread handles an interrupt, or closes a generator that one has left."""
+    handled = sys._current_exceptions().get(thread)
     error = handled[1] if isinstance(handled, tuple) else handled  # the exception itself from Python 3.12 on
     return error is not None and (isinstance(error, GeneratorExit) or by_interrupt(error))
-
-
-def _main_thread() -> int:
-    return threading.main_thread().ident or 0
