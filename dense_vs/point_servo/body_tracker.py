@@ -34,7 +34,7 @@ AROUND = 3  # known features around a young one, which it is taken along with
 HELD, OTHERS_HELD = 3, 5  # images, in one of which a feature of the point's link, or another's, is held to its look
 KEYFRAME_MOTION = 15.0  # px that a feature moves by between keyframes
 AWAY = 1e4  # px of motion that says nothing: one of the places is behind the camera
-ALIKE = 0.87  # correlation from which the point's own look tells its place
+ALIKE = 0.87  # correlation from which the point's own look tells its place, where features of its image do as well
 ASIDE = 1.0  # px, standard deviation of the expected place, the depth aside, while looking back
 ROUNDS = 3  # of looking back for the point itself, each with the depth that the former gave
 AGAIN = 4  # keyframes in which it is sought again whenever there is a new one, as the chain is known better by then
@@ -289,8 +289,8 @@ class BodyTracker:
         self._sighting = seen.place if seen.correlation > LIKE and seen.as_expected else None
         off = self.on_link.depth.deviation * by_depth[0]
         covariance = covariance + np.outer(off, off)
-        if seen.correlation < ALIKE or not seen.as_expected:
-            return place, covariance
+        if not self.held or seen.correlation < ALIKE or not seen.as_expected:
+            return place, covariance  # untied, it is sought so far around that something else may look as much like it
         return with_look(place, covariance, seen.place - slip, seen.drift)
 
     def _searched(self, by_depth: np.ndarray, beside: np.ndarray) -> np.ndarray:

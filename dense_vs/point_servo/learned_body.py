@@ -43,7 +43,9 @@ LEAST_ALIKE = 0.7  # mean correlation of its patches with its images, by which i
 NEAR = 0.45  # rad, m, of a joint from the middle of the motion, where images have to look as it says
 WELL_EXPLAINED, SHOWN = 0.6, 24  # share of the motion by which it is believed whatever it looks like; patches that tell
 ALIKE = 0.84  # correlation below which it is fitted anew, and else doubted; right ones have more
-TRIES, DOUBT = 3, 2.0  # fits then, the later ones with twice the starts; times that places are not known at LEAST_ALIKE
+TRIES = 3  # fits then, the later ones with twice the starts
+# Times that places are not known by a body with such a likeness: they are 1.43 of what is said off, others 0.9 of it.
+LIKENESSES, DOUBTS = (LEAST_ALIKE, 0.82, ALIKE), (2.0, 1.6, 1.0)
 BARE = 2.0  # times the same, where a body has no surface at the point: by 15 ends of three views of a Fetch's gripper
 SAME_END = 0.01  # difference in both by which two fits have come to the same, where a third would come to as well
 MOST_ERROR = 1.0  # px, median distance of its tracks from it; blur, noise and a rolling shutter make up to 0.8
@@ -308,7 +310,7 @@ class LearnedBody:
 
 def doubt_of(alike: float) -> float:
     """Times that places are not known by a body of some likeness: 1 from :data:`ALIKE` on, more below."""
-    return float(np.interp(alike, (LEAST_ALIKE, ALIKE), (DOUBT, 1.0)))
+    return float(np.interp(alike, LIKENESSES, DOUBTS))
 
 
 def check_body(model: Any, expected: str = "a BodyModel") -> BodyModel:

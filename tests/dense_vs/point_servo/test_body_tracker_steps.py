@@ -188,7 +188,7 @@ def test_the_own_look_counts_by_its_drift_where_it_is_alike(found, turned, seen,
     tracker, asked = looking(found, turned)
     tracker.held = held
     place, covariance = tracker._by_look(np.zeros(1), GRAY, np.array([10.0, 20.0]), 0.25 * np.eye(2))
-    expected = known(seen, drift)
+    expected = known(seen if held else None, drift)  # untied, it is the depth alone that it tells of
     np.testing.assert_allclose(place, expected[0], atol=1e-9)
     np.testing.assert_allclose(covariance, expected[1], atol=1e-9)
     np.testing.assert_equal(tracker._sighting, None if sighting is None else np.array(sighting, float))
@@ -202,6 +202,7 @@ def test_the_own_look_counts_by_its_drift_where_it_is_alike(found, turned, seen,
 
 def test_the_own_look_is_sought_and_taken_where_a_point_that_is_farther_away_would_be():
     tracker, _ = looking(0.99, 0.0)
+    tracker.held = True
     tracker.on_link.slip = 0.02  # of which 1 is (30, 40) px
     found = tracker._look.found
     tracker._look.found = lambda gray, place, affine, covariance: (
@@ -224,6 +225,7 @@ def test_the_own_look_is_sought_and_taken_where_a_point_that_is_farther_away_wou
 )
 def test_the_middle_of_the_own_look_counts_where_the_whole_is_not_seen(found, turned, middle, seen, drift, correlation):
     tracker, _ = looking(found, turned, middle)
+    tracker.held = True
     place, covariance = tracker._by_look(np.zeros(1), GRAY, np.array([10.0, 20.0]), 0.25 * np.eye(2))
     expected = known(seen, drift)
     np.testing.assert_allclose(place, expected[0], atol=1e-9)

@@ -166,7 +166,15 @@ def test_a_model_is_believed_by_its_tracks_and_the_motion_it_explains(learning, 
 
 @pytest.mark.parametrize(
     ("explained", "alike", "learned", "doubt"),
-    [(0.59, 0.69, False, 1), (0.6, 0.69, True, 2), (0.25, 0.7, True, 2), (0.59, 0.77, True, 1.5), (0.9, 0.84, True, 1)],
+    [
+        (0.59, 0.69, False, 1),
+        (0.6, 0.69, True, 2),
+        (0.25, 0.7, True, 2),
+        (0.59, 0.76, True, 1.8),
+        (0.9, 0.82, True, 1.6),
+        (0.9, 0.83, True, 1.3),
+        (0.9, 0.84, True, 1),
+    ],
 )
 def test_a_model_that_explains_little_has_to_look_like_its_images(learning, explained, alike, learned, doubt):
     """And places by one that looks less like them are doubted more, as often as the model is brought up to date."""
@@ -184,13 +192,13 @@ def test_a_model_that_explains_little_has_to_look_like_its_images(learning, expl
     ("found", "taken", "fits", "doubt"),
     [
         ([(0.5, 0.84), (0.9, 0.9), (0.9, 0.9)], 0, 1, 1),  # alike: the first is taken
-        ([(0.5, 0.75), (0.509, 0.759), (0.9, 0.9)], 1, 2, 1.58),  # the same end again
+        ([(0.5, 0.75), (0.509, 0.759), (0.9, 0.9)], 1, 2, 1.80),  # the same end again
         ([(0.5, 0.75), (0.509, 0.761), (0.9, 0.9)], 2, 3, 1),
         ([(0.5, 0.75), (0.511, 0.751), (0.9, 0.9)], 2, 3, 1),
         ([(0.5, 0.83), (0.4, 0.95), (0.9, 0.9)], 1, 2, 1),
         ([(0.8, 0.81), (0.86, 0.83), (0.88, 0.89)], 2, 3, 1),
-        ([(0.8, 0.81), (0.7, 0.82), (0.72, 0.83)], 0, 3, 1.21),  # together they fell
-        ([(0.3, 0.77), (0.3, 0.78), None], 1, 3, 1.43),
+        ([(0.8, 0.81), (0.7, 0.82), (0.72, 0.83)], 0, 3, 1.63),  # together they fell
+        ([(0.3, 0.77), (0.3, 0.78), None], 1, 3, 1.73),
         ([None, (0.9, 0.9), (0.9, 0.9)], None, 1, 1),  # what shows no body at all is not asked again
         ([(0.2, 0.75), (0.2, 0.76), (0.2, 0.77)], None, 3, 1),
     ],
