@@ -74,7 +74,7 @@ class Reach:
         end: how it ended.
         faults: what was wrong with its frames, each kind as it was seen last.
         uncertainty_px: standard deviation of the point's place, the median of its last images, infinite where it is not
-            known at all; above 0.7 of the tolerance, or of 1 px, the reach ends as lost. None where nothing tells it.
+            known at all; above 0.8 of the tolerance, or of 1 px, the reach ends as lost. None where nothing tells it.
     """
 
     target: tuple[float, ...]
