@@ -3,8 +3,8 @@
 What is seen of a plain surface is shading and outlines, which turn less than its link does: tracks of four commercial
 arms show 0 to 1.5 % less motion than the surface has. So the chain that explains them has what is on plain links too
 far away, and what is on textured ones where it is. Found at 213 places of nine arms (178 in clean images, 35 in
-realistic ones) by what depth explains where they truly are in 400 postures; what surfaces have was found again at the ends of reaches in 22
-views and over four whole bodies, since they are sought in more images.
+realistic ones) by what depth explains where they truly are in 400 postures. What surfaces have was found anew since
+they are sought in more images, at the ends of reaches in 22 views and over six whole bodies.
 """
 
 import cv2
