@@ -14,8 +14,8 @@ signal.signal(signal.SIGINT, signal.SIG_DFL)
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # before NumPy is imported; see dense_vs.device.one_blas_thread
 os.environ.setdefault("MUJOCO_GL", "disable")  # no OpenGL here; MuJoCo would start processes to look for it
 
-from dense_vs.cli.interrupts import Interrupts  # noqa: E402 - what stands above has to be done before
-from dense_vs.cli.main import INTERRUPTED, main  # noqa: E402 - what stands above has to be done before
+from dense_vs.cli.interrupts import Interrupts  # noqa: E402 - an interrupt of its import ends the process
+from dense_vs.cli.main import INTERRUPTED, main  # noqa: E402 - it imports NumPy, which reads the variables above
 
 
 def program() -> int:
