@@ -326,7 +326,7 @@ def _targets_table(measured: "Sequence[MeasuredReach]") -> str:
             *(f"{depth:.3f}" for depth in m.reach.target[2:]),
             str(m.reach.frames),
             f"{m.reach.error_px:.2f}",
-            "" if m.reach.uncertainty_px is None else f"{m.reach.uncertainty_px:.1f}",
+            "" if m.reach.uncertainty_px is None else f"{m.reach.uncertainty_px:.2f}",
             f"{m.true_error_px:.2f}",
             *(f"{1e3 * m.true_error_m:.1f}" for _ in m.reach.target[2:]),
             f"{m.jacobian.median:.3f}",
