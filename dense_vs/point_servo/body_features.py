@@ -32,7 +32,7 @@ NEAREST = 1e-3  # depth of what is before the camera, in the chain's unit of len
 BEHIND = -1e6  # px, place of what is behind the camera
 FOCAL_DEVIATION = 0.02  # of its logarithm, from one adjustment to the next
 BEND_DEVIATION = 0.01  # of the lens's bend about none; a webcam has 0.035, which features across half the image tell
-BELIEVED_BEFORE = 0.25  # of the information that the fit has of the chain: it does not know of a lens that bends
+BELIEVED_BEFORE = 2.0  # times the information that the fit has of the chain, whose lines are doubted enough by then
 
 
 class FeatureState(IntEnum):

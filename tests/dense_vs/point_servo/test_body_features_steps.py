@@ -275,9 +275,9 @@ def test_ten_features_that_were_seen_five_times_are_adjusted(adjusting, known, a
         np.testing.assert_array_equal(call.weights, np.ones((6, 10)))
 
 
-def test_what_a_fit_knew_of_the_chain_counts_a_quarter_however_far_it_has_moved_since(adjusting):
+def test_what_a_fit_knew_of_the_chain_counts_twice_however_far_it_has_moved_since(adjusting):
     told = np.diag(np.arange(1.0, 10))
-    for body, expected in ((features(), None), (features(information=told), 0.25 * told)):
+    for body, expected in ((features(), None), (features(information=told), 2.0 * told)):
         numbers = body.added(10)
         body.states[:], body.links[:] = KNOWN, 1
         for k in range(5):
