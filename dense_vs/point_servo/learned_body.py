@@ -47,6 +47,7 @@ TRIES = 3  # fits then, the later ones with twice the starts
 # Times that places are not known by a body with such a likeness: they are 1.43 of what is said off, others 0.9 of it.
 LIKENESSES, DOUBTS = (LEAST_ALIKE, 0.82, ALIKE), (2.0, 1.6, 1.0)
 BARE = 2.0  # times the same, where a body has no surface at the point: by 15 ends of three views of a Fetch's gripper
+ON_REACHES = 2.0  # times the same, by a body that is first found on reaches: all joints move together on these
 SAME_END = 0.01  # difference in both by which two fits have come to the same, where a third would come to as well
 MOST_ERROR = 1.0  # px, median distance of its tracks from it; blur, noise and a rolling shutter make up to 0.8
 
@@ -142,7 +143,7 @@ class LearnedBody:
         self._history = deque(((gray, q) for gray, _, q in known), maxlen=HISTORY)
         self._times = deque((time for _, time, _ in known), maxlen=HISTORY)
 
-    def learn(self, positions: np.ndarray, agrees: bool | None = None) -> bool:
+    def learn(self, positions: np.ndarray, agrees: bool | None = None, *, reaching: bool = False) -> bool:
         """Bring the model up to what the images so far show, or fit one to them; whether there is one then.
 
         Where there is a model, it is first asked whether a joint's zero or the camera has changed since. One that
@@ -151,6 +152,8 @@ class LearnedBody:
         Args:
             positions: present ones ``(N,)`` [rad].
             agrees: whether the model explains what moves, :attr:`agrees` unless given.
+            reaching: whether the robot has gone to targets since it babbled, so that places by what is fitted now are
+                doubted :data:`ON_REACHES` times more.
         """
         agrees = self.agrees if agrees is None else agrees
         if self.model is not None and len(self._history):
@@ -159,7 +162,7 @@ class LearnedBody:
                 self._watch.latest.clear()
             if self._changed(positions) or agrees:
                 return True
-        return self._fit(positions)
+        return self._fit(positions, ON_REACHES if reaching else 1.0)
 
     def _changed(self, positions: np.ndarray) -> bool:
         """Whether the model's body has changed, and is known as it is now."""
@@ -188,8 +191,8 @@ class LearnedBody:
                         kept.popleft()
                 return
 
-    def _fit(self, positions: np.ndarray) -> bool:
-        """Fit a model to the images so far; whether they show one.
+    def _fit(self, positions: np.ndarray, doubt: float) -> bool:
+        """Fit a model to the images so far, doubted so much at least; whether they show one.
 
         One that looks little like them may be a wrong end of the search, which begins anew elsewhere then, until it
         comes to an end that it has been at. What explains most and looks most like them is taken.
@@ -216,7 +219,7 @@ class LearnedBody:
         _, model, explained, alike = best
         if explained < LEAST_EXPLAINED or (explained < WELL_EXPLAINED and alike < LEAST_ALIKE):
             return False
-        self.use(model, positions, explained, doubt_of(alike))
+        self.use(model, positions, explained, doubt * doubt_of(alike))
         return True
 
     def _fitted(

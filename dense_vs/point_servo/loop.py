@@ -300,7 +300,7 @@ class ServoLoop:
         if (memory := self.memory) is None or (found := found_again(memory, self.tracker, self.frame)) is None:
             return False
         self.tracker, by_patch = found, isinstance(found, PointTracker) and memory.by_link
-        if by_patch and self.learned_body.wanted and self.learn_body():
+        if by_patch and self.learned_body.wanted and self.learned_body.learn(self.frame.positions, reaching=True):
             self.define_point(found.points[0], **{**memory.options, "method": "link"})
         self.aim.follow(self.point)
         return True

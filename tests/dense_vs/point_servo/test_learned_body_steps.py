@@ -177,7 +177,7 @@ def test_a_model_is_believed_by_its_tracks_and_the_motion_it_explains(learning, 
     ],
 )
 def test_a_model_that_explains_little_has_to_look_like_its_images(learning, explained, alike, learned, doubt):
-    """And places by one that looks less like them are doubted more, as often as the model is brought up to date."""
+    """And places by one that looks less like them are doubted more, twice that where it is first found on reaches."""
     one, _, result, _ = learning
     result.update(explained=explained, alike=alike)
     assert one.learn(POSTURE) == learned
@@ -186,6 +186,9 @@ def test_a_model_that_explains_little_has_to_look_like_its_images(learning, expl
     if learned:
         one.use(one.model, POSTURE)
         assert one._place_doubt == 1
+        one.model = None  # so that one is fitted
+        assert one.learn(POSTURE, reaching=True)
+        assert one._place_doubt == pytest.approx(2 * doubt)
 
 
 @pytest.mark.parametrize(

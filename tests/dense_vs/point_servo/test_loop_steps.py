@@ -341,10 +341,11 @@ def test_a_point_found_again_is_followed_by_its_link_where_it_can_be_and_was_to_
         if found == "patch":
             monkeypatch.setattr(PointTracker, "points", ["p"])
     monkeypatch.setattr(module, "found_again", lambda memory, tracker, frame: given)
-    loop.learned_body.wanted = wanted
-    loop.learn_body = lambda: True
+    loop.learned_body.wanted, asked = wanted, []
+    loop.learned_body.learn = lambda positions, **told: asked.append((positions, told)) or True
     loop.define_point = lambda point, **options: defined.append((point, options))
     assert loop.find_again() == (found is not None)
+    assert asked == [(loop.frame.positions, {"reaching": True})] * (found == "patch" and wanted and by_link)
     assert loop.tracker is (given if found else "before")
     assert followed == ["p"] * (found is not None)
     assert defined == [("p", {"method": "link", "window": 31})] * (found == "patch" and wanted and by_link)
